@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Takes the pictures of README.md anew: rehearses both scenarios on a virtual screen and keeps one picture of each, and one
-# of the tour in replay.
+# Takes the pictures of README.md and the guide anew: rehearses both scenarios on a virtual screen and keeps one picture of
+# each, one of the tour in replay, and one of the window in which a scenario is edited.
 set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
@@ -23,4 +23,5 @@ keep() {
 keep tour-guide dark assistant
 keep mental-health-check light assistant
 .venv/bin/python packaging/replay_picture.py "$output/tour-guide/study/sessions/"* resources/screenshots/replay-dark.png dark
+.venv/bin/python packaging/editor_picture.py tour-guide resources/screenshots/editor-light.png light
 rm -rf -- "$output"

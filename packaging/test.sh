@@ -11,25 +11,37 @@ bash packaging/setup.sh --test
 
 summary=()
 failed=no
-# check NAME COMMAND...: runs it and keeps its outcome for the summary.
+# keep NAME SECONDS STATUS: the outcome of a check for the summary.
+keep() {
+  if (($3 == 0)); then
+    summary+=("$(printf '%-22s ok      %4d s' "$1" "$2")")
+  else
+    summary+=("$(printf '%-22s FAILED  %4d s  (exit %d)' "$1" "$2" "$3")")
+    failed=yes
+  fi
+}
+# check NAME COMMAND...: runs it and keeps its outcome.
 check() {
   local name=$1 started=$SECONDS status=0
   shift
   printf '\n== %s\n' "$name"
   "$@" || status=$?
-  if ((status == 0)); then
-    summary+=("$(printf '%-22s ok      %4d s' "$name" $((SECONDS - started)))")
-  else
-    summary+=("$(printf '%-22s FAILED  %4d s  (exit %d)' "$name" $((SECONDS - started)) "$status")")
-    failed=yes
-  fi
+  keep "$name" $((SECONDS - started)) "$status"
+}
+find_tests() {
+  local found
+  found=$(.venv/bin/python -m pytest --collect-only -qq 2>&1) || { printf '%s\n' "$found"; return 1; }
 }
 
 if (($# == 0)); then
   check "lint (ruff)" .venv/bin/ruff check .
   check "format (ruff)" .venv/bin/ruff format --check .
-  check "types (mypy)" .venv/bin/mypy
-  check "rooms (import-linter)" .venv/bin/lint-imports
+  # These two keep a core busy for a minute or two, and tests that do not watch the clock can run beside them.
+  of_types=$(mktemp)
+  (.venv/bin/mypy && .venv/bin/lint-imports) >"$of_types" 2>&1 &
+  types=$!
+  # Each of several workers would compile anew what all of them import.
+  check "tests are found" find_tests
 fi
 
 if [[ $(uname -s) == Linux ]]; then
@@ -48,7 +60,8 @@ run_tests() {
   local -a first
   local status=0
   rm -f -- "$failures"
-  .venv/bin/python -m pytest --durations 25 "$@" || status=$?
+  # Files in the order of tests/conftest.py, which knows the long ones; by itself xdist begins with those of most tests.
+  .venv/bin/python -m pytest --dist loadfile --no-loadscope-reorder --durations 25 "$@" || status=$?
   # 1 means that tests failed; anything else is no verdict on them, and is not mended by another try.
   ((status == 1)) || return "$status"
   mapfile -t first < <(failed_tests)
@@ -58,11 +71,17 @@ run_tests() {
 }
 
 if (($# == 0)); then
-  # Tests wait more than they compute. Those of the whole program start a dozen processes each, so two files run at a
-  # time; of the others four.
-  check "tests, whole program" run_tests -n 2 --dist loadfile -m "not alone" tests/app
-  check "tests, other rooms" run_tests -n 4 --dist loadfile -m "not alone" --ignore tests/app tests
-  check "tests of real time" run_tests -n 2 --dist loadfile -m alone
+  check "tests, other rooms" run_tests -n 3 -m "not alone" --ignore tests/app tests
+  started=$SECONDS status=0
+  printf '\n== types (mypy) and rooms (import-linter)\n'
+  wait "$types" || status=$?
+  cat -- "$of_types"
+  rm -f -- "$of_types"
+  keep "types and rooms" $((SECONDS - started)) "$status"
+  # Those of the whole program start a dozen processes each.
+  check "tests, whole program" run_tests -n 2 -m "not alone" tests/app
+  mapfile -t of_real_time < <(grep -rl --include='test_*.py' 'pytest.mark.alone' tests)
+  check "tests of real time" run_tests -n 2 -m alone "${of_real_time[@]}"
 else
   check "tests (pytest)" .venv/bin/python -m pytest "$@"
 fi

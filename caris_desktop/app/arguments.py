@@ -41,4 +41,5 @@ def add_console_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--study", metavar="DIR", type=Path, help="folder of the study (sessions and people)")
     parser.add_argument("--demo", action="store_true", help="start a simulated robot and connect to it")
     parser.add_argument("--theme", choices=("system", "dark", "light"), help="this run's theme")
+    parser.add_argument("--language", metavar="NAME", help="this run's language, as in 'de' (default: English)")
     parser.add_argument("--verbose", action="store_true", help="show the log in the terminal")

@@ -27,16 +27,28 @@ def camera(connection: Connection, *arguments: Any) -> None:
     run_camera(connection, *arguments, open_one=open_any_camera)
 
 
-def speech(connection: Connection, *arguments: Any) -> None:
+def speech(connection: Connection) -> None:
     from caris_desktop.conversation.speech import run_speech
 
-    run_speech(connection, *arguments)
+    run_speech(connection)
 
 
-def microphone(connection: Connection) -> None:
+def microphone(connection: Connection, *arguments: Any) -> None:
     from caris_desktop.conversation.microphone import run_microphone
 
-    run_microphone(connection)
+    run_microphone(connection, *arguments)
+
+
+def recogniser(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.conversation.listening.recogniser import run_recogniser
+
+    run_recogniser(connection, *arguments)
+
+
+def playback(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.conversation.sound.playback import run_playback
+
+    run_playback(connection, *arguments)
 
 
 def language_model(connection: Connection) -> None:

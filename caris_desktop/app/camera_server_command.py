@@ -29,6 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--port", type=int, default=8090, help="port to listen at; 0 for any (default: %(default)s)")
     parser.add_argument(
+        "--microphone",
+        metavar="NAME",
+        nargs="?",
+        const="",
+        help="send sound with the picture over WebRTC to whoever asks for it: a part of the input's name, or the "
+        "system's own without one; it is open only while somebody listens",
+    )
+    parser.add_argument(
         "--token-env",
         metavar="NAME",
         help="environment variable that holds what clients have to tell; needed when others than this computer may ask",
@@ -65,19 +73,21 @@ def run(arguments: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 2
-    return asyncio.run(_serve(chosen, arguments.host, arguments.port, token))
+    return asyncio.run(_serve(chosen, arguments.host, arguments.port, token, arguments.microphone))
 
 
-async def _serve(chosen: "ChosenCamera", host: str, port: int, token: str) -> int:
+async def _serve(chosen: "ChosenCamera", host: str, port: int, token: str, microphone: str | None) -> int:
     from caris_desktop.perception.cameras.camera_server import CameraServer
     from caris_desktop.perception.cameras.newest_frame import NewestFrame
     from caris_desktop.perception.cameras.open_camera import open_camera
+    from caris_desktop.perception.cameras.served_sound import LocalSound, ServedSound
 
     ended = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, ended.set)
     frames = NewestFrame(chosen, open_camera)
-    server = CameraServer(frames, token=token)
+    sound = None if microphone is None else ServedSound(LocalSound(microphone))
+    server = CameraServer(frames, token=token, sound=sound)
     try:
         listening = await server.serve(host, port)
     except OSError as error:

@@ -3,11 +3,14 @@
 import argparse
 import shutil
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_console_arguments
 from caris_desktop.app.simulated_camera import open_any_camera
+from caris_desktop.conversation.listening.engine import NoEngine
+from caris_desktop.conversation.listening.recogniser_files import find_recogniser
+from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.preflight import probe_language_model, probe_sound
 from caris_desktop.domain.pictures import PictureError, fitted
 from caris_desktop.perception.backends.remote import RemoteDetector
@@ -64,8 +67,11 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
     yield detector_finding(scenario)
     sound = probe_sound()
     yield Finding("Sound", sound.ok, sound.text, sound.advice)
+    if scenario.permissions.transcription:
+        yield recogniser_finding(scenario)
     if scenario.permissions.assistant:
-        yield _language_model(scenario)
+        for model in dict.fromkeys((scenario.assistant.model, *scenario.assistant.models)):
+            yield _language_model(model, scenario)
     yield from _disk(arguments)
 
 
@@ -124,8 +130,17 @@ def detector_finding(scenario: Scenario) -> Finding:
     return Finding("Person detector", True, f"{weights.label} ({weights.path})")
 
 
-def _language_model(scenario: Scenario) -> Finding:
-    found = probe_language_model(scenario.assistant.model)
+def recogniser_finding(scenario: Scenario) -> Finding:
+    settings = replace(composition.recogniser_settings(scenario), allow_download=False)
+    try:
+        found = ServerEngine(settings).model if settings.engine == "server" else str(find_recogniser(settings))
+    except NoEngine as error:
+        return Finding("Speech to text", False, error.what, error.advice)
+    return Finding("Speech to text", True, found)
+
+
+def _language_model(model: str, scenario: Scenario) -> Finding:
+    found = probe_language_model(model, local_only=not scenario.permissions.cloud_models)
     return Finding("Language model", found.ok, found.text, found.advice)
 
 

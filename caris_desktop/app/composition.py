@@ -2,9 +2,11 @@
 
 import contextlib
 import functools
+import hashlib
+import logging
 import platform
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -12,46 +14,51 @@ import platformdirs
 
 from caris_desktop import __version__
 from caris_desktop.app import bodies
-from caris_desktop.conversation.language_models import ModelEndpoint, resolve_endpoint, stream_chat
-from caris_desktop.conversation.prompts import MAX_HISTORY_CHARACTERS, MAX_LABEL_CHARACTERS, build_messages
-from caris_desktop.conversation.speech_messages import SpeechSettings
+from caris_desktop.app.scenario_bundles import import_scenario, share_scenario
+from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.models.chat import stream_chat
+from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.domain import clock
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.events import ChatMessage, Event, Problem, UtteranceChanged
+from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE, Role
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
-from caris_desktop.live.console import Parts, RobotParts
+from caris_desktop.live.local_microphone import MicrophoneChoice
+from caris_desktop.live.model_lists import local_models
+from caris_desktop.live.parts import Parts, RobotParts
 from caris_desktop.live.services.assistant import AssistantParts
 from caris_desktop.live.services.cameras import OwnCamera, WantedCameras
+from caris_desktop.live.services.going_on import GoingOnParts
 from caris_desktop.live.services.microphone import MicrophoneParts
 from caris_desktop.live.services.people import PeopleParts
+from caris_desktop.live.services.practice import PracticeParts
 from caris_desktop.live.services.robot import RobotConnection
 from caris_desktop.live.services.scenario import ScenarioParts
 from caris_desktop.live.services.session import SessionParts
+from caris_desktop.live.services.sound import SoundParts
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.presence import Presence
 from caris_desktop.people.store import PeopleStore
-from caris_desktop.perception.backends.chosen import DetectorSettings
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera, with_distinct_names
-from caris_desktop.perception.inference import InferenceSettings
+from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
 from caris_desktop.perception.weights import ModelChoice
 from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
 from caris_desktop.recording.recorder.messages import SessionHeader
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import ProfileError, leaves_ros_open, list_profiles, load_profile, with_ros
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, scenario_text
-from caris_desktop.scenario.file import save_layout as save_layout_in
+from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, save_text, scenario_text
 from caris_desktop.scenario.library import find_scenario as find_scenario_file
-from caris_desktop.scenario.library import user_scenarios_dir
-from caris_desktop.scenario.model import LayoutNode, Scenario
+from caris_desktop.scenario.library import own_file
+from caris_desktop.scenario.model import Scenario
 from caris_desktop.study.folder import (
     StudyFolder,
     StudyFolderError,
@@ -63,6 +70,8 @@ from caris_desktop.study.folder import (
 )
 from caris_desktop.study.trial import following, with_recording_number
 
+_log = logging.getLogger(__name__)
+
 
 class StartError(Exception):
     """The program cannot start as asked; the text says why and what to do."""
@@ -71,6 +80,12 @@ class StartError(Exception):
 def live_consoles_dir() -> Path:
     """Where a replay finds the consoles that run, to stop their robots."""
     return Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "live"
+
+
+def said_before_file(study: Path) -> Path:
+    """Where this user's typed sentences of a study are kept."""
+    name = hashlib.sha256(str(study.resolve()).encode()).hexdigest()[:16]
+    return Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "said" / f"{name}.jsonl"
 
 
 def imports_dir() -> Path:
@@ -84,22 +99,6 @@ def find_scenario(name_or_path: str) -> Scenario:
         return load_scenario(find_scenario_file(name_or_path), _velocity_topic_of)
     except ScenarioError as error:
         raise StartError(str(error)) from error
-
-
-def save_layout(scenario: Scenario, layout: LayoutNode) -> Path:
-    """Keep the wizard's panel arrangement: in the scenario's own file, or in the user's copy of a shipped one.
-
-    Raises ToldFailure.
-    """
-    path = _own_file(scenario)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save_layout_in(replace(scenario, layout=layout), path)
-    except (OSError, ScenarioError) as error:
-        raise ToldFailure(
-            "The panel layout was not saved.", f"{path} cannot be written ({error}).", "It lasts until you close."
-        ) from error
-    return path
 
 
 def open_study(folder: Path | None) -> StudyFolder:
@@ -126,7 +125,8 @@ def parts(
     inference = InferenceSettings(face_model=study.path / "models" / "face.onnx")
     return Parts(
         recorder=ProcessBody("recorder", bodies.recorder),
-        speech=ProcessBody("speech", bodies.speech, (SpeechSettings(),)),
+        speech=ProcessBody("speech", bodies.speech),
+        said_before=said_before_file(study.path),
         people=PeopleParts(
             inference=ProcessBody("inference", bodies.inference, (inference,)),
             open_presence=functools.partial(_open_presence, study),
@@ -137,9 +137,16 @@ def parts(
             server=ProcessBody("language-model", bodies.language_model),
             stream_chat=stream_chat,
             resolve_endpoint=_resolve_endpoint,
-            build_prompt=_build_prompt,
+            list_models=local_models,
         ),
-        scenario=ScenarioParts(load=_load_scenario, save_places=_save_places, text=scenario_text),
+        scenario=ScenarioParts(
+            load=_load_scenario,
+            save_places=_save_places,
+            text=scenario_text,
+            save_text=_save_text,
+            share=share_scenario,
+            unpack=import_scenario,
+        ),
         robots=RobotParts(
             choices=_robots,
             connect_to=functools.partial(_connect_to, address_of=address_of),
@@ -152,9 +159,41 @@ def parts(
             photo_file=lambda: study.path / "photos" / f"{datetime.now():%Y-%m-%d_%H-%M-%S}.png",
             study=study.path,
         ),
+        practice=PracticeParts(layouts_dir() / "practice.yaml", _no_robot_to_practise_on, lambda _seconds: None),
+        going_on=GoingOnParts(
+            Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "trials",
+            study.sessions,
+            details_of_session,
+        ),
         forgetting=functools.partial(_forgetting, study),
-        microphone=microphone or MicrophoneParts(ProcessBody("microphone", bodies.microphone), lambda: None, _forget),
+        listening=_recogniser,
+        sound=SoundParts(ProcessBody("hearing along", bodies.playback), ProcessBody("own voice", bodies.playback)),
+        microphone=microphones(lambda _role: None, lambda _role, _name: None) if microphone is None else microphone,
     )
+
+
+def microphones(chosen: Callable[[Role], str | None], keep: Callable[[Role, str | None], None]) -> MicrophoneParts:
+    """The microphones of this computer, and how it is remembered which ones are used."""
+
+    def choice(role: Role, source: str) -> MicrophoneChoice:
+        body = ProcessBody(source, bodies.microphone, (source,))
+        return MicrophoneChoice(body, functools.partial(chosen, role), functools.partial(keep, role))
+
+    return MicrophoneParts(choice("participant", MICROPHONE), choice("wizard", WIZARD_MICROPHONE))
+
+
+def recogniser_settings(scenario: Scenario) -> RecogniserSettings:
+    """How this scenario wants speech turned into text."""
+    wanted = scenario.listening
+    return RecogniserSettings(
+        wanted.engine, wanted.model, wanted.sha256, None if scenario.path is None else scenario.path.parent,
+        wanted.server, wanted.language, scenario.permissions.cloud_models,
+        wanted.silence_at_least_s, wanted.silence_at_most_s,
+    )  # fmt: skip
+
+
+def _recogniser(scenario: Scenario) -> ProcessBody:
+    return ProcessBody("recogniser", bodies.recogniser, (recogniser_settings(scenario),))
 
 
 def _forgetting(study: StudyFolder, person_id: str) -> ProcessBody:
@@ -187,7 +226,11 @@ def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -
                     continue
                 at = None if stands is None else stands.pose_in_map
                 models[chosen[-1].name] = replace(camera.mount, stands_in_map=at)
-    own = with_distinct_names(camera for camera in chosen if camera.kind != "robot")
+    listens = scenario.permissions.audio_recording or scenario.permissions.transcription or scenario.sound.hear
+    own = tuple(
+        replace(camera, sound=listens and scenario.sound.ear == f"camera:{camera.name}")
+        for camera in with_distinct_names(camera for camera in chosen if camera.kind != "robot")
+    )
     of_robot = [camera.target for camera in chosen if camera.kind == "robot"]
     bodies_of = {camera.name: ProcessBody(f"camera {camera.name}", bodies.camera, (camera,)) for camera in own}
     return WantedCameras(
@@ -202,10 +245,6 @@ def _chosen_camera(text: str) -> ChosenCamera:
         return parse_camera(text)
     except CameraError as error:
         raise StartError(f"{error} {error.advice}") from error
-
-
-def _forget(_microphone: str | None) -> None:
-    """Runs without settings keep no choice."""
 
 
 def _expected_bytes_per_hour(study: StudyFolder, scenario: Scenario) -> float:
@@ -302,23 +341,6 @@ def _resolve_endpoint(model: str, embedded_url: str | None) -> ModelEndpoint:
     return resolve_endpoint(model, embedded_url=embedded_url)
 
 
-def _build_prompt(
-    scenario: Scenario,
-    conversation: Sequence[UtteranceChanged],
-    people: Sequence[str],
-    things: Sequence[str],
-    question: str,
-) -> tuple[ChatMessage, ...]:
-    return build_messages(
-        question,
-        system_prompt=scenario.assistant.system_prompt,
-        conversation=conversation,
-        people=people,
-        things=things,
-        label_characters=MAX_HISTORY_CHARACTERS if scenario.assistant.people == "history" else MAX_LABEL_CHARACTERS,
-    )
-
-
 def _inference_as_told(body: ProcessBody, scenario: Scenario) -> ProcessBody:
     (settings,) = body.arguments
     detector = detector_settings(scenario)
@@ -356,7 +378,7 @@ def _velocity_topic_of(robot: str) -> str | None:
 
 def _save_places(scenario: Scenario) -> Scenario:
     """Keep the places: in the scenario's own file where it is the user's, else in the user's copy of a shipped one."""
-    path = _own_file(scenario)
+    path = own_file(scenario.path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         return save_places(scenario, path)
@@ -366,11 +388,13 @@ def _save_places(scenario: Scenario) -> Scenario:
         ) from error
 
 
-def _own_file(scenario: Scenario) -> Path:
-    path = scenario.path
-    if path is not None and not path.is_relative_to(layouts_dir().resolve()):
-        return path
-    return user_scenarios_dir() / (path.name if path is not None else "scenario.yaml")
+def _save_text(text: str, path: Path, edited: Path | None, replaces: str) -> str:
+    try:
+        return save_text(text, path, came_from=edited, replaces=replaces, velocity_topic_of=_velocity_topic_of)
+    except ScenarioError as error:
+        raise ToldFailure(
+            "The scenario was not saved.", str(error), "What you changed is still in its window; save it again there."
+        ) from error
 
 
 def _robots() -> tuple[RobotChoice, ...]:
@@ -387,6 +411,27 @@ def _connect_to(name: str, *, address_of: Callable[[str], str | None]) -> RobotC
         raise ToldFailure(
             "The robot was not connected.", str(refusal), "The present robot stays. Correct the profile and try again."
         ) from refusal
+
+
+def _no_robot_to_practise_on() -> None:
+    raise ToldFailure(
+        "There is no simulated robot here to practise on.", "Nothing was changed.", "Start the program with --demo."
+    )
+
+
+def details_of_session(folder: Path) -> TrialDetails:
+    """Who took part in it; empty where its header cannot be read."""
+    # What reads sessions is not needed by a window that opens.
+    from caris_desktop.recording.session.session_header import SessionError, read_header
+
+    try:
+        trial = read_header(folder).get("trial")
+    except SessionError as error:
+        _log.warning("%s", error)
+        return TrialDetails()
+    known = {field.name for field in fields(TrialDetails)}
+    told = trial if isinstance(trial, dict) else {}
+    return TrialDetails(**{key: text for key, text in told.items() if key in known and isinstance(text, str)})
 
 
 def _new_session(

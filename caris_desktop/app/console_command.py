@@ -8,33 +8,40 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, QTimer
 
 from caris_desktop import __version__
-from caris_desktop.app import bodies, composition
-from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.app import composition, simulator_calls
+from caris_desktop.app.demo_robot import PROFILE, DemoRobot
 from caris_desktop.app.qt_application import the_application
-from caris_desktop.app.saved_layouts import SavedLayouts
+from caris_desktop.app.saved_layouts import LayoutSaving
+from caris_desktop.app.user_settings import bring_up_to_date, own_settings
+from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.domain.sound import Role
 from caris_desktop.live.console import Console
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.live_robots import LiveRobotHost
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
-from caris_desktop.live.services.microphone import MicrophoneParts
 from caris_desktop.live.services.robot import RobotConnection
 from caris_desktop.live.session_library import LiveSessionLibrary
-from caris_desktop.scenario.model import LayoutNode, Scenario
+from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui.closing_window import ClosingWindow
+from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, Language
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.theme import Theme, as_choice
+from caris_desktop.ui.theme import SCALE_KEY, THEME_KEY, Theme, as_choice
 
 _log = logging.getLogger(__name__)
 # No input of any system is called so.
 _NO_MICROPHONE = "(none)"
+_MICROPHONE_KEYS: dict[Role, str] = {"participant": "sound/microphone", "wizard": "sound/wizard_microphone"}
+_GAMEPADS_KEY = "gamepad/mappings"
+_SCENARIO_KEY = "scenario/last"
 
 
 _REST_AFTER_MS = 30  # the window is painted first, and takes its first key
@@ -53,26 +60,28 @@ class ConsoleRun:
         settings: QSettings | None = None,
         robot: Callable[[Console], DemoRobot] | None = None,
     ) -> None:
-        self.settings = settings or own_settings()
+        self.settings = own_settings() if settings is None else settings
+        self._settings_trouble = bring_up_to_date(self.settings)
         self._arguments = arguments
         scenario, self._refused_scenario = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
         check_screen()
-        self.application = the_application()
+        self.application = the_application(str(self.settings.value(SCALE_KEY, "")))
+        self._language = Language()
+        self._language.use(arguments.language or str(self.settings.value(LANGUAGE_KEY, ENGLISH)))
         self.demo_robot: DemoRobot | None = None
         self._garbage: GarbageCollector | None = None
         parts = composition.parts(
             study=study,
             cameras=arguments.camera,
             address_of=self._address_of,
-            microphone=MicrophoneParts(
-                ProcessBody("microphone", bodies.microphone), self._kept_microphone, self._keep_microphone
-            ),
+            microphone=composition.microphones(self._kept_microphone, self._keep_microphone),
         )
-        self.console = Console(parts, scenario)
+        practice = replace(parts.practice, robot=self._use_robot_to_practise_on, cut_link=self._cut_link)
+        self.console = Console(replace(parts, practice=practice), scenario)
         self.host = LiveRobotHost(self.console, composition.live_consoles_dir(), self.console)
         theme = self._theme = Theme(
-            self.application, as_choice(arguments.theme or self.settings.value("theme", "system"))
+            self.application, as_choice(arguments.theme or self.settings.value(THEME_KEY, "system"))
         )
         self.window = MainWindow(
             self.console,
@@ -81,15 +90,14 @@ class ConsoleRun:
             gamepads=self.console.gamepads,
             explorer=LiveRobotExplorer(self.console.asyncio_thread, self.console),
         )
-        self.library = LiveSessionLibrary(study.path, self.console.problem, self.console)
+        self.library = LiveSessionLibrary(study.path, partial(self.console.problem, cause=ANSWER), self.console)
         self.window.use_library(self.library)
-        self._saved_layouts = SavedLayouts(self.settings)
-        self.window.layout_save_requested.connect(self._on_layout_save_requested)
-        self.window.layout_reset_requested.connect(self._on_layout_reset_requested)
+        self._layouts = LayoutSaving(self.window, self.console, self.settings, self._keep_scenario)
         self._make_demo_robot = robot
+        self.window.first_use.simulated_wanted.connect(self._use_robot_to_practise_on)
         if robot is None and arguments.demo:
             self._make_demo_robot = DemoRobot
-        self.console.gamepads.use_mappings_text(str(self.settings.value("gamepads", "")))
+        self.console.gamepads.use_mappings_text(str(self.settings.value(_GAMEPADS_KEY, "")))
         self.console.gamepads.mappings_changed.connect(self._keep_gamepads)
         self.console.state.scenario.changed.connect(self._on_scenario_changed)
 
@@ -117,6 +125,8 @@ class ConsoleRun:
         self._garbage = GarbageCollector(self.console)
         self.console.start()
         self.host.start()
+        self.begin_first_use()
+        self.tell_of_settings()
         if self._refused_scenario:
             self.console.problem(
                 "warning",
@@ -131,12 +141,37 @@ class ConsoleRun:
         robot = self._arguments.robot or self.console.scenario.robot
         self.console.use_robot(lambda: self._robot_to_start_with(robot), until="connected")
 
+    def begin_first_use(self) -> None:
+        """Who names a robot knows the program; a rehearsal needs to be told nothing."""
+        if self._make_demo_robot in (None, DemoRobot) and self._arguments.robot is None:
+            self.window.first_use.begin(with_simulated_robot=self._arguments.demo)
+
+    def tell_of_settings(self) -> None:
+        """Tell the wizard where the settings of last time could not be taken over."""
+        trouble = self._settings_trouble
+        if trouble is not None:
+            self.console.problem(trouble.severity, trouble.what, trouble.meaning, trouble.advice)
+
     def _robot_to_start_with(self, robot: str) -> RobotConnection:
         """Raises ToldFailure."""
         try:
             return composition.robot_connection(robot)
         except composition.StartError as refusal:
             raise ToldFailure(str(refusal), "No robot is connected.", "Start again with another --robot.") from refusal
+
+    def _use_robot_to_practise_on(self) -> None:
+        """The simulated robot is connected, now or as soon as it is ready."""
+        if self.demo_robot is None:
+            self.demo_robot = DemoRobot(self.console)
+            self.demo_robot.start()
+        else:
+            self.demo_robot.use()
+
+    def _cut_link(self, seconds: float) -> None:
+        address = self.demo_robot.address_of(PROFILE) if self.demo_robot is not None else None
+        if address is not None:
+            fault = {"command": f"drop_link:{seconds:g}"}
+            self.console.asyncio_thread.submit(simulator_calls.call(address, simulator_calls.FAULT, [fault]))
 
     def _address_of(self, robot: str) -> str | None:
         return self.demo_robot.address_of(robot) if self.demo_robot is not None else None
@@ -148,46 +183,22 @@ class ConsoleRun:
         """
         if self._arguments.scenario:
             return composition.find_scenario(self._arguments.scenario), ""
-        last_time = str(self.settings.value("scenario", "tour-guide"))
+        last_time = str(self.settings.value(_SCENARIO_KEY, "tour-guide"))
         try:
             return composition.find_scenario(last_time), ""
         except composition.StartError as refusal:
             return composition.find_scenario("tour-guide"), str(refusal)
 
-    def _on_layout_save_requested(self, layout: LayoutNode) -> None:
-        replaced = self.console.scenario
-
-        def written(path: Path) -> None:
-            self._saved_layouts.note(path, layout, replaced=replaced)
-            self._keep_scenario(path)
-            self.console.problem("info", "The panel layout was saved.", f"It is in your own copy, {path}.", "")
-
-        self.console.rewrite_scenario(lambda scenario: composition.save_layout(scenario, layout), written)
-
-    def _on_layout_reset_requested(self) -> None:
-        """An arrangement that was saved is undone in its file too, or the next start would bring it back."""
-        before = self._saved_layouts.before(self.console.scenario)
-        if before is None:
-            return
-
-        def written(path: Path) -> None:
-            self._saved_layouts.forget(path)
-            self.console.problem(
-                "info", "The panels are back.", "The layout that was saved is undone.", "Save it again to keep another."
-            )
-
-        self.console.rewrite_scenario(lambda scenario: composition.save_layout(scenario, before), written)
-
-    def _kept_microphone(self) -> str | None:
+    def _kept_microphone(self, role: Role) -> str | None:
         """The system's default until another was chosen."""
-        kept = str(self.settings.value("microphone", ""))
+        kept = str(self.settings.value(_MICROPHONE_KEYS[role], ""))
         return None if kept == _NO_MICROPHONE else kept
 
-    def _keep_microphone(self, name: str | None) -> None:
-        self.settings.setValue("microphone", _NO_MICROPHONE if name is None else name)
+    def _keep_microphone(self, role: Role, name: str | None) -> None:
+        self.settings.setValue(_MICROPHONE_KEYS[role], _NO_MICROPHONE if name is None else name)
 
     def _keep_gamepads(self, mappings: str) -> None:
-        self.settings.setValue("gamepads", mappings)
+        self.settings.setValue(_GAMEPADS_KEY, mappings)
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
         if scenario.path is not None:
@@ -195,7 +206,7 @@ class ConsoleRun:
 
     def _keep_scenario(self, path: Path) -> None:
         """It is open when the program starts again."""
-        self.settings.setValue("scenario", str(path))
+        self.settings.setValue(_SCENARIO_KEY, str(path))
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -218,11 +229,6 @@ def run(arguments: argparse.Namespace) -> int:
         return console_run.application.exec()
     finally:
         console_run.close()
-
-
-def own_settings() -> QSettings:
-    """What this user's windows keep, of the console and of a replay alike."""
-    return QSettings("CARIS", "CARIS Desktop")
 
 
 def check_screen() -> None:
@@ -248,6 +254,7 @@ def default_arguments(**changes: object) -> argparse.Namespace:
         "study": None,
         "demo": False,
         "theme": None,
+        "language": None,
         "verbose": False,
     }
     return argparse.Namespace(**{**values, **changes})

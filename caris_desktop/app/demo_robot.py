@@ -31,6 +31,12 @@ class DemoRobot(QObject):
     def start(self) -> None:
         self.process.start()
 
+    def use(self) -> None:
+        """Connect it, where it is ready; else it is connected once it is."""
+        address = self._address
+        if address is not None:
+            self._console.use_robot(lambda: composition.robot_connection(PROFILE, address=address))
+
     def stop(self) -> None:
         self.process.stop()
 
@@ -40,7 +46,7 @@ class DemoRobot(QObject):
 
     def _on_ready(self, address: str) -> None:
         self._address = address
-        self._console.use_robot(lambda: composition.robot_connection(PROFILE, address=address))
+        self.use()
 
     def _on_failed(self, detail: str) -> None:
         self._console.problem(

@@ -16,11 +16,13 @@ from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.perception.inference import default_threads, person_box
+from caris_desktop.perception.inference import person_box
+from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, Look
+from caris_desktop.perception.inference_settings import TRACKERS, default_threads
 from caris_desktop.perception.looking_back import looked_back
 from caris_desktop.perception.perceiver import Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
-from caris_desktop.perception.tracker import TRACKERS, USUAL_FOCAL_PER_WIDTH, Look, TrackedBox
+from caris_desktop.perception.tracker import TrackedBox
 from caris_desktop.perception.turning import CameraTurning
 from caris_desktop.perception.weights import WeightsError
 from caris_desktop.recording.disk_file import DiskFile

@@ -10,12 +10,10 @@ import sys
 from pathlib import Path
 from typing import get_args
 
-from caris_desktop.perception.backends.chosen import DetectorSettings, open_chosen
-from caris_desktop.perception.backends.opening import Device
+from caris_desktop.perception.backends.chosen import open_chosen
 from caris_desktop.perception.backends.remote import TOKEN_VARIABLE
 from caris_desktop.perception.backends.serving import serving
-from caris_desktop.perception.inference import default_threads
-from caris_desktop.perception.perceiver import LEAST_CONFIDENCE
+from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, DetectorSettings, Device, default_threads
 from caris_desktop.perception.weights import ModelChoice, WeightsError
 
 DEFAULT_PORT = 8768

@@ -7,16 +7,18 @@ pressing keys and clicking widgets.
 import json
 import logging
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QPoint, Qt, QTimer, Signal
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QTabBar, QWidget
 
+from caris_desktop.app.rehearsed_participant import RehearsedParticipant
 from caris_desktop.domain import clock
+from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.live.console import Console
 from caris_desktop.scenario.model import Place
@@ -25,6 +27,21 @@ from caris_desktop.ui.main_window import MainWindow
 _log = logging.getLogger(__name__)
 _STEP_MS = 40
 _TYPE_EVERY_STEPS = 2
+SAYS = {
+    "tour-guide": (
+        "Hello. Can the robot arm hurt people when it moves?",
+        "That is good to know. Who built you?",
+        "Thank you. What is there to see next?",
+    ),
+    "mental-health-check": (
+        "I have exams this week and I am not sleeping well.",
+        "Maybe a seven. I worry a lot at night.",
+        "Yes, I would like to talk to somebody.",
+    ),
+}
+"""What the participant says in the shipped scenarios."""
+SAYS_ELSEWHERE = ("Hello. What are you doing here?", "That sounds interesting.", "Thank you, goodbye.")
+_SUGGESTED_WITHIN_S = 20.0
 _KEYS = {"forward": Qt.Key.Key_W, "left": Qt.Key.Key_A, "right": Qt.Key.Key_D}
 
 
@@ -49,13 +66,25 @@ class Rehearsal(QObject):
 
     finished = Signal(str)
 
-    def __init__(self, window: MainWindow, console: Console, out: Path, *, seconds: float) -> None:
+    def __init__(
+        self,
+        window: MainWindow,
+        console: Console,
+        out: Path,
+        *,
+        seconds: float,
+        participant: RehearsedParticipant | None = None,
+    ) -> None:
+        """Without a ``participant`` nobody speaks before the robot."""
         super().__init__(window)
         self._window = window
         self._console = console
         self._state = console.state
         self._out = out
         self._seconds = seconds
+        self._participant = participant
+        self._heard: list[UtteranceChanged] = []
+        self._state.event_happened.connect(self._on_event)
         self._held: set[Qt.Key] = set()
         self._script = self._play()
         self._waiting: Until | None = None
@@ -80,10 +109,14 @@ class Rehearsal(QObject):
         yield Until("the person detector is ready", lambda: state.perception.value.state == "ready", 90.0)
         if scenario.permissions.assistant:
             yield Until("the language model is ready", lambda: state.assistant.value.state == "ready", 90.0)
+        if self._participant is not None:
+            self._participant.prepare(self._lines())
         self._note("everything is ready")
 
         yield from self._start_recording()
         yield from self._greet()
+        if scenario.permissions.transcription and self._participant is not None:
+            yield from self._talk(self._participant)
         if scenario.permissions.photos:
             yield from self._take_photo()
         if scenario.permissions.driving:
@@ -126,9 +159,26 @@ class Rehearsal(QObject):
                 field.selectAll()
                 yield from self._type(field, text)
         self._screenshot("start-dialog")
+        yield from self._tick_checks()
         self._click("start_dialog_begin")
+        begun = ("starting", "recording")
+        asked = "start_asked"
+        yield Until(
+            "the recording begins, or what is not ready is named",
+            lambda: self._state.recording.value.state in begun or self._find(asked) is not None,
+        )
+        if self._state.recording.value.state not in begun:
+            self._note("recording all the same")
+            self._click("start_dialog_begin")
         yield Until("recording runs", lambda: self._state.recording.value.state == "recording")
         self._note("recording")
+
+    def _tick_checks(self) -> Script:
+        """What the scenario has checked by hand."""
+        for check in self._state.preflight.value:
+            if check.manual and check.state != "passed":
+                self._click(f"tick_{check.id}")
+                yield None
 
     def _greet(self) -> Script:
         state = self._state
@@ -140,8 +190,54 @@ class Rehearsal(QObject):
         yield Until("the greeting was said", lambda: state.speech.value.now is None, 20.0)
         self._note("greeted")
 
+    def _lines(self) -> Sequence[str]:
+        path = self._console.scenario.path
+        return SAYS.get(path.stem if path is not None else "", SAYS_ELSEWHERE)
+
+    def _talk(self, participant: RehearsedParticipant) -> Script:
+        """The participant speaks; the wizard answers by a suggestion, by a phrase and by typing."""
+        state = self._state
+        yield Until("what is said becomes text", lambda: state.listening.value.state in ("ready", "failed"), 90.0)
+        for number, text in enumerate(self._lines()):
+            before = len(self._heard)
+            participant.say(text)
+            yield Until("the participant is heard", lambda count=before: len(self._heard) > count, 90.0)  # type: ignore[misc]
+            self._note(f"the participant said “{self._heard[-1].text}”")
+            if number == 0:
+                yield from self._answer_by_suggestion()
+            elif number == 1:
+                self._press(Qt.Key.Key_F3)
+            else:
+                yield from self._say_by_typing("That is a good question. Let us have a look.")
+            yield Until("the answer is spoken", lambda: state.speech.value.now is not None)
+            yield Until("the answer was said", lambda: state.speech.value.now is None, 30.0)
+        self._screenshot("conversation")
+
+    def _answer_by_suggestion(self) -> Script:
+        until_ns = clock.now_ns() + int(_SUGGESTED_WITHIN_S * 1e9)
+        while not self._state.suggestions.value.cards and clock.now_ns() < until_ns:
+            yield None
+        if self._state.suggestions.value.cards:
+            self._screenshot("suggestions")
+            self._note("answered by a suggestion")
+            self._press(Qt.Key.Key_1, Qt.KeyboardModifier.ControlModifier)
+        else:
+            # None is a valid answer of a language model.
+            self._note("nothing was suggested: answered by a phrase")
+            self._press(Qt.Key.Key_F2)
+
+    def _say_by_typing(self, text: str) -> Script:
+        self._press(Qt.Key.Key_L, Qt.KeyboardModifier.ControlModifier)
+        field = self._find("speak_field")
+        if field is None:
+            raise RehearsalError("there is no field to type what the robot says")
+        yield from self._type(field, text)
+        self._press(Qt.Key.Key_Return, target=field)
+
     def _take_photo(self) -> Script:
         folder = self._console.session_folder
+        # Where the picture is old there is none to take; a wizard looks before the key.
+        yield Until("the picture is fresh", lambda: self._window.actions_table.available("photo"), 60.0)
         self._press(Qt.Key.Key_P, Qt.KeyboardModifier.ControlModifier)
         yield Until("the photo is on disk", lambda: bool(folder and list((folder / "photos").glob("*.png"))))
         self._note("photo taken")
@@ -149,12 +245,7 @@ class Rehearsal(QObject):
     def _drive_while_speaking(self) -> Script:
         state = self._state
         yield Until("the robot knows where it is", lambda: state.pose.value is not None)
-        self._press(Qt.Key.Key_L, Qt.KeyboardModifier.ControlModifier)
-        field = self._find("speak_field")
-        if not isinstance(field, QLineEdit):
-            raise RehearsalError("there is no field to type what the robot says")
-        yield from self._type(field, "Please follow me, I would like to show you around.")
-        self._press(Qt.Key.Key_Return, target=field)
+        yield from self._say_by_typing("Please follow me, I would like to show you around.")
         yield Until("the sentence is spoken", lambda: state.speech.value.now is not None)
         self._press(Qt.Key.Key_D, Qt.KeyboardModifier.ControlModifier)
         start = state.pose.value.pose_in_map
@@ -191,6 +282,7 @@ class Rehearsal(QObject):
 
     def _ask_assistant(self) -> Script:
         state = self._state
+        self._show_tab("Assistant")
         field = self._find("assistant_field")
         if not isinstance(field, QLineEdit):
             raise RehearsalError("there is no field to ask the assistant")
@@ -244,6 +336,13 @@ class Rehearsal(QObject):
                     return found
         return None
 
+    def _show_tab(self, title: str) -> None:
+        """Bring a panel to the front where it is behind others."""
+        for bar in (bar for top in QApplication.topLevelWidgets() for bar in top.findChildren(QTabBar)):
+            for number in range(bar.count()):
+                if bar.isVisible() and bar.tabText(number) == title:
+                    QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=bar.tabRect(number).center())
+
     def _click(self, name: str) -> None:
         widget = self._find(name)
         if widget is None:
@@ -290,7 +389,11 @@ class Rehearsal(QObject):
             keys.add(_KEYS["forward"])
         return keys
 
-    # The wizard's eyes
+    # The wizard's eyes and ears
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, UtteranceChanged) and event.speaker == "participant" and event.state == "finished":
+            self._heard.append(event)
 
     def _nearest_place(self, pose: Pose2D) -> Place | None:
         """The nearest place that the LIDAR has a free line to; None when there is none."""

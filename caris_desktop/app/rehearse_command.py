@@ -44,8 +44,9 @@ def run(arguments: argparse.Namespace) -> int:
     from PySide6.QtWidgets import QApplication
 
     from caris_desktop.app.console_command import ConsoleRun, default_arguments
-    from caris_desktop.app.demo_robot import DemoRobot
+    from caris_desktop.app.demo_robot import PROFILE, DemoRobot
     from caris_desktop.app.rehearsal import Rehearsal
+    from caris_desktop.app.rehearsed_participant import RehearsedParticipant
     from caris_desktop.domain.failure import ToldFailure
 
     try:
@@ -65,7 +66,15 @@ def run(arguments: argparse.Namespace) -> int:
         console_run.window.resize(1920, 1080)
     else:
         console_run.window.setWindowState(Qt.WindowState.WindowMaximized)
-    rehearsal = Rehearsal(console_run.window, console_run.console, out, seconds=arguments.seconds)
+
+    def robot_address() -> str | None:
+        robot = console_run.demo_robot
+        return None if robot is None else robot.address_of(PROFILE)
+
+    participant = RehearsedParticipant(console_run.console.asyncio_thread, robot_address)
+    rehearsal = Rehearsal(
+        console_run.window, console_run.console, out, seconds=arguments.seconds, participant=participant
+    )
     failures: list[str] = []
 
     def on_finished(failure: str) -> None:

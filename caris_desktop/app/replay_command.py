@@ -21,9 +21,10 @@ from PySide6.QtCore import QSettings, QTimer
 from PySide6.QtWidgets import QApplication, QProgressDialog
 
 from caris_desktop.app import composition
-from caris_desktop.app.console_command import check_screen, own_settings
+from caris_desktop.app.console_command import check_screen
 from caris_desktop.app.qt_application import the_application
-from caris_desktop.domain.events import LayoutChanged, RobotChosen, ScenarioOpened
+from caris_desktop.app.user_settings import bring_up_to_date, own_settings
+from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
@@ -42,7 +43,7 @@ from caris_desktop.scenario.file import ScenarioError, parse_scenario
 from caris_desktop.scenario.layout import checked_layout
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.theme import Theme, as_choice
+from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -100,11 +101,12 @@ class ReplayRun:
         self._arguments = arguments
         self.application = the_application()
         self.settings = own_settings() if settings is None else settings
+        self._settings_trouble = bring_up_to_date(self.settings)
         session = _opened(_session_folder(arguments.session))
         self._videos = VideoReader(session)
         self._people = _people_of(session)
         self.console = ReplayConsole(parts_of(session, self._videos, self._name_of), session)
-        theme = Theme(self.application, as_choice(arguments.theme or self.settings.value("theme", "system")))
+        theme = Theme(self.application, as_choice(arguments.theme or self.settings.value(THEME_KEY, "system")))
         self.window = MainWindow(self.console, settings=self.settings, theme=theme, scenarios=lambda: ())
         self.window.use_replay(self.console)
         self._garbage: GarbageCollector | None = None
@@ -126,6 +128,13 @@ class ReplayRun:
     def _start_rest(self) -> None:
         self._garbage = GarbageCollector(self.console)
         self.console.start()
+        trouble = self._settings_trouble
+        if trouble is not None:
+            self.window.problems.show_problem(
+                Problem(
+                    self.console.state.present.now_ns(), trouble.severity, trouble.what, trouble.meaning, trouble.advice
+                )
+            )
         if self._arguments.at_ns is not None:
             self.console.seek(self._arguments.at_ns)
         elif self._arguments.at is not None:

@@ -10,9 +10,10 @@ from pathlib import Path
 from caris_desktop.app.progress_bar import ProgressBar
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.inference import default_threads
+from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_settings import TRACKERS, default_threads
 from caris_desktop.perception.perceiver import open_perceiver
-from caris_desktop.perception.tracker import TRACKERS, Look, TrackedBox
+from caris_desktop.perception.tracker import TrackedBox
 from caris_desktop.perception.video_file import VideoFile, VideoFileError
 from caris_desktop.perception.weights import WeightsError
 

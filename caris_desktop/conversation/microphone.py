@@ -1,4 +1,4 @@
-"""The microphone: a process body, because sound libraries hang and crash, and what it says to the console."""
+"""A microphone: a process body, because sound libraries hang and crash."""
 
 import logging
 import queue
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.microphone_messages import (
     CloseMicrophone,
+    MicrophoneAlive,
     MicrophoneFailed,
     MicrophoneLevel,
     MicrophoneList,
@@ -21,38 +22,43 @@ from caris_desktop.conversation.microphone_messages import (
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE
 
 _log = logging.getLogger(__name__)
-SOURCE = "microphone"
 SAMPLE_RATE_HZ = 16_000
-_BLOCK_S = 0.1
+# Whoever listens hears of it so much later at least.
+_BLOCK_S = 0.04
 _LEVEL_EVERY_S = 0.2
-_TRY_AGAIN_S = 2.0
+_ALIVE_EVERY_S = 1.0
+_TRY_AGAIN_S = (2.0, 4.0, 8.0)
 _SILENT_S = 2.0
 _PLAUSIBLE_DELAY_S = 2.0
 # Sound systems change their buffers at the start, and with them when a sample was taken.
-_SETTLING_BLOCKS = 5
+_SETTLING_S = 0.5
 
 
-def run_microphone(connection: Connection) -> None:
-    """Process body. Receives OpenMicrophone and CloseMicrophone; sends AudioChunk and the messages above."""
-    _Microphone(connection).run()
+def run_microphone(connection: Connection, source: str = MICROPHONE) -> None:
+    """Process body. Receives OpenMicrophone and CloseMicrophone; sends AudioChunk of ``source``, and the messages of
+    this room about microphones.
+    """
+    _Microphone(connection, source).run()
 
 
 class _Microphone:
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, source: str) -> None:
         self._connection = connection
+        self._source = source
         self._blocks: queue.SimpleQueue[tuple[int, NDArray[np.int16]] | None] = queue.SimpleQueue()
         self._wanted: str | None = None
         self._names: tuple[str, ...] = ()
         self._stream: Any = None
         self._rate_hz = SAMPLE_RATE_HZ
         self._heard_s = 0.0
-        self._settling = 0
+        self._settling_until_s = 0.0
         self._opened: MicrophoneOpened | None = None
         self._peak = 0
-        self._level_told_s = 0.0
-        self._failed = False
+        self._level_told_s = self._alive_told_s = 0.0
+        self._failures = 0
         self._retry_at_s = 0.0
 
     def run(self) -> None:
@@ -74,7 +80,7 @@ class _Microphone:
                 match self._connection.recv():
                     case OpenMicrophone(name):
                         self._close()
-                        self._wanted, self._failed, self._retry_at_s = name, False, 0.0
+                        self._wanted, self._failures, self._retry_at_s = name, 0, 0.0
                     case CloseMicrophone():
                         self._wanted = None
                         self._close()
@@ -85,6 +91,9 @@ class _Microphone:
         return True
 
     def _work(self) -> None:
+        if self._wanted is not None and time.monotonic() - self._alive_told_s >= _ALIVE_EVERY_S:
+            self._alive_told_s = time.monotonic()
+            self._connection.send(MicrophoneAlive())
         if self._stream is None:
             if self._wanted is not None and time.monotonic() >= self._retry_at_s:
                 self._open(self._wanted)
@@ -99,14 +108,13 @@ class _Microphone:
             self._fail("it went away")
             return
         self._heard_s = time.monotonic()
-        if self._settling:
-            self._settling -= 1
+        if self._heard_s < self._settling_until_s:
             return
         if self._opened is not None:
             self._connection.send(self._opened)
             self._opened = None
         stamp_ns, samples = block
-        self._connection.send(AudioChunk(stamp_ns, SOURCE, self._rate_hz, samples))
+        self._connection.send(AudioChunk(stamp_ns, self._source, self._rate_hz, samples))
         self._peak = max(self._peak, int(np.abs(samples.astype(np.int32)).max(initial=0)))
         if self._heard_s - self._level_told_s >= _LEVEL_EVERY_S:
             self._connection.send(MicrophoneLevel(self._peak / 32768))
@@ -136,7 +144,9 @@ class _Microphone:
             _log.info("the microphone %r was not opened", name, exc_info=True)
             self._fail(" ".join(str(error).split()) or type(error).__name__)
             return
-        self._stream, self._heard_s, self._failed, self._settling = stream, time.monotonic(), False, _SETTLING_BLOCKS
+        self._stream, self._heard_s, self._failures = stream, time.monotonic(), 0
+        # Of what somebody says who is holding a key nothing is to be lost.
+        self._settling_until_s = 0.0 if self._source == WIZARD_MICROPHONE else self._heard_s + _SETTLING_S
         self._opened = MicrophoneOpened(str(info["name"]), self._rate_hz)
 
     def _on_block(self) -> Callable[[NDArray[np.int16], int, Any, Any], None]:
@@ -171,22 +181,25 @@ class _Microphone:
 
     def _fail(self, why: str) -> None:
         self._close()
-        self._retry_at_s = time.monotonic() + _TRY_AGAIN_S
-        if self._failed:
+        self._retry_at_s = time.monotonic() + _TRY_AGAIN_S[min(self._failures, len(_TRY_AGAIN_S) - 1)]
+        self._failures += 1
+        if self._failures > 1:
             return
-        self._failed = True
         if not why:
             self._connection.send(MicrophoneFailed(None))
             return
+        own = self._source == WIZARD_MICROPHONE
         self._connection.send(
             MicrophoneFailed(
                 Problem(
                     clock.now_ns(),
                     "warning",
-                    f"The microphone cannot be heard ({why}).",
-                    "The recording goes on without its sound.",
-                    "Plug it in or choose another one when you start the next recording; it is tried again by itself.",
-                    until="microphone",
+                    f"{'Your' if own else 'The'} microphone cannot be heard ({why}).",
+                    "Nothing that you say is heard, recorded or written down."
+                    if own
+                    else "Nothing that is said there is heard, recorded or written down.",
+                    "Plug it in, or choose another one in the menu of the window; it is tried again by itself.",
+                    until="own_microphone" if own else "microphone",
                 )
             )
         )

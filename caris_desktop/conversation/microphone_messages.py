@@ -1,4 +1,4 @@
-"""What the console and the microphone's process tell each other."""
+"""What the console and a microphone's process tell each other."""
 
 from dataclasses import dataclass
 
@@ -37,6 +37,11 @@ class MicrophoneLevel:
     """How loud it was lately: the largest sample, 0 to 1."""
 
     peak: float
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneAlive:
+    """The process has not got stuck in the sound library. Sent every second while it is to listen."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,15 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, missing_for_embedded
-from caris_desktop.conversation.language_models import (
-    ChatTimeouts,
-    LanguageModelError,
-    ModelEndpoint,
-    resolve_endpoint,
-    stream_chat,
-)
-from caris_desktop.conversation.speech import VoiceEngine
+from caris_desktop.conversation.models.chat import ChatTimeouts, Retries, stream_chat
+from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
+from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.conversation.speech_messages import SpeechSettings
+from caris_desktop.conversation.voices.engine_process import VoiceEngine
 from caris_desktop.domain.events import ChatMessage
 
 _log = logging.getLogger(__name__)
@@ -39,7 +35,7 @@ class ProbeResult:
     advice: str = ""
 
 
-def probe_language_model(model: str, *, embedded_url: str | None = None) -> ProbeResult:
+def probe_language_model(model: str, *, local_only: bool, embedded_url: str | None = None) -> ProbeResult:
     """Ask ``model`` for one word. Blocks, for half a minute at the most.
 
     ``embedded`` without an address is only looked for, since nothing serves it yet.
@@ -49,7 +45,7 @@ def probe_language_model(model: str, *, embedded_url: str | None = None) -> Prob
         return ProbeResult(False, missing, INSTALL_EMBEDDED) if missing else ProbeResult(True, "embedded, installed")
     try:
         endpoint = resolve_endpoint(model, embedded_url=embedded_url)
-        seconds = asyncio.run(_seconds_to_answer(endpoint))
+        seconds = asyncio.run(_seconds_to_answer(endpoint, local_only=local_only))
     except LanguageModelError as error:
         return ProbeResult(False, error.what, error.advice)
     if seconds is None:
@@ -57,10 +53,13 @@ def probe_language_model(model: str, *, embedded_url: str | None = None) -> Prob
     return ProbeResult(True, f"{model} began to answer after {seconds:.1f} s")
 
 
-async def _seconds_to_answer(endpoint: ModelEndpoint) -> float | None:
+async def _seconds_to_answer(endpoint: ModelEndpoint, *, local_only: bool) -> float | None:
     asked_s = time.monotonic()
     question = [ChatMessage("user", "Say yes.")]
-    answer = stream_chat(endpoint, question, max_tokens=64, temperature=0.0, timeouts=_PROBE_TIMEOUTS)
+    answer = stream_chat(
+        endpoint, question,
+        local_only=local_only, max_tokens=64, temperature=0.0, timeouts=_PROBE_TIMEOUTS, retries=Retries(0),
+    )  # fmt: skip
     async with aclosing(answer):
         async for _ in answer:
             return time.monotonic() - asked_s

@@ -1,44 +1,44 @@
 """Speech on this computer: the process body that queues utterances, tells what became of them and paces the unheard."""
 
-import json
 import logging
-import os
 import queue
-import shutil
-import subprocess
-import sys
-import tempfile
 import threading
 import unicodedata
 from collections import deque
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from pathlib import Path
-from typing import IO, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caris_desktop.conversation.speech_messages import (
     CloseSpeech,
+    Prepare,
     SilenceSpeech,
     Speak,
     SpeechFailed,
     SpeechReady,
     SpeechSettings,
+    UseVoice,
+    VoicesFound,
 )
-from caris_desktop.conversation.voice_engine import SOUND_FILE
+from caris_desktop.conversation.voices.engine_process import VoiceEngine
+from caris_desktop.conversation.voices.found import GET_PIPER_VOICES
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound import ROBOT_VOICE, PlayedSound, PlayedSoundEnded
 
 _log = logging.getLogger(__name__)
 
 MAX_UTTERANCE_CHARACTERS = 1000
-ROBOT_VOICE = "robot voice"
 UNHEARD = "not heard: this computer has no sound output"
-_PACKAGE_PARENT = Path(__file__).resolve().parents[2]
 _RENDER_S_PER_CHARACTER = 0.02
+# What goes through a pipe at once, even to an engine that does not read.
+_PREPARED_CHARACTERS = 15_000
 
 _Phase = Literal["off", "starting", "looking", "idle", "rendering", "opening", "playing", "silencing", "pacing"]
 
@@ -47,7 +47,7 @@ _Phase = Literal["off", "starting", "looking", "idle", "rendering", "opening", "
 class SpeechDeadlines:
     """How long the voice may take for each step before it counts as hung. ``render_s`` grows with the text."""
 
-    start_s: float = 15.0
+    start_s: float = 30.0
     look_s: float = 3.0
     render_s: float = 3.0
     open_s: float = 3.0
@@ -55,17 +55,16 @@ class SpeechDeadlines:
     silence_s: float = 0.3
 
 
-def run_speech(
-    connection: Connection, settings: SpeechSettings, deadlines: SpeechDeadlines = SpeechDeadlines()
-) -> None:
+def run_speech(connection: Connection, deadlines: SpeechDeadlines = SpeechDeadlines()) -> None:
     """Process body: speak what is asked until the connection ends.
 
-    Receives Speak, SilenceSpeech and CloseSpeech. Sends SpeechReady (again whenever it changes), SpeechFailed, Problem,
-    and UtteranceChanged with the states started, finished, interrupted and failed.
+    Receives UseVoice, Prepare, Speak, SilenceSpeech and CloseSpeech. Sends SpeechReady (again whenever it changes),
+    SpeechFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and failed,
+    AudioChunk of what was heard, PlayedSound and PlayedSoundEnded.
     """
     inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     threading.Thread(target=_read_console, args=(connection, inbox), name="console", daemon=True).start()
-    desk = _SpeechDesk(connection, settings, deadlines, inbox)
+    desk = _SpeechDesk(connection, deadlines, inbox)
     try:
         desk.run()
     except (BrokenPipeError, ConnectionResetError):
@@ -96,90 +95,51 @@ def _read_console(connection: Connection, inbox: "queue.SimpleQueue[tuple[int, A
         inbox.put((_CONSOLE, message))
 
 
-class VoiceEngine:
-    """One run of the killable engine process; its events arrive in ``inbox`` as (number, dict), None when it ended."""
-
-    def __init__(
-        self, settings: SpeechSettings, inbox: "queue.SimpleQueue[tuple[int, Any]]", *, number: int, look: bool
-    ) -> None:
-        search_path = [str(_PACKAGE_PARENT), *filter(None, [os.environ.get("PYTHONPATH")])]
-        self.number = number
-        self._inbox = inbox
-        self._folder = tempfile.mkdtemp(prefix="caris-voice-")
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "caris_desktop.conversation.voice_engine"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(search_path), "PYTHONIOENCODING": "utf-8"},
-        )
-        for stream, read in ((self._process.stdout, self._read_events), (self._process.stderr, self._log_noise)):
-            threading.Thread(target=read, args=(stream,), name=f"engine-{number}", daemon=True).start()
-        self.send({**asdict(settings), "look": look, "folder": self._folder})
-
-    def send(self, command: dict[str, Any]) -> None:
-        """A dead engine shows by its end in the inbox, not here."""
-        stdin = self._process.stdin
-        assert stdin is not None  # noqa: S101 - asked for above
-        try:
-            stdin.write(json.dumps(command).encode() + b"\n")
-            stdin.flush()
-        except (BrokenPipeError, ValueError):
-            _log.info("the voice engine takes no more commands")
-
-    def sound(self) -> bytes:
-        """What the utterance sounds like, signed 16 bit, one channel; empty where it cannot be had."""
-        try:
-            return (Path(self._folder) / SOUND_FILE).read_bytes()
-        except OSError:
-            _log.warning("the sound of an utterance is not recorded", exc_info=True)
-            return b""
-
-    def kill(self) -> None:
-        self._process.kill()
-        self._process.wait()
-        shutil.rmtree(self._folder, ignore_errors=True)
-
-    def close(self, *, grace_s: float = 0.5) -> None:
-        """Let it tidy up, then kill."""
-        if self._process.stdin is not None:
-            try:
-                self._process.stdin.close()
-            except BrokenPipeError:
-                _log.debug("the voice engine was gone already")
-        try:
-            self._process.wait(grace_s)
-        except subprocess.TimeoutExpired:
-            _log.debug("the voice engine is killed")
-        self.kill()
-
-    def _read_events(self, stdout: IO[bytes]) -> None:
-        for line in stdout:
-            self._inbox.put((self.number, json.loads(line)))
-        self._inbox.put((self.number, None))
-
-    def _log_noise(self, stderr: IO[bytes]) -> None:
-        for line in stderr:
-            if not line.startswith(b"Audio saved to"):
-                _log.info("voice engine: %s", line.decode("utf-8", "replace").rstrip())
-
-
 class _HeardSound:
-    """The sound of one utterance, handed on as far as it was heard. ``started_ns`` is 0 until it is."""
+    """The sound of one utterance, as far as it is made. ``started_ns`` is 0 until it is heard."""
 
-    def __init__(self, pcm: bytes, rate_hz: int) -> None:
-        self._samples = np.frombuffer(pcm[: len(pcm) // 2 * 2], dtype="<i2").astype(np.int16, copy=False)
-        self._rate_hz = rate_hz
-        self._sent = 0
+    def __init__(self, utterance: Speak) -> None:
+        self._utterance = utterance
+        self._parts: list[tuple[int, NDArray[np.int16]]] = []
+        self._rate_hz = 1
+        self._recorded = self._told = 0
         self.started_ns = 0
 
-    def until(self, heard_s: float) -> AudioChunk | None:
-        first, end = self._sent, min(len(self._samples), round(max(0.0, heard_s) * self._rate_hz))
-        if not self.started_ns or end <= first:
-            return None
-        self._sent = end
-        stamp_ns = self.started_ns + first * 1_000_000_000 // self._rate_hz
-        return AudioChunk(stamp_ns, ROBOT_VOICE, self._rate_hz, self._samples[first:end, None].copy())
+    @property
+    def duration_s(self) -> float:
+        return max((at + len(samples) for at, samples in self._parts), default=0) / self._rate_hz
+
+    def add(self, at: int, pcm: bytes, rate_hz: int) -> None:
+        """What is played from the frame ``at`` on."""
+        self._rate_hz = rate_hz
+        self._parts.append((at, np.frombuffer(pcm, dtype="<i2").astype(np.int16, copy=False)))
+
+    def played(self) -> Iterator[PlayedSound]:
+        """What it is known of by now that it is played, each part once."""
+        while self.started_ns and self._told < len(self._parts):
+            at, samples = self._parts[self._told]
+            self._told += 1
+            asked = self._utterance
+            yield PlayedSound(self._stamp_ns(at), asked.utterance_id, asked.text, self._rate_hz, samples[:, None])
+
+    def recorded(self, heard_s: float) -> Iterator[AudioChunk]:
+        """What was heard since the last time, in one piece where there was no silence in it."""
+        until = round(max(0.0, heard_s) * self._rate_hz) if self.started_ns else 0
+        pieces: list[tuple[int, NDArray[np.int16]]] = []
+        for at, samples in self._parts:
+            first, end = max(self._recorded, at), min(until, at + len(samples))
+            if first < end:
+                piece = samples[first - at : end - at]
+                if pieces and pieces[-1][0] + len(pieces[-1][1]) == first:
+                    pieces[-1] = (pieces[-1][0], np.concatenate([pieces[-1][1], piece]))
+                else:
+                    pieces.append((first, piece))
+        self._recorded = max(self._recorded, until)
+        for first, piece in pieces:
+            yield AudioChunk(self._stamp_ns(first), ROBOT_VOICE, self._rate_hz, piece[:, None].copy())
+
+    def _stamp_ns(self, frame: int) -> int:
+        return self.started_ns + frame * 1_000_000_000 // self._rate_hz
 
 
 class _SpeechDesk:
@@ -188,12 +148,11 @@ class _SpeechDesk:
     def __init__(
         self,
         connection: Connection,
-        settings: SpeechSettings,
         deadlines: SpeechDeadlines,
         inbox: "queue.SimpleQueue[tuple[int, Any]]",
     ) -> None:
         self._connection = connection
-        self._settings = settings
+        self._settings = SpeechSettings()
         self._deadlines = deadlines
         self._inbox = inbox
         self._engine: VoiceEngine | None = None
@@ -204,18 +163,21 @@ class _SpeechDesk:
         self._dropped: list[Speak] = []
         self._now: Speak | None = None
         self._started = False
-        self._duration_s = self._played_s = 0.0
-        self._heard = _HeardSound(b"", 1)
+        self._number = 0
+        self._played_s = 0.0
+        self._heard = _HeardSound(Speak("", "", "typed"))
+        self._to_prepare: tuple[str, ...] = ()
         self._voice = ""
         self._audible: bool | None = None
         self._silenced_by: Actor = CONSOLE
         self._closed = False
+        self._outdated = False
+        self._looks = False
 
     def run(self) -> None:
-        self._start_engine()
         while not self._closed:
-            if self._waiting and self._phase in ("off", "idle"):
-                self._begin()
+            if self._phase in ("off", "idle"):
+                self._go_on()
             try:
                 source, message = self._inbox.get(timeout=self._seconds_left())
             except queue.Empty:
@@ -238,6 +200,10 @@ class _SpeechDesk:
             case SilenceSpeech(actor):
                 self._silenced_by = actor
                 self._silence()
+            case UseVoice(settings):
+                self._use(settings)
+            case Prepare(texts):
+                self._prepare(texts)
             case CloseSpeech():
                 self._closed = True
                 self._silenced_by = CONSOLE
@@ -249,6 +215,28 @@ class _SpeechDesk:
                 self._report_dropped()
             case _:
                 _log.error("unknown command %r", type(command).__name__)
+
+    def _use(self, settings: SpeechSettings) -> None:
+        before, self._settings = self._settings, settings
+        changed = not settings.tunes(before)
+        if self._engine is not None and not changed:
+            self._engine.tune(settings.rate, settings.volume)
+        elif self._now is not None:
+            self._outdated = True
+        else:
+            self._start_engine()
+
+    def _prepare(self, texts: tuple[str, ...]) -> None:
+        chosen, characters = [], 0
+        for text in dict.fromkeys(map(speakable, texts)):
+            characters += len(text)
+            if characters > _PREPARED_CHARACTERS:
+                break
+            if 0 < len(text) <= MAX_UTTERANCE_CHARACTERS:
+                chosen.append(text)
+        self._to_prepare = tuple(chosen)
+        if self._engine is not None:
+            self._engine.prepare(self._to_prepare)
 
     def _take(self, command: Speak) -> None:
         text = speakable(command.text)
@@ -268,24 +256,36 @@ class _SpeechDesk:
         elif self._phase == "pacing":
             self._end("interrupted", clock.now_ns())
         elif self._phase != "silencing" and self._engine is not None:
-            self._engine.send({"do": "silence"})
+            self._engine.silence()
             self._enter("silencing", self._deadlines.silence_s)
 
     def _start_engine(self, *, look: bool = True) -> None:
+        self.kill_engine()
+        self._outdated = False
+        self._looks = look
         self._engines += 1
         self._engine = VoiceEngine(self._settings, self._inbox, number=self._engines, look=look)
+        self._engine.prepare(self._to_prepare)
         self._enter("starting", self._deadlines.start_s)
 
-    def _begin(self) -> None:
-        if self._engine is None:
+    def _go_on(self) -> None:
+        """Nothing is being said: another voice is loaded, or the next utterance begins."""
+        if self._outdated:
+            self._start_engine()
+        elif self._waiting and self._engine is not None:
+            self._begin(self._engine)
+        elif self._waiting:
             # The sound device is looked for with the utterance itself: it may be what hung the last engine.
             self._start_engine(look=False)
-            return
+
+    def _begin(self, engine: VoiceEngine) -> None:
         self._now = self._waiting.popleft()
         self._started = False
-        self._duration_s = self._played_s = 0.0
+        self._played_s = 0.0
+        self._heard = _HeardSound(self._now)
         text = speakable(self._now.text)
-        self._engine.send({"do": "say", "text": text})
+        self._number += 1
+        engine.say(text, self._number)
         self._enter("rendering", self._deadlines.render_s + _RENDER_S_PER_CHARACTER * len(text))
 
     def _on_engine(self, event: dict[str, Any] | None) -> None:
@@ -294,9 +294,10 @@ class _SpeechDesk:
                 self._on_engine_lost("the voice ended unexpectedly")
             case {"event": "broken", "detail": str(detail)}:
                 self._fail_voice(detail)
-            case {"event": "ready", "voice": str(voice)}:
+            case {"event": "ready", "voice": str(voice), "why_not": str(why_not)}:
                 self._voice = voice
-                if self._audible is None:
+                self._tell_instead(why_not)
+                if self._looks:
                     self._enter("looking", self._deadlines.look_s)
                 else:
                     self._enter("idle", None)
@@ -305,16 +306,23 @@ class _SpeechDesk:
                 if self._phase == "looking":
                     self._enter("idle", None)
             case {"event": "unrendered", "detail": str(detail)}:
+                self._tell_cut_off(clock.now_ns())
                 self._end("failed", clock.now_ns(), f"it could not be turned into sound ({detail})")
-            case {"event": "rendered", "duration_s": float(duration_s), "rate_hz": int(rate_hz)}:
-                self._duration_s = duration_s
-                self._heard = _HeardSound(self._engine.sound() if self._engine is not None else b"", rate_hz)
+            case {"event": "voices", "voices": list(voices)}:
+                self._send(VoicesFound(tuple((str(name), str(language)) for name, language in voices)))
+            case {"event": "part", "number": int(number)} if number != self._number:
+                _log.debug("a part of what was silenced came late")
+            case {"event": "part", "sound": bytes(pcm), "at": int(at), "rate_hz": int(rate_hz)}:
+                self._heard.add(at, pcm, rate_hz)
+                self._tell_played()
                 if self._phase == "rendering":
                     self._enter("opening", self._deadlines.open_s)
             case {"event": "started", "at_ns": int(at_ns)}:
                 self._heard.started_ns = at_ns
                 self._report_started(at_ns)
-                if self._phase == "opening":
+                self._tell_played()
+                # Two threads of the engine tell of the first part and of the start, in either order.
+                if self._phase in ("rendering", "opening"):
                     self._enter("playing", self._deadlines.heartbeat_s)
             case {"event": "playing", "played_s": float(played_s)}:
                 self._played_s = played_s
@@ -322,10 +330,11 @@ class _SpeechDesk:
                 if self._phase == "playing":
                     self._enter("playing", self._deadlines.heartbeat_s)
             case {"event": "inaudible", "played_s": float(played_s)}:
+                self._tell_cut_off(clock.now_ns())
                 self._played_s = played_s
                 self._pace()
             case {"event": "finished", "at_ns": int(at_ns)}:
-                self._send_heard(self._duration_s)
+                self._send_heard(self._heard.duration_s)
                 self._end("finished", at_ns)
             case {"event": "silenced", "at_ns": int(at_ns)}:
                 self._send_heard((at_ns - self._heard.started_ns) / 1e9)
@@ -335,9 +344,17 @@ class _SpeechDesk:
 
     def _send_heard(self, until_s: float) -> None:
         """What was heard since the last time, for the recording."""
-        chunk = self._heard.until(until_s)
-        if chunk is not None:
+        for chunk in self._heard.recorded(until_s):
             self._send(chunk)
+
+    def _tell_played(self) -> None:
+        for sound in self._heard.played():
+            self._send(sound)
+
+    def _tell_cut_off(self, at_ns: int) -> None:
+        if self._now is not None and self._heard.started_ns:
+            self._send(PlayedSoundEnded(at_ns, self._now.utterance_id))
+            self._heard.started_ns = 0
 
     def _on_engine_lost(self, detail: str) -> None:
         phase = self._phase
@@ -352,6 +369,7 @@ class _SpeechDesk:
         elif phase == "rendering":
             self._end("failed", clock.now_ns(), detail)
         elif phase in ("opening", "playing"):
+            self._tell_cut_off(clock.now_ns())
             self._set_audible(False, detail)
             self._pace()
         elif phase == "silencing":
@@ -379,7 +397,7 @@ class _SpeechDesk:
             self._end("interrupted", clock.now_ns())
             return
         self._report_started(clock.now_ns())
-        self._enter("pacing", max(0.0, self._duration_s - self._played_s))
+        self._enter("pacing", max(0.0, self._heard.duration_s - self._played_s))
 
     def _fail_voice(self, detail: str) -> None:
         self.kill_engine()
@@ -401,12 +419,24 @@ class _SpeechDesk:
             )
         )
 
+    def _tell_instead(self, why_not: str) -> None:
+        """Another voice than the one that was asked for speaks."""
+        if why_not:
+            self._send(
+                Problem(
+                    clock.now_ns(),
+                    "warning",
+                    f"This computer speaks with another voice: {why_not}.",
+                    f"What is said is heard, as {self._voice}.",
+                    GET_PIPER_VOICES,
+                )
+            )
+
     def _set_audible(self, audible: bool, detail: str) -> None:
-        if audible == self._audible:
-            return
-        self._audible = audible
-        self._send(SpeechReady(self._voice, audible))
-        if not audible:
+        same, self._audible = audible == self._audible, audible
+        if not same or self._phase == "looking":
+            self._send(SpeechReady(self._voice, audible))
+        if not (audible or same):
             self._send(
                 Problem(
                     clock.now_ns(),
@@ -424,6 +454,8 @@ class _SpeechDesk:
             self._report(self._now, "started", at_ns)
 
     def _end(self, state: UtteranceState, at_ns: int, detail: str = "") -> None:
+        if state == "interrupted":
+            self._tell_cut_off(at_ns)
         ended, self._now = self._now, None
         self._enter("idle" if self._engine is not None else "off", None)
         if ended is not None:
@@ -441,7 +473,7 @@ class _SpeechDesk:
                 at_ns,
                 utterance.utterance_id,
                 "robot",
-                utterance.text,
+                utterance.recorded or utterance.text,
                 utterance.origin,
                 state,
                 voice="computer",

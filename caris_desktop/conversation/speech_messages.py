@@ -1,6 +1,6 @@
 """What the console and the speech process say to one another."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Problem, UtteranceOrigin
@@ -8,19 +8,38 @@ from caris_desktop.domain.events import Problem, UtteranceOrigin
 
 @dataclass(frozen=True, slots=True)
 class SpeechSettings:
-    """``voice`` is a pyttsx3 voice id (empty: the system's default), ``device`` part of an output device's name."""
+    """``voice``, ``language``, ``rate``, ``volume`` and ``device`` as in the scenario file, which is in ``folder``.
+
+    ``at_hand``: it will be spoken with it, so that everything is loaded and the loudspeaker is kept open.
+    """
 
     voice: str = ""
-    rate_wpm: int = 165
+    language: str = ""
+    rate: float = 1.0
     volume: float = 1.0
     device: str = ""
+    folder: str = ""
+    at_hand: bool = False
+
+    def tunes(self, before: "SpeechSettings") -> bool:
+        """Whether it is the same voice, with another rate or volume at most: nothing is loaded for that."""
+        return replace(self, rate=before.rate, volume=before.volume) == before
+
+
+@dataclass(frozen=True, slots=True)
+class UseVoice:
+    """Speak like this from the next utterance on. The first message; the same settings change nothing."""
+
+    settings: SpeechSettings
+    actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Speak:
     """Say ``text`` after whatever is waiting.
 
-    ``text``, ``origin`` and ``person_id`` come back with what is told of it.
+    ``recorded`` (empty: ``text`` itself), ``origin`` and ``person_id`` come back with what is told of it: names are
+    spoken, and never recorded.
     """
 
     utterance_id: str
@@ -28,6 +47,14 @@ class Speak:
     origin: UtteranceOrigin
     actor: Actor = ""
     person_id: str = ""
+    recorded: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Prepare:
+    """These may be said next, the likeliest first: their sound is made ahead of time. Those of an earlier one go."""
+
+    texts: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +75,13 @@ class SpeechReady:
 
     voice: str
     audible: bool
+
+
+@dataclass(frozen=True, slots=True)
+class VoicesFound:
+    """The voices of this computer, as in the scenario file, each with its language."""
+
+    voices: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)

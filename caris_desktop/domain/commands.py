@@ -6,6 +6,9 @@ asked for it; the events that tell what became of it carry it back.
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import CommandSource, MapOperation, UtteranceOrigin
@@ -149,7 +152,11 @@ class UseControl:
 
 @dataclass(frozen=True, slots=True)
 class Say:
-    """Speak through the robot's own voice. ``origin`` and ``person_id`` come back with what is told of it."""
+    """Speak ``text`` through the robot's own voice.
+
+    ``recorded`` (empty: ``text`` itself), ``origin`` and ``person_id`` come back with what is told of it: names are
+    spoken, and never recorded. ``language``, where it is known, says how long it will take.
+    """
 
     stamp_ns: int
     utterance_id: str
@@ -157,6 +164,8 @@ class Say:
     actor: Actor = ""
     origin: UtteranceOrigin = "typed"
     person_id: str = ""
+    recorded: str = ""
+    language: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +174,25 @@ class Silence:
 
     stamp_ns: int
     actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ListenToRobot:
+    """Have the robot send what its microphone hears, or no longer. For the media link."""
+
+    stamp_ns: int
+    on: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlayOnRobot:
+    """Sound for the robot's loudspeaker, now or not at all. For the media link.
+
+    ``samples`` is int16, shape (samples, 1), as many a second as the profile says.
+    """
+
+    stamp_ns: int
+    samples: NDArray[np.int16]
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,5 +219,7 @@ RobotCommand = (
     | UseControl
     | Say
     | Silence
+    | ListenToRobot
+    | PlayOnRobot
     | CloseLink
 )

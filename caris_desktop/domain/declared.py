@@ -3,7 +3,8 @@
 Its fields are ``Annotated`` with a :class:`Rule`. From that come the check and its sentences (``declared_check``), the
 values and what is written back (here), the JSON Schema for editors (``declared_schema``) and the guide's tables
 (``declared_page``). A file may hold true, false, whole numbers, numbers, text, one of several words, lists of any or
-of a fixed length, groups of keys, one of several groups, and groups whose keys nobody declares (messages of a robot).
+of a fixed length, groups of keys, one of several groups, text or one of several
+groups, and groups whose keys nobody declares (messages of a robot).
 
 No library: msgspec tells the first mistake only, sorts the allowed words and takes no union of dataclasses; pydantic
 takes them, but its imports and schemas cost the first window 0.3 to 0.45 s on two slow cores, and these files 0.03.
@@ -31,7 +32,9 @@ class Rule:
     ``at_most``; text (in characters) and lists (in entries) by ``shortest`` and ``longest``. ``allowed`` says in words
     what ``pattern`` means. An entry of a ``unique`` list stands there once. A ``quiet`` value is not written while it
     is the default; a ``wanted`` one must be given though it has one. Keys are written by ``order``, then as declared,
-    and called ``key`` where the file has another word than the program.
+    and called ``key`` where the file has another word than the program. Forms call it by its ``title`` (else by its
+    key), among the others of its ``section``; ``prose`` may have paragraphs, what is ``pressed`` is a combination of
+    keys, and what ``refers`` is one of the names that a list of the file has: its keys, and that of the name.
 
     Of keys of one group: this one stands only ``beside`` another, it is ``needed`` where another stands (``(key,)``, or
     ``(key, *words)``: where that is one of these words), it stands ``instead_of`` others, which are then not needed
@@ -55,6 +58,11 @@ class Rule:
     wanted: bool = False
     order: int = 0
     key: str = ""
+    title: str = ""
+    section: str = ""
+    prose: bool = False
+    pressed: bool = False
+    refers: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
     needed: tuple[str, ...] = ()
     instead_of: tuple[str, ...] = ()
@@ -119,8 +127,11 @@ class Key:
 
 def form_of(hint: Any) -> Form:
     """What an annotation declares. Outer rules go before inner ones; None means that the key is left out."""
-    if isinstance(hint, Form):
-        return hint
+    return hint if isinstance(hint, Form) else _form_of(hint)
+
+
+@functools.cache
+def _form_of(hint: Any) -> Form:
     if get_origin(hint) is Annotated:
         inner, *marks = get_args(hint)
         return functools.reduce(_with_mark, marks, form_of(inner))
@@ -161,9 +172,21 @@ def is_group(kind: Any) -> bool:
 
 
 def groups_of(kind: Any) -> tuple[Group, ...]:
-    """The groups that may stand at one place; none where ``kind`` is not one of several groups."""
-    members = get_args(kind) if get_origin(kind) in (typing.Union, types.UnionType) else ()
-    return members if all(is_group(member) for member in members) else ()
+    """The groups that may stand at one place, alone or in place of :func:`text_of`; none where there is no choice."""
+    members = [form_of(member).kind for member in _members(kind)]
+    groups = tuple(member for member in members if is_group(member))
+    return groups if len(groups) == len([member for member in members if member is not str]) else ()
+
+
+def text_of(kind: Any) -> Form | None:
+    """What the text is that may stand in place of groups; None where it is only one of both."""
+    if not groups_of(kind):
+        return None
+    return next((form for member in _members(kind) if (form := form_of(member)).kind is str), None)
+
+
+def _members(kind: Any) -> tuple[Any, ...]:
+    return get_args(kind) if get_origin(kind) in (typing.Union, types.UnionType) else ()
 
 
 def choices_of(kind: Any) -> tuple[Any, ...]:
@@ -173,7 +196,7 @@ def choices_of(kind: Any) -> tuple[Any, ...]:
 
 def scalars_of(kind: Any) -> tuple[Any, ...]:
     """What a single value may be, the most particular first; none where it is a list or a group."""
-    members = get_args(kind) if get_origin(kind) in (typing.Union, types.UnionType) else (kind,)
+    members = _members(kind) or (kind,)
     return members if all(member in (bool, int, float, str) for member in members) else ()
 
 
@@ -232,7 +255,9 @@ def value_from(hint: Any, data: Any) -> Any:
 
 
 def _value(form: Form, data: Any) -> Any:
-    if is_group(form.kind):
+    if (text := text_of(form.kind)) is not None and not isinstance(data, Mapping):
+        value = _value(text, data)
+    elif is_group(form.kind):
         value = _group_value(form.kind, data)
     elif groups := groups_of(form.kind):
         value = _group_value(group_meant(groups, data) or groups[0], data)
@@ -285,6 +310,8 @@ def _group_data(value: Any) -> dict[str, Any]:
 def replaced(hint: Any, data: Any, change: Callable[[Form, Any, KeyPath], Any], path: KeyPath = ()) -> Any:
     """Checked ``data`` with each single value in them as ``change`` gives it."""
     form = form_of(hint)
+    if (text := text_of(form.kind)) is not None and not isinstance(data, Mapping):
+        return change(text, data, path)
     if groups := (form.kind,) if is_group(form.kind) else groups_of(form.kind):
         forms = {key.name: key.form for key in keys_of(group_meant(groups, data) or groups[0])}
         return {name: replaced(forms[name], value, change, (*path, name)) for name, value in data.items()}

@@ -19,6 +19,7 @@ from caris_desktop.domain.declared import (
     keys_of,
     scalars_of,
     size_of,
+    text_of,
 )
 from caris_desktop.domain.key_path import KeyPath, Problem, name_of
 from caris_desktop.domain.yaml_source import LocatedData
@@ -43,6 +44,9 @@ def problems(hint: Any, data: Any, path: KeyPath = ()) -> Iterator[Problem]:
 
 
 def _problems(form: Form, data: Any, path: KeyPath) -> Iterator[Problem]:
+    if (text := text_of(form.kind)) is not None and not isinstance(data, dict):
+        yield from _problems(text, data, path)
+        return
     groups = (form.kind,) if is_group(form.kind) else groups_of(form.kind)
     if (groups or is_free(form.kind)) and not isinstance(data, dict):
         yield path, _wrong_kind(_GROUP_WORDS, data, path, form)

@@ -19,6 +19,7 @@ from caris_desktop.domain.declared import (
     plain_number,
     scalars_of,
     size_of,
+    text_of,
 )
 from caris_desktop.domain.declared_check import condition
 from caris_desktop.domain.declared_schema import description_of
@@ -112,6 +113,8 @@ def _allowed(form: Form) -> Iterator[str]:
         yield f"list{_size(form, 'entry', 'entries')}: {', '.join(_allowed(item))}"
     elif rule.noun and not _few(kind):
         yield f"a {rule.noun}"
+    elif (text := text_of(kind)) is not None:
+        yield f"{', '.join(_allowed(text))} or a group, see below"
     elif is_group(kind):
         yield "a group, see below"
     elif is_free(kind):

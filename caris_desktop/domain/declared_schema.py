@@ -17,6 +17,7 @@ from caris_desktop.domain.declared import (
     keys_of,
     scalars_of,
     size_of,
+    text_of,
 )
 
 _TYPES = {str: "string", float: "number", int: "integer", bool: "boolean"}
@@ -71,7 +72,9 @@ def _bare(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
     if is_group(kind):
         return _group(kind, definitions, rule)
     if groups := groups_of(kind):
-        return {"type": "object", **_one_of(groups, definitions)}
+        schema = {"type": "object", **_one_of(groups, definitions)}
+        text = text_of(kind)
+        return schema if text is None else {"if": {"type": "string"}, "then": _bare(text, definitions), "else": schema}
     if is_free(kind):
         return {"type": "object"}
     if choices := choices_of(kind):

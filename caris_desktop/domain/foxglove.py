@@ -431,10 +431,22 @@ def _pixel(place_px: float) -> float:
 
 
 def _fill_utterance(utterance: events.UtteranceChanged, at: Time) -> Log:
-    """At level info once, when it is said; a recogniser tells the words when they are finished."""
-    said = "finished" if utterance.speaker == "participant" else "started"
-    level = _INFO if utterance.state == said else _WARNING if utterance.state in ("interrupted", "failed") else _DEBUG
+    """At level info once, when it is said; a recogniser tells the words when they are finished. What it then takes for
+    nothing failed nobody.
+    """
+    heard = utterance.speaker == "participant"
+    if utterance.state == ("finished" if heard else "started"):
+        level = _INFO
+    elif utterance.state in ("interrupted", "failed") and not heard:
+        level = _WARNING
+    else:
+        level = _DEBUG
     return _log(at, level, utterance.text, utterance.speaker)
+
+
+def _fill_correction(corrected: events.UtteranceCorrected, at: Time) -> Log:
+    told = (corrected.text, corrected.speaker, corrected.person_id, *(corrected.tags or ()))
+    return _log(at, _INFO, f"corrected: {', '.join(filter(None, told)) or 'not sure'}", corrected.speaker or "")
 
 
 def _fill_problem(problem: events.Problem, at: Time) -> Log:
@@ -455,4 +467,5 @@ PATH = WellKnown("foxglove.PosesInFrame", PosesInFrame, _fill_path, frozenset({"
 CALIBRATION = WellKnown("foxglove.CameraCalibration", CameraCalibration, _fill_lens)
 ANNOTATIONS = WellKnown("foxglove.ImageAnnotations", ImageAnnotations, _fill_people)
 UTTERANCE_LOG = WellKnown("foxglove.Log", Log, _fill_utterance)
+CORRECTION_LOG = WellKnown("foxglove.Log", Log, _fill_correction)
 PROBLEM_LOG = WellKnown("foxglove.Log", Log, _fill_problem)

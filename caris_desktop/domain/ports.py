@@ -38,7 +38,9 @@ class ValueSink(Protocol):
 class TellProblem(Protocol):
     """Tells the wizard, and the record, what a :class:`Problem` holds."""
 
-    def __call__(self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "") -> None: ...
+    def __call__(
+        self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "", cause: str = ""
+    ) -> None: ...
 
 
 class RobotPort(Protocol):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, get_args
 
-from caris_desktop.domain import events, foxglove, sensing
+from caris_desktop.domain import events, foxglove, sensing, sound
 from caris_desktop.domain.foxglove import WellKnown
 
 
@@ -78,17 +78,23 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("readings", sensing.ControlReadings, Delivery.LATEST),
     StreamSpec("lens", sensing.CameraLens, Delivery.LATEST, source="camera", well_known=foxglove.CALIBRATION),
     StreamSpec("audio", sensing.AudioBlock, Delivery.LATEST, 0.2, keyed_by="source"),
+    StreamSpec("hearing", sound.Hearing, Delivery.LATEST, source="source"),
     StreamSpec("status", sensing.StatusShown, Delivery.LATEST, keyed_by="name"),
     StreamSpec("depth", sensing.DepthGrid, Delivery.LATEST, 0.3, source="camera", record_every_s=0.5),
     StreamSpec("camera_state", sensing.CameraState, Delivery.LATEST, source="camera"),
     StreamSpec("frame", sensing.FrameRef, Delivery.MEDIA, 0.1, source="camera"),
 )
 
-# On their way to a file of their own, never in the log itself.
-CARRIER_STREAMS: tuple[StreamSpec, ...] = (StreamSpec("audio_chunk", sensing.AudioChunk, Delivery.MEDIA),)
+# For taps alone, never in the log itself: sound goes into a file of its own, and what is played is told for its echo.
+CARRIER_STREAMS: tuple[StreamSpec, ...] = (
+    StreamSpec("audio_chunk", sensing.AudioChunk, Delivery.MEDIA),
+    StreamSpec("played_sound", sound.PlayedSound, Delivery.MEDIA),
+    StreamSpec("played_sound_ended", sound.PlayedSoundEnded, Delivery.MEDIA),
+)
 
 _WELL_KNOWN_EVENTS: dict[type[Any], WellKnown] = {
     events.UtteranceChanged: foxglove.UTTERANCE_LOG,
+    events.UtteranceCorrected: foxglove.CORRECTION_LOG,
     events.Problem: foxglove.PROBLEM_LOG,
 }
 

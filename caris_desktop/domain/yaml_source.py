@@ -99,8 +99,7 @@ def parse_yaml(text: str, *, finite: bool = True) -> LocatedData:
         root = loader.get_single_node()
         if root is None:
             raise YamlSourceError("the file is empty", 1)
-        lines: dict[KeyPath, int] = {}
-        return LocatedData(_plain(root, (), lines, finite), lines)
+        return located(root, finite=finite)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         raise YamlSourceError(
@@ -110,6 +109,12 @@ def parse_yaml(text: str, *, finite: bool = True) -> LocatedData:
         raise YamlSourceError(f"not valid YAML: {error}", 1) from error
     finally:
         loader.dispose()
+
+
+def located(root: Node, *, finite: bool = True) -> LocatedData:
+    """What composed nodes say, and where. Raises YamlSourceError."""
+    lines: dict[KeyPath, int] = {}
+    return LocatedData(_plain(root, (), lines, finite), lines)
 
 
 def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -> Any:

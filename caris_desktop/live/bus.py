@@ -7,7 +7,8 @@ from typing import Any
 from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Problem, ProblemEnd, Severity
+from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd, Severity
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.streams import CARRIER_STREAMS
 from caris_desktop.live.mailbox import Mailbox
 from caris_desktop.live.pace import PassPace
@@ -74,10 +75,19 @@ class Bus(QObject):
         """Any thread. What its source has put on record already."""
         self._mailbox.put(value)
 
-    def problem(self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "") -> None:
-        """Tell the wizard, and the record."""
+    def problem(
+        self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "", cause: str = ""
+    ) -> None:
+        """Tell the wizard, and the record; ``until`` and ``cause`` as in Problem."""
         _log.log(logging.INFO if severity == "info" else logging.WARNING, "%s %s %s", what, meaning, advice)
-        self.publish(Problem(clock.now_ns(), severity, what, meaning, advice, until))
+        self.publish(Problem(clock.now_ns(), severity, what, meaning, advice, until, cause))
+
+    def answer(self, failure: ToldFailure, until: ProblemEnd = "") -> None:
+        """Tell the wizard, and the record, that what was asked for could not be done; with ``until`` that stays wrong
+        until then.
+        """
+        cause = "" if until else ANSWER
+        self.problem(failure.severity, failure.what, failure.meaning, failure.advice, until=until, cause=cause)
 
     def end(self) -> None:
         """What panels show comes no more; events still do."""

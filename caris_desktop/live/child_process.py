@@ -150,6 +150,11 @@ class ChildProcess:
             self._reader.join(2.0)
         self._connection = None
 
+    def kill(self) -> None:
+        """It has got stuck. Its end is told as if it had come by itself."""
+        if self._process is not None:
+            self._process.kill()
+
     def _read(self, connection: Connection, process: multiprocessing.process.BaseProcess) -> None:
         while True:
             try:

@@ -8,6 +8,7 @@ from PySide6.QtCore import QObject, Qt, Signal
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.slow_work import SlowWork
 
 Heard = Callable[[Any], None]
 Reads = Callable[[Any, bytes], None]
@@ -18,9 +19,10 @@ class Children(QObject):
 
     _told = Signal(object, object)
 
-    def __init__(self, bus: Bus, parent: QObject | None = None) -> None:
+    def __init__(self, bus: Bus, parent: QObject | None = None, *, slow_work: SlowWork | None = None) -> None:
         super().__init__(parent)
         self._bus = bus
+        self._slow_work = slow_work
         self._closed = False
         self._told.connect(self._tell, Qt.ConnectionType.QueuedConnection)
 
@@ -55,6 +57,14 @@ class Children(QObject):
         child = self.new(body, ended=ended, heard=heard, reads=reads)
         child.start()
         return child
+
+    def dismiss(self, child: ChildProcess, *, grace_s: float) -> None:
+        """End a child that this scenario has no use for, without waiting for it where there is a thread for that."""
+        child.ask_to_end()
+        if self._slow_work is None:
+            child.stop(grace_s=grace_s)
+        else:
+            self._slow_work.do(lambda: child.stop(grace_s=grace_s), lambda _ended: None, lambda _failure: None)
 
     def pass_on(self, heard: Heard, value: Any, raw: bytes) -> None:
         """A message of a child: onto the bus, or to ``heard`` in the GUI thread. Any thread."""

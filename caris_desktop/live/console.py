@@ -4,14 +4,13 @@ GUI thread, except where a method says otherwise.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.commands import RobotCommand
-from caris_desktop.domain.events import ProblemEnd, Severity
+from caris_desktop.domain.events import ANSWER, ProblemEnd, Severity
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent, UseRobot
 from caris_desktop.domain.ports import FrameReader
@@ -24,52 +23,43 @@ from caris_desktop.live.children import Children
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.gate import Gate, Refusal
+from caris_desktop.live.parts import Parts
 from caris_desktop.live.service import Handler, Service
-from caris_desktop.live.services.assistant import AssistantParts, AssistantService
-from caris_desktop.live.services.cameras import CamerasService, WantedCameras
+from caris_desktop.live.services.alarms import AlarmsService
+from caris_desktop.live.services.assistant import AssistantService
+from caris_desktop.live.services.cameras import CamerasService
 from caris_desktop.live.services.drive import DriveService
+from caris_desktop.live.services.face import FaceService
 from caris_desktop.live.services.forgetting import ForgettingService
+from caris_desktop.live.services.going_on import GoingOnService
 from caris_desktop.live.services.governor import GovernorService
 from caris_desktop.live.services.head import HeadService
+from caris_desktop.live.services.listening import ListeningService
 from caris_desktop.live.services.marks import MarksService
-from caris_desktop.live.services.microphone import MicrophoneParts, MicrophoneService
-from caris_desktop.live.services.people import PeopleParts, PeopleService
+from caris_desktop.live.services.microphone import MicrophoneService
+from caris_desktop.live.services.people import PeopleService
 from caris_desktop.live.services.photos import PhotosService
+from caris_desktop.live.services.practice import PracticeService
+from caris_desktop.live.services.preflight import PreflightService
+from caris_desktop.live.services.proposals import ProposalsService
+from caris_desktop.live.services.protocol import ProtocolService
 from caris_desktop.live.services.recording import RecordingService
+from caris_desktop.live.services.response_time import ResponseTimeService
 from caris_desktop.live.services.robot import RobotConnection, RobotService
-from caris_desktop.live.services.scenario import ScenarioParts, ScenarioService
-from caris_desktop.live.services.session import Concerned, SessionParts, SessionService
+from caris_desktop.live.services.scenario import ScenarioService
+from caris_desktop.live.services.session import Concerned, SessionService
+from caris_desktop.live.services.sound import SoundService
+from caris_desktop.live.services.speakers import SpeakersService
+from caris_desktop.live.services.speaking import SpeakingService
 from caris_desktop.live.services.speech import SpeechService
+from caris_desktop.live.services.suggestions import SuggestionsService
+from caris_desktop.live.services.transcript import TranscriptService
 from caris_desktop.live.shown_frames import ShownFrames
 from caris_desktop.live.slow_work import During, SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status_tap import StatusTap
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.model import Scenario
-
-
-@dataclass(frozen=True, slots=True)
-class RobotParts:
-    """``connect_to`` waits on files in a thread of its own, and raises ToldFailure."""
-
-    choices: Callable[[], Sequence[RobotChoice]]
-    connect_to: Callable[[str], RobotConnection]
-
-
-@dataclass(frozen=True, slots=True)
-class Parts:
-    """The concrete adapters of a run, chosen in ``app``, as each service wants them."""
-
-    recorder: ProcessBody
-    speech: ProcessBody
-    people: PeopleParts
-    cameras: Callable[[Scenario], WantedCameras]
-    assistant: AssistantParts
-    scenario: ScenarioParts
-    robots: RobotParts
-    session: SessionParts
-    microphone: MicrophoneParts
-    forgetting: Callable[[str], ProcessBody]
 
 
 class Console(QObject):
@@ -81,9 +71,9 @@ class Console(QObject):
         self._shut_down = False
         state = self._state = LiveState(self)
         bus = self._bus = Bus(state, self)
-        children = self._children = Children(bus, self)
-        self._asyncio = AsyncioThread()
         slow_work = self._slow_work = SlowWork(self)
+        children = self._children = Children(bus, self, slow_work=slow_work)
+        self._asyncio = AsyncioThread()
         self._robot_asked: object = None
         self._robot_to_connect: RobotConnection | None = None
         self._media_ring = FrameRing.create()
@@ -98,9 +88,11 @@ class Console(QObject):
         recording = self._recording = RecordingService(
             state, bus, children, parts.recorder, slow_work, rings=to_read, parent=self
         )
-        self._microphone = MicrophoneService(state, bus, children, parts.microphone, parent=self)
         cameras = CamerasService(state, bus, children, parts.cameras, slow_work, frames=self._frames, parent=self)
-        self._people = PeopleService(state, bus, parts.people, rings=to_read, parent=self)
+        speakers = SpeakersService(state, bus, self)
+        self._people = PeopleService(
+            state, bus, parts.people, rings=to_read, who_speaks=speakers.who_speaks, parent=self
+        )
         forgetting = ForgettingService(state, bus, children, parts.forgetting, then=self._people.decide, parent=self)
         self._robot = RobotService(
             state, self._media_ring,
@@ -108,26 +100,62 @@ class Console(QObject):
             before_goal=lambda: self._drive.release("A goal was set"), asyncio_thread=self._asyncio,
             wanted_cameras=parts.cameras, slow_work=slow_work, parent=self,
         )  # fmt: skip
+        self._microphone = MicrophoneService(
+            state, bus, children, parts.microphone,
+            to_robot=self._robot.send_sound, hear_camera=cameras.hear, parent=self,
+        )  # fmt: skip
         self._drive = DriveService(state, self._robot, scenario, self, publish=bus.publish, problem=bus.problem)
         head = HeadService(state, self._robot, self)
         self._speech = SpeechService(state, bus, children, parts.speech, robot=self._robot, parent=self)
+        sound = SoundService(
+            state, bus, children, parts.sound,
+            microphones=self._microphone, robot=self._robot, speech=self._speech, parent=self,
+        )  # fmt: skip
+        listening = ListeningService(state, bus, children, parts.listening, slow_work, parent=self)
+        transcript = TranscriptService(state, bus, self)
+        response_time = ResponseTimeService(bus, self)
+        speaking = SpeakingService(
+            state, bus, self._speech.queue, parts.said_before, slow_work, do=self.do, parent=self
+        )
         assistant = AssistantService(
             state, bus, children, parts.assistant,
             asyncio_thread=self._asyncio, speech=self._speech.queue, scenario=scenario, parent=self,
         )  # fmt: skip
+        proposals = ProposalsService(state, bus, assistant.client, do=self.do, parent=self)
+        suggestions = SuggestionsService(
+            state, bus, assistant.client, speech=self._speech.queue, proposals=proposals, scenario=scenario, parent=self
+        )
         marks = MarksService(state, bus.publish, self)
-        photos = PhotosService(state, bus, slow_work, recording, assistant, study=parts.session.study, parent=self)
+        alarms = AlarmsService(state, bus.publish, self)
+        protocol = ProtocolService(state, bus.publish, self)
+        photos = PhotosService(
+            state, bus, slow_work, recording, assistant,
+            frames=self._shown_frames, study=parts.session.study, parent=self,
+        )  # fmt: skip
+        going_on = GoingOnService(state, bus, parts.going_on, slow_work, robot=self._robot, do=self.do, parent=self)
+        preflight = PreflightService(
+            state, bus.publish, slow_work,
+            disk=parts.session.disk, microphone_chosen=lambda: self._microphone.chosen is not None, parent=self,
+        )  # fmt: skip
         self._session = SessionService(
             state, parts.session,
-            Concerned(recording, self._microphone, marks, assistant, self._robot, self._scenario), self,
+            Concerned(
+                recording, self._microphone, marks, protocol, assistant, suggestions, self._robot, self._scenario,
+                going_on, preflight,
+            ),
+            self,
         )  # fmt: skip
-        governor = GovernorService(state, bus, self._people, parent=self)
+        practice = PracticeService(state, bus, parts.practice, do=self.do, parent=self)
+        face = FaceService(state, bus, slow_work, self._asyncio, frames=self._shown_frames, parent=self)
+        governor = GovernorService(state, bus, self._people, assistant.client, parent=self)
         self._gamepads = Gamepads(state, bus.publish, self)
 
         # Recording comes first and goes last, so that nothing is missing; the robot is stopped before all others.
         self._services: tuple[Service, ...] = (
-            recording, self._microphone, cameras, forgetting, self._people, self._speech, marks, self._session,
-            assistant, photos, self._robot, head, self._drive, self._scenario, governor,
+            recording, self._microphone, cameras, forgetting, self._people, self._speech, speaking, sound, listening,
+            speakers, transcript, response_time, marks, alarms, going_on, protocol, preflight, self._session,
+            assistant, suggestions, proposals, photos, face, self._robot, head, self._drive, self._scenario, practice,
+            governor,
         )  # fmt: skip
         self._status_tap = StatusTap(state, recording.put, self)
         bus.before_work(self._drive.renew_before_work)
@@ -183,6 +211,10 @@ class Console(QObject):
     def microphone(self) -> str | None:
         return self._microphone.chosen
 
+    @property
+    def wizard_microphone(self) -> str | None:
+        return self._microphone.wizards_choice
+
     # What is asked
 
     def do(self, intent: Intent) -> str:
@@ -196,7 +228,9 @@ class Console(QObject):
             else:
                 return ""
         if not refusal.quiet:
-            self._bus.problem(refusal.severity, refusal.what, refusal.meaning, refusal.advice, until=refusal.until)
+            self._bus.problem(
+                refusal.severity, refusal.what, refusal.meaning, refusal.advice, until=refusal.until, cause=ANSWER
+            )
         return refusal.what
 
     def use_robot(self, find: Callable[[], RobotConnection], actor: Actor = WIZARD, *, until: ProblemEnd = "") -> None:
@@ -212,7 +246,7 @@ class Console(QObject):
             if asked is self._robot_asked:
                 self.connect_robot(connection, actor)
 
-        self._slow_work.do(find, found, lambda failure: self._tell(failure, until))
+        self._slow_work.do(find, found, lambda failure: self._bus.answer(failure, until))
 
     def connect_robot(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
         """Connect, or connect to another robot instead, which is left stopped; the last one asked for counts."""
@@ -222,7 +256,7 @@ class Console(QObject):
         self._robot_to_connect = connection
         self._drive.release("Another robot is connected")
         leave = self._robot.leave_for(connection)
-        self._slow_work.do(leave, lambda _left: self._connect(connection, actor), self._tell)
+        self._slow_work.do(leave, lambda _left: self._connect(connection, actor), self._bus.answer)
 
     def _connect(self, connection: RobotConnection, actor: Actor) -> None:
         if self._shut_down or connection is not self._robot_to_connect:
@@ -253,12 +287,11 @@ class Console(QObject):
         pids["inference"] = self._people.inference_pid
         return {name: pid for name, pid in pids.items() if pid is not None}
 
-    def _tell(self, failure: ToldFailure, until: ProblemEnd = "") -> None:
-        self._bus.problem(failure.severity, failure.what, failure.meaning, failure.advice, until=until)
-
-    def problem(self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "") -> None:
-        """Tell the wizard, and the record."""
-        self._bus.problem(severity, what, meaning, advice, until=until)
+    def problem(
+        self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "", cause: str = ""
+    ) -> None:
+        """Tell the wizard, and the record; ``until`` and ``cause`` as in Problem."""
+        self._bus.problem(severity, what, meaning, advice, until=until, cause=cause)
 
     def send(self, command: RobotCommand) -> bool:
         """RobotPort: to the control link, now or not at all."""

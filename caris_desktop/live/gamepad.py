@@ -94,6 +94,7 @@ class Gamepads(QObject):
     moved = Signal(object)  # MotionWish, on each change
     lost = Signal(str)  # why nothing is held any more
     pressed = Signal(str)  # button action
+    released = Signal(str)  # the same
     sampled = Signal(object)  # GamepadSample, for whoever shows the device itself
     mapping_changed = Signal()
     mappings_changed = Signal(str)  # the text to be kept
@@ -164,7 +165,7 @@ class Gamepads(QObject):
         self._mapping = mapping
         self._mappings[self._device.device] = mapping
         # A button that is down now was pressed under its old meaning.
-        self._down = pressed_actions(mapping, self._newest.raw)
+        self._keep_down(pressed_actions(mapping, self._newest.raw))
         self._lose("The gamepad was set up differently")
         self.mapping_changed.emit()
         self.mappings_changed.emit(mappings_text(self._mappings))
@@ -210,11 +211,17 @@ class Gamepads(QObject):
 
     def _take_buttons(self, sample: GamepadSample) -> None:
         down = pressed_actions(self._mapping, sample.raw)
-        new, self._down = down - self._down, down
+        new = down - self._down
+        self._keep_down(down)
         # The stops go first, whatever else was pressed with them.
         for action in sorted(new, key=lambda name: (name not in ("emergency_stop", "stop"), name)):
             if not self._learning or action in ("stop", "emergency_stop"):
                 self.pressed.emit(action)
+
+    def _keep_down(self, down: frozenset[str]) -> None:
+        up, self._down = self._down - down, down
+        for action in sorted(up):
+            self.released.emit(action)
 
     def _take_sticks(self, sample: GamepadSample) -> None:
         self._newest = sample
@@ -246,7 +253,7 @@ class Gamepads(QObject):
 
     def _on_plugged(self, device: GamepadDevice | None) -> None:
         former, self._device = self._device, device
-        self._down = frozenset()
+        self._keep_down(frozenset())
         self._newest = GamepadSample(clock.now_ns(), RawInputs())
         if former is not None:
             self._lose("The gamepad was unplugged")

@@ -32,7 +32,7 @@ _PRESSED_AT = 0.5
 _MOVED_BY = 0.6
 _TRIGGER_RESTS_BELOW = -0.9
 
-# In terms of SDL's own names for the parts of a game controller. Push to talk has no button of its own yet.
+# In terms of SDL's own names for the parts of a game controller. Push to talk has a button once it is given one.
 _ON_A_CONTROLLER: dict[str, tuple[str, ...]] = {
     "forward": ("lefty~",), "turn": ("leftx~",), "left": ("leftshoulder", "rightshoulder"),
     "pan": ("rightx~",), "tilt": ("righty",), "boost": ("righttrigger",), "slow": ("lefttrigger",),

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from caris_desktop.domain import intents
+from caris_desktop.domain.actor import MODEL
 from caris_desktop.domain.events import ProblemEnd, Severity
 from caris_desktop.domain.intents import INTENTS, Intent, IntentSpec, Permission
 from caris_desktop.live.state import LiveState
@@ -18,6 +19,12 @@ _NOT_PERMITTED: dict[Permission, tuple[str, str]] = {
     "assistant": ("This scenario has no assistant.", "The language model was not asked."),
     "naming_people": ("In this scenario people get no names.", "Nothing about them was changed."),
     "robot_controls": ("This scenario does not use the robot's controls.", "Nothing was sent to the robot."),
+    "transcription": ("This scenario turns no speech into text.", "Nothing was listened to."),
+    "own_voice": ("In this scenario the wizard does not speak through the robot.", "Nothing was heard there."),
+    "cloud_models": ("This scenario uses local models only.", "Nothing left this computer."),
+    "face": ("In this scenario the robot has no face.", "Nothing was shown."),
+    "speech": ("In this scenario the robot does not speak.", "Nothing was said."),
+    "notes": ("This scenario keeps no notes.", "Nothing was written down."),
 }
 
 
@@ -46,14 +53,21 @@ class Gate:
         spec = INTENTS[type(intent)]
         if self._replay:
             return None if spec.in_replay else _replayed(intent)
+        if intent.actor == MODEL:
+            # What it suggests and proposes is asked for by the wizard's key, or by the console after its countdown.
+            return Refusal(
+                f"{spec.words} is not possible: a language model asks for nothing by itself.",
+                "Nothing was done.", "Do it yourself if it is wanted.",
+            )  # fmt: skip
         unfit = _unfit(intent, spec)
         if unfit:
             # Nobody types such values: a program that asks has made a mistake.
             return Refusal(f"{spec.words} is not possible: {unfit}.", "Nothing was done.", "Ask for another value.")
         if intent.lets_go:
             return None
-        if spec.permission is not None and not getattr(self._permissions(), spec.permission):
-            what, meaning = _NOT_PERMITTED[spec.permission]
+        withheld = self._permissions().withheld(intent.needs_permissions or spec.permissions)
+        if withheld is not None:
+            what, meaning = _NOT_PERMITTED[withheld]
             return Refusal(what, meaning, "Open a scenario that does.", quiet=spec.quiet)
         words, moves = self._of_control(intent, spec)
         if moves and self._state.drive.value.emergency_stop:

@@ -15,7 +15,7 @@ from PySide6.QtCore import QObject, QThread, Signal, Slot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.events import Event, PhotoTaken, Problem, SessionEnded, SessionStarted, UtteranceChanged
+from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.sensing import (
@@ -34,9 +34,14 @@ from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.portraits import Portraits
-from caris_desktop.people.presence import PersonRow, Presence, RecognitionSettings
-from caris_desktop.perception.inference import DetectorAway, FrameSkipped, InferenceFailed, InferenceReady
-from caris_desktop.perception.tracker import Look
+from caris_desktop.people.presence import HistoryEvent, PersonRow, Presence, RecognitionSettings
+from caris_desktop.perception.inference_messages import (
+    DetectorAway,
+    FrameSkipped,
+    InferenceFailed,
+    InferenceReady,
+    Look,
+)
 from caris_desktop.perception.turning import CameraTurning
 from caris_desktop.perception.turns import OTHERS_EVERY_NS, TO_COVER_EVERY_NS, CameraTurns, LookRates
 
@@ -147,7 +152,7 @@ class PerceptionWorker(QObject):
         """Whom the scenario lets the console recognise, and whether it lets the wizard name them."""
         self._inputs.put(_Recognise(settings, may_decide))
 
-    def note(self, event: UtteranceChanged | PhotoTaken | SessionStarted | SessionEnded) -> None:
+    def note(self, event: HistoryEvent) -> None:
         """What belongs into the history of the people here."""
         self._inputs.put(event)
 
@@ -201,7 +206,7 @@ class PerceptionWorker(QObject):
             elif isinstance(item, _Recognise):
                 presence.use_settings(item.settings, may_decide=item.may_decide)
                 self._faces = item.settings.recognise == "faces"
-            elif isinstance(item, UtteranceChanged | PhotoTaken | SessionStarted | SessionEnded):
+            elif isinstance(item, HistoryEvent):
                 presence.note(item)
             elif isinstance(item, PersonLooks):
                 self._publish_all(presence.take_looks(item))

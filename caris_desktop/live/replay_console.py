@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QObject, Signal
 
-from caris_desktop.domain import intents
+from caris_desktop.domain import intents, person_marks
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened, Severity
 from caris_desktop.domain.intents import Intent
@@ -27,6 +27,7 @@ from caris_desktop.live.live_robots import LiveRobots
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.replay_photos import ReplayPhotos
 from caris_desktop.live.replay_player import ReplayPlayer
+from caris_desktop.live.replay_transcript import ReplayTranscript
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
 from caris_desktop.live.status import LiveRobotsStatus
@@ -100,6 +101,7 @@ class ReplayConsole(QObject):
         self._coding = CodingDesk(session, self._asyncio, self._told, self, unsaved_dir=parts.unsaved_dir)
         self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
         self._photos = ReplayPhotos(session, self._state, self)
+        self._transcript = ReplayTranscript(session, self._state, self)
         self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._tell, self)
         self._no_live_robots = LiveValue(LiveRobotsStatus(), self)
         self._gate = Gate(self._state, lambda: self._scenario.permissions, replay=True)
@@ -107,12 +109,22 @@ class ReplayConsole(QObject):
         self._state.places.set(self._scenario.places)
         self._state.cameras.set(parts.cameras)
 
+    def with_names(self, text: str) -> str:
+        """ReplayControls: with names, where the scenario has any."""
+        naming = self._scenario.permissions.naming_people
+
+        def name_of(person_id: str) -> str:
+            return (self._parts.name_of(person_id) if naming else None) or "somebody"
+
+        return person_marks.with_names(text, name_of)
+
     # Start and end
 
     def start(self) -> None:
         self._player.start()
         self._thumbnails.start()
         self._photos.start()
+        self._transcript.start()
         self._coding.start()
         if self._live is not None:
             self._live.start()
@@ -140,6 +152,7 @@ class ReplayConsole(QObject):
         self._player.close()
         self._thumbnails.close()
         self._photos.close()
+        self._transcript.close()
         self._asyncio.stop()
         self._state.close()
 
@@ -322,6 +335,10 @@ class ReplayConsole(QObject):
 
     @property
     def microphone(self) -> str | None:
+        return None
+
+    @property
+    def wizard_microphone(self) -> str | None:
         return None
 
 

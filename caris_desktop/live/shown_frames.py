@@ -1,4 +1,6 @@
-"""The pictures as the window gets them: where the scenario says so, with people covered there too."""
+"""The pictures as the window gets them, where the scenario says so with people covered there too; and as they are given
+to a language model, with people covered as in what is kept.
+"""
 
 import threading
 from collections import deque
@@ -27,8 +29,10 @@ class ShownFrames:
 
     def __init__(self, frames: FrameReader, state: LiveState) -> None:
         self._frames = frames
-        self._demand: BlurDemand | None = None
-        self._consenting: frozenset[str] = frozenset()
+        self._shown: BlurDemand | None = None
+        self._given: BlurDemand | None = None
+        self._to_be_shown: frozenset[str] = frozenset()
+        self._to_be_given: frozenset[str] = frozenset()
         self._looks: dict[str, deque[People]] = {}
         self._lock = threading.Lock()
         state.scenario.changed.connect(self._on_scenario_changed)
@@ -37,27 +41,38 @@ class ShownFrames:
 
     def take(self, people: People, _raw: Any = None) -> None:
         """Who is in a frame. Any thread."""
-        if self._demand is not None:
+        if self._given is not None:
             with self._lock:
                 self._looks.setdefault(people.camera, deque(maxlen=_KEPT_LOOKS)).append(people)
 
     def read(self, ref: FrameRef) -> NDArray[np.uint8] | None:
+        return self._covered(ref, self._shown, self._to_be_shown)
+
+    def read_to_give(self, ref: FrameRef) -> NDArray[np.uint8] | None:
+        """A picture for somebody outside of this window, as for a language model: who has not agreed to photos is
+        covered where the scenario covers people in what is kept.
+        """
+        return self._covered(ref, self._given, self._to_be_given)
+
+    def _covered(
+        self, ref: FrameRef, demand: BlurDemand | None, consenting: frozenset[str]
+    ) -> NDArray[np.uint8] | None:
         image_bgr = self._frames.read(ref)
-        demand = self._demand
         if image_bgr is None or demand is None:
             return image_bgr
         with self._lock:
             looks = [each for each in self._looks.get(ref.camera, ()) if abs(ref.stamp_ns - each.stamp_ns) <= NEAR_NS]
         if looks and ref.stamp_ns - looks[-1].stamp_ns <= _SEEN_WITHIN_NS:
-            blur.cover(image_bgr, parts_at(ref.stamp_ns, looks, demand, self._consenting, blur), demand.what)
+            blur.cover(image_bgr, parts_at(ref.stamp_ns, looks, demand, consenting, blur), demand.what)
         else:
             blur.cover_all(image_bgr)
         return image_bgr
 
     def _on_scenario_changed(self, scenario: Scenario | None) -> None:
         wanted = None if scenario is None else scenario.blur
-        demanded = wanted is not None and wanted.shown and wanted.who != "nobody"
-        self._demand = BlurDemand(wanted.who, wanted.what) if wanted is not None and demanded else None
+        self._given = BlurDemand(wanted.who, wanted.what) if wanted is not None and wanted.who != "nobody" else None
+        self._shown = self._given if wanted is not None and wanted.shown else None
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
-        self._consenting = frozenset(person.person_id for person in persons if "video" in person.consents)
+        self._to_be_shown = frozenset(person.person_id for person in persons if "video" in person.consents)
+        self._to_be_given = frozenset(person.person_id for person in persons if "photo" in person.consents)

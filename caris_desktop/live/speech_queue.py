@@ -4,18 +4,21 @@ import secrets
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Literal, Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol
 
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, Qt, Signal
 
+from caris_desktop.conversation.placeholders import gaps
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin
+from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, VoiceOutput
+from caris_desktop.domain.sound import PlayedSound
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
+from caris_desktop.robot.voice import estimated_duration_s
 
-VoiceKind = Literal["robot", "computer"]
+VoiceKind = VoiceOutput
 _ENDS = ("finished", "interrupted", "failed")
 
 
@@ -26,15 +29,28 @@ class Voice(Protocol):
     def held_up(self) -> bool:
         """Whether it will be known in a moment if this voice can speak; what is to be said waits until then."""
 
-    def say(self, utterance: UtteranceChanged) -> bool:
-        """False when this voice cannot take it now; nothing is queued then."""
+    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
+        """False when this voice cannot take it now; nothing is queued then.
+
+        ``spoken`` is heard, and never told again: ``utterance.text`` is, which has ids in place of names.
+        """
 
     def silence(self, actor: Actor) -> bool:
         """Interrupt what is being said."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Queued:
+    """An utterance as it is recorded, and as it is spoken."""
+
+    utterance: UtteranceChanged
+    spoken: str
+
+
 class SpeechQueue(QObject):
     """Queues utterances, hands one at a time to the voice and keeps ``state.speech``."""
+
+    _end_told = Signal(str, object)  # utterance_id, ends_ns
 
     def __init__(
         self,
@@ -49,8 +65,11 @@ class SpeechQueue(QObject):
         self._voices = voices
         self._publish = publish
         self._kind: VoiceKind = "robot"
-        self._waiting: deque[UtteranceChanged] = deque()
+        self._waiting: deque[_Queued] = deque()
         self._now: UtteranceChanged | None = None
+        self._ends_ns: int | None = None
+        self._told_end: tuple[str, int] = ("", 0)
+        self._end_told.connect(self._on_end_told, Qt.ConnectionType.QueuedConnection)
         self._reporting = threading.Lock()
         self._reported_on = ""
 
@@ -58,10 +77,21 @@ class SpeechQueue(QObject):
         self._kind = kind
         self._state.speech.set(replace(self._state.speech.value, voice=kind))
 
-    def say(self, text: str, origin: UtteranceOrigin, actor: Actor = CONSOLE, *, person_id: str = "") -> str:
+    def say(
+        self,
+        text: str,
+        origin: UtteranceOrigin,
+        actor: Actor = CONSOLE,
+        *,
+        person_id: str = "",
+        gesture: str = "",
+        recorded: str = "",
+    ) -> str:
         """The new utterance's id; empty text says nothing and gives an empty id.
 
-        Without a ``person_id`` it is said to whom the wizard means, or who is nearest.
+        Without a ``person_id`` it is said to whom the wizard means, or who is nearest. ``recorded`` stands in the
+        record where ``text`` holds a name, with ``{p-...}`` in its place. ``gesture`` goes along with it. A gap that
+        is left in ``text`` is never spoken: the utterance has failed then.
         """
         text = " ".join(text.split())
         if not text:
@@ -70,20 +100,68 @@ class SpeechQueue(QObject):
             clock.now_ns(),
             f"u-{secrets.token_hex(4)}",
             "robot",
-            text,
+            " ".join(recorded.split()) or text,
             origin,
             "requested",
             voice=self._kind,
             actor=actor,
             person_id=person_id or addressee(self._state),
+            gesture=gesture,
         )
         self._publish(utterance, None)
-        self._waiting.append(utterance)
+        if gaps(text):
+            detail = f"nobody said what stands for {{{gaps(text)[0]}}}"
+            self._publish(replace(utterance, stamp_ns=clock.now_ns(), state="failed", detail=detail), None)
+            return utterance.utterance_id
+        self._waiting.append(_Queued(utterance, text))
         self._next()
         return utterance.utterance_id
 
+    def waiting(self, utterance_id: str) -> UtteranceChanged | None:
+        """What waits, as it was asked for; None where it waits no longer."""
+        return next((one.utterance for one in self._waiting if one.utterance.utterance_id == utterance_id), None)
+
+    def move(self, utterance_id: str, place: int) -> bool:
+        """To this place of the queue, 0 for the next. Here and below: False where it does not wait any more."""
+        queued = self._taken_out(utterance_id)
+        if queued is None:
+            return False
+        self._waiting.insert(place, queued)
+        self._show()
+        return True
+
+    def edit(self, utterance_id: str, text: str, actor: Actor = CONSOLE, *, recorded: str = "") -> bool:
+        """Say ``text`` in its place; without any nothing is said."""
+        text = " ".join(text.split())
+        if not text:
+            return self.cancel(utterance_id, actor)
+        for place, queued in enumerate(self._waiting):
+            if queued.utterance.utterance_id == utterance_id:
+                changed = replace(
+                    queued.utterance, stamp_ns=clock.now_ns(), text=" ".join(recorded.split()) or text, actor=actor
+                )
+                self._publish(changed, None)
+                self._waiting[place] = _Queued(changed, text)
+                self._show()
+                return True
+        return False
+
+    def cancel(self, utterance_id: str, actor: Actor = CONSOLE) -> bool:
+        queued = self._taken_out(utterance_id)
+        if queued is None:
+            return False
+        self._publish(replace(queued.utterance, stamp_ns=clock.now_ns(), state="interrupted", actor=actor), None)
+        self._show()
+        return True
+
+    def _taken_out(self, utterance_id: str) -> _Queued | None:
+        queued = next((one for one in self._waiting if one.utterance.utterance_id == utterance_id), None)
+        if queued is not None:
+            self._waiting.remove(queued)
+        return queued
+
     def silence(self, actor: Actor = CONSOLE) -> None:
-        dropped, self._waiting = list(self._waiting), deque()
+        dropped, self._waiting = [queued.utterance for queued in self._waiting], deque()
         for utterance in dropped:
             self._publish(replace(utterance, stamp_ns=clock.now_ns(), state="interrupted", actor=actor), None)
         if self._now is not None:
@@ -109,9 +187,25 @@ class SpeechQueue(QObject):
             return
         self._now = event
         if event.state in _ENDS:
-            self._now = None
+            self._now = self._ends_ns = None
             self._next()
+        elif event.state == "started" and self._ends_ns is None:
+            told_id, ends_ns = self._told_end
+            if told_id != event.utterance_id:
+                ends_ns = event.stamp_ns + round(estimated_duration_s(event.text) * 1e9)
+            self._ends_ns = ends_ns
         self._show()
+
+    def on_played(self, sound: PlayedSound, _raw: bytes | None = None) -> None:
+        """A loudspeaker of this computer plays it: it is known to the sample when it ends. Any thread."""
+        if sound.utterance_id:
+            self._end_told.emit(sound.utterance_id, sound.stamp_ns + len(sound.samples) * 10**9 // sound.sample_rate_hz)
+
+    def _on_end_told(self, utterance_id: str, ends_ns: int) -> None:
+        self._told_end = utterance_id, ends_ns
+        if self._now is not None and self._now.utterance_id == utterance_id and self._now.state == "started":
+            self._ends_ns = ends_ns
+            self._show()
 
     def on_voice_changed(self) -> None:
         """A voice is held up no longer: it speaks again, or is gone and what waited for it has failed."""
@@ -121,16 +215,20 @@ class SpeechQueue(QObject):
         """The voice went away in mid-sentence, and nobody will tell what became of it."""
         if self._now is not None and self._kind_of(self._now) == kind:
             self.report(replace(self._now, stamp_ns=clock.now_ns(), state="failed", detail=detail))
-            self._now = None
+            self._now = self._ends_ns = None
             self._next()
             self._show()
 
     def _next(self) -> None:
-        while self._now is None and self._waiting and not self._voices[self._kind_of(self._waiting[0])].held_up:
-            utterance = self._waiting.popleft()
+        while self._now is None and self._waiting:
+            queued = self._waiting[0]
+            utterance = queued.utterance
+            if self._voices[self._kind_of(utterance)].held_up:
+                break
+            self._waiting.popleft()
             with self._reporting:
                 self._reported_on = utterance.utterance_id
-            if self._voices[self._kind_of(utterance)].say(utterance):
+            if self._voices[self._kind_of(utterance)].say(utterance, queued.spoken):
                 self._now = utterance
             else:
                 detail = f"the {self._kind} has no voice now"
@@ -138,7 +236,8 @@ class SpeechQueue(QObject):
         self._show()
 
     def _kind_of(self, utterance: UtteranceChanged) -> VoiceKind:
-        return "computer" if utterance.voice == "computer" else "robot"
+        return next((kind for kind in self._voices if kind == utterance.voice), "robot")
 
     def _show(self) -> None:
-        self._state.speech.set(replace(self._state.speech.value, now=self._now, waiting=tuple(self._waiting)))
+        waiting = tuple(queued.utterance for queued in self._waiting)
+        self._state.speech.set(replace(self._state.speech.value, now=self._now, ends_ns=self._ends_ns, waiting=waiting))

@@ -17,23 +17,36 @@ from caris_desktop.domain.events import (
     PersonRejected,
 )
 from caris_desktop.domain.sensing import CameraState, FrameRef, People, PeopleInMap, PersonPlace
+from caris_desktop.domain.sound import Hearing
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
 from caris_desktop.live.status import (
+    AssistantSetup,
     AssistantStatus,
     DriveStatus,
+    FaceStatus,
     Freshness,
     GamepadStatus,
+    GoingOnStatus,
     HeadStatus,
+    LevelsStatus,
     LinkStatus,
+    ListeningStatus,
     LoadStatus,
     MapStatus,
     MarksStatus,
     MicrophoneStatus,
     PerceptionStatus,
+    PracticeStatus,
+    ProposalStatus,
+    ProtocolStatus,
     RecordingStatus,
+    SoundStatus,
     SpeechStatus,
+    SuggestionsStatus,
+    VoiceStatus,
 )
 from caris_desktop.people.portraits import Portraits
+from caris_desktop.scenario.phrases import phrase_groups
 
 LOST_AFTER_S = 2.0
 # A stamp that is further off than this is not of the clock that the robot tells.
@@ -160,8 +173,13 @@ class LiveState(QObject):
     (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple of Place), ``look``
     (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control
     id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
-    ``marks`` is a MarksStatus, ``microphone`` a MicrophoneStatus, ``photos`` a tuple of
-    PhotoEntry, newest first. ``cameras`` are the names of those that send
+    ``face`` is a FaceStatus, ``face_drawing`` what is drawn of it now (a Drawing, a picture as an array or as JPEG, or
+    None) and ``face_page`` the address of its page, which is a secret.
+    ``voice`` is a VoiceStatus, ``marks`` a MarksStatus, ``notes`` the notes of the session, in a replay of all of it
+    (tuple of FinalMark), ``protocol`` a ProtocolStatus, ``preflight`` a tuple of PreflightCheck. ``microphone`` (which
+    hears the participant) and ``wizard_microphone`` a MicrophoneStatus, ``sound`` a SoundStatus, ``listening`` a
+    ListeningStatus, ``photos`` a tuple of PhotoEntry, newest first. ``levels`` is a LevelsStatus, ``suggestions`` a
+    SuggestionsStatus, ``proposal`` a ProposalStatus. ``cameras`` are the names of those that send
     pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone, ``people_in_map``
     and ``persons`` of all of them. :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are the streams of each
     camera, with an age of their own. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
@@ -169,6 +187,11 @@ class LiveState(QObject):
     for nobody; ``asked_person`` is the suggestion that a key answers now, an AskedAbout or None, and
     ``person_history`` what was looked up last, a PersonHistory or None. ``everybody`` (tuple of PersonRow) has who was
     here, too, and who is known; ``portraits`` is where the pictures of people are fetched by the key in their row.
+    ``transcript`` (tuple of Turn) is what was said in this session, in a replay in all of it. ``assistant_setup`` is
+    an AssistantSetup, ``going_on`` a GoingOnStatus, ``practice`` a PracticeStatus.
+
+    ``said_before`` (tuple of sentences, oldest first) is what the wizard typed for the robot, also in sessions before;
+    ``phrase_group`` is the number of the group that the keys of phrases mean, ``fillers_said`` how many there were.
 
     ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)`` says that a replay went to
     another moment: what was gathered over time is void, and these are the newest events before that moment, oldest
@@ -197,8 +220,19 @@ class LiveState(QObject):
         self.drive = LiveValue(DriveStatus(), self)
         self.recording = LiveValue(RecordingStatus(), self)
         self.speech = LiveValue(SpeechStatus(), self)
+        self.voice = LiveValue(VoiceStatus(), self)
+        self.said_before = LiveValue((), self)
+        self.phrase_group = LiveValue(0, self)
+        self.fillers_said = LiveValue(0, self)
         self.assistant = LiveValue(AssistantStatus(), self)
+        self.levels = LiveValue(LevelsStatus(), self)
+        self.suggestions = LiveValue(SuggestionsStatus(), self)
+        self.proposal = LiveValue(ProposalStatus(), self)
+        self.assistant_setup = LiveValue(AssistantSetup(), self)
         self.load = LiveValue(LoadStatus(), self)
+        self.face = LiveValue(FaceStatus(), self)
+        self.face_drawing = LiveValue(None, self)
+        self.face_page = LiveValue("", self)
         self.perception = LiveValue(PerceptionStatus(), self)
         self.goal = LiveValue(None, self)
         self.persons = LiveValue((), self)
@@ -209,6 +243,7 @@ class LiveState(QObject):
         self.person_history = LiveValue(None, self)
         self.robot = LiveValue(None, self)
         self.scenario = LiveValue(None, self)
+        self.saved_scenario = LiveValue(None, self)
         self.places = LiveValue((), self)
         self.look = LiveValue(HeadStatus(), self)
         self.mapping = LiveValue(MapStatus(), self)
@@ -217,11 +252,21 @@ class LiveState(QObject):
         self.traffic = LiveValue({}, self)
         self.gamepad = LiveValue(GamepadStatus(), self)
         self.marks = LiveValue(MarksStatus(), self)
+        self.notes = LiveValue((), self)
+        self.alarms = LiveValue((), self)
+        self.protocol = LiveValue(ProtocolStatus(), self)
+        self.preflight = LiveValue((), self)
         self.cameras = LiveValue((), self)
         self.camera = LiveValue("", self)
         self.own_cameras = LiveValue({}, self)
         self.microphone = LiveValue(MicrophoneStatus(), self)
+        self.sound = LiveValue(SoundStatus(), self)
+        self.wizard_microphone = LiveValue(MicrophoneStatus(role="wizard"), self)
+        self.listening = LiveValue(ListeningStatus(), self)
         self.photos = LiveValue((), self)
+        self.transcript = LiveValue((), self)
+        self.going_on = LiveValue(GoingOnStatus(), self)
+        self.practice = LiveValue(PracticeStatus(), self)
         self._camera_by_hand = False
         self._of_camera: dict[tuple[str, str], LiveStream] = {}
         self._robot_clock: LinkQuality | None = None
@@ -250,6 +295,10 @@ class LiveState(QObject):
         """How this camera is, where it is one of this computer's."""
         return self._stream_of("camera_state", camera)
 
+    def hearing_of(self, source: str) -> LiveStream:
+        """What is made out at this microphone."""
+        return self._stream_of("hearing", source)
+
     def _stream_of(self, name: str, camera: str) -> LiveStream:
         stream = self._of_camera.get((name, camera))
         if stream is None:
@@ -272,6 +321,8 @@ class LiveState(QObject):
             self._stream_of(spec.name, value.camera).update_value(value)
             if self.camera.value not in ("", value.camera):
                 return
+        if isinstance(value, Hearing):
+            self.hearing_of(value.source).update_value(value)
         if isinstance(value, PeopleInMap):
             value = self._people_of_all_cameras(value)
         if isinstance(value, LinkQuality):
@@ -302,6 +353,12 @@ class LiveState(QObject):
         if name in self.cameras.value:
             self._camera_by_hand = True
             self._show_camera(name)
+
+    def choose_phrases(self, group: int) -> None:
+        """The keys of phrases mean this group of the scenario's, counted round."""
+        scenario = self.scenario.value
+        groups = phrase_groups(scenario.phrases) if scenario is not None else ()
+        self.phrase_group.set(group % len(groups) if groups else 0)
 
     def choose_next_camera(self) -> None:
         """Each camera in its turn is the one on show."""

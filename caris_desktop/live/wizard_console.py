@@ -68,6 +68,10 @@ class WizardConsole(Protocol):
     @property
     def microphone(self) -> str | None: ...
 
+    @property
+    def wizard_microphone(self) -> str | None:
+        """The input that hears the wizard; None for none."""
+
 
 class ReplayControls(Protocol):
     """What the bar and the timeline of a replay ask for. GUI thread only; every call returns at once.
@@ -99,6 +103,9 @@ class ReplayControls(Protocol):
 
     @property
     def session(self) -> Session: ...
+
+    def with_names(self, text: str) -> str:
+        """What was said, as it is shown: with names where the record has ids."""
 
     def play(self) -> None: ...
 

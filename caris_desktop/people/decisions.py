@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import (
+    ANSWER,
     ConsentNoted,
     Event,
     IdentifiedBy,
@@ -155,6 +156,7 @@ class Decisions:
                     "Two people have the same name now.",
                     "They stay two, with what is known of each.",
                     "Merge them in the People panel if they are one person, or give one another name.",
+                    cause=ANSWER,
                 )
             )
         return events
@@ -251,7 +253,14 @@ class Decisions:
     def _undo(self, now_ns: int, actor: Actor) -> list[Event]:
         if not self._done:
             return [
-                Problem(now_ns, "info", "There is nothing to undo.", "Nothing was changed.", "Forgetting is for good.")
+                Problem(
+                    now_ns,
+                    "info",
+                    "There is nothing to undo.",
+                    "Nothing was changed.",
+                    "Forgetting is for good.",
+                    cause=ANSWER,
+                )
             ]
         done = self._done.pop()
         done.take_back()
@@ -267,7 +276,12 @@ class Decisions:
         except PeopleStoreError as error:
             return [
                 Problem(
-                    now_ns, "error", str(error), "The person is not forgotten yet.", "Ask again when that is mended."
+                    now_ns,
+                    "error",
+                    str(error),
+                    "The person is not forgotten yet.",
+                    "Ask again when that is mended.",
+                    cause=ANSWER,
                 )
             ]
         self._done = deque((done for done in self._done if not done.concerns & ids), maxlen=MOST_UNDONE)
@@ -336,6 +350,7 @@ def _here_already(now_ns: int) -> Problem:
         "That person is here already.",
         "Nobody can be here twice, so nothing was changed.",
         "Say of the other one that it is not them; or merge the two, if they are one person.",
+        cause=ANSWER,
     )
 
 
@@ -346,4 +361,5 @@ def _unknown(now_ns: int) -> Problem:
         "That person is not known any more.",
         "Nothing was kept of what was asked.",
         "Choose a person from the People panel.",
+        cause=ANSWER,
     )

@@ -273,7 +273,10 @@ class KnownPeople:
     def add_note(self, person_id: str, text: str) -> Undo:
         """A note is part of the history also when another one has taken its place."""
         self.add_history(person_id, "note", text)
-        return lambda: self._write(lambda store: store.take_back_note(person_id, text))
+        return lambda: self.take_back_history(person_id, "note", text)
+
+    def take_back_history(self, person_id: str, kind: HistoryKind, text: str) -> None:
+        self._write(lambda store: store.take_back_history(person_id, kind, text))
 
     def history(self, person_id: str, text: str = "") -> tuple[HistoryEntry, ...]:
         """What there was with a person over all sessions, newest first: what has all words of ``text``."""

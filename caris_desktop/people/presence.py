@@ -19,11 +19,13 @@ from caris_desktop.domain.events import (
     SessionEnded,
     SessionStarted,
     UtteranceChanged,
+    UtteranceCorrected,
 )
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.sensing import People, PeopleInMap
 from caris_desktop.people.decisions import Decisions, PeopleIntent
+from caris_desktop.people.heard import HeardHistory
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.portraits import Portraits
 from caris_desktop.people.several_cameras import SeveralCameras
@@ -46,6 +48,9 @@ _STRANGER_FROM = 0.7
 _MOVED_M, _TURNED_RAD, _MOVED_EVERY_NS = 0.2, 0.15, 500_000_000
 
 Recognise = Literal["nobody", "clothing", "faces"]
+
+
+HistoryEvent = UtteranceChanged | UtteranceCorrected | PhotoTaken | SessionStarted | SessionEnded
 
 
 def unnamed_label(number: int) -> str:
@@ -167,6 +172,7 @@ class Presence:
         self._cameras = SeveralCameras(self._visits, self._decisions, self._known)
         self._looks_ns: dict[str, deque[int]] = {}
         self._speaking = ""
+        self._heard = HeardHistory(self._known)
         self._portraits_fetched: dict[str, bool] = {}
 
     def use_settings(self, settings: RecognitionSettings, *, may_decide: bool = True) -> None:
@@ -270,7 +276,7 @@ class Presence:
                 visit.distance_m, visit.bearing_rad = round(distance_m, 2), round(bearing_rad, 3)
                 visit.placed_ns = places.stamp_ns
 
-    def note(self, event: UtteranceChanged | PhotoTaken | SessionStarted | SessionEnded) -> None:
+    def note(self, event: HistoryEvent) -> None:
         """What happens with people becomes their history."""
         match event:
             case SessionStarted():
@@ -282,8 +288,11 @@ class Presence:
                     self._known.add_history(self._visit_id(seen), "photo", file_name)
             case UtteranceChanged(speaker="participant", state=state, person_id=person_id):
                 self._speaking = person_id if state in ("requested", "started") else ""
-                if state == "finished" and person_id:
-                    self._known.add_history(self._visit_id(person_id), "heard", event.text)
+                if state == "finished":
+                    visit_id = self._visit_id(person_id) if person_id else ""
+                    self._heard.hear(event.utterance_id, visit_id, event.text)
+            case UtteranceCorrected():
+                self._heard.correct(event, self._visit_id)
             case UtteranceChanged(speaker="robot", state="finished" | "interrupted", person_id=person_id) if person_id:
                 self._known.add_history(self._visit_id(person_id), "said", event.text)
 

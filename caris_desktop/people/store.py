@@ -306,12 +306,12 @@ class PeopleStore:
                 (person_id, kind, utc_ns, session, sealed),
             )
 
-    def take_back_note(self, person_id: str, text: str) -> None:
-        """The newest note of this text was none."""
+    def take_back_history(self, person_id: str, kind: HistoryKind, text: str) -> None:
+        """The newest entry of this text was none."""
         with self._file.writing():
             rows = self._database.execute(
-                "SELECT entry_id, text FROM history WHERE person_id = ? AND kind = 'note' ORDER BY entry_id DESC",
-                (person_id,),
+                "SELECT entry_id, text FROM history WHERE person_id = ? AND kind = ? ORDER BY entry_id DESC",
+                (person_id, kind),
             ).fetchall()
             key = self._key_of(person_id)
             for entry_id, sealed in rows:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.checked_file import WrongChecksum, read_checked
-from caris_desktop.perception.tracker import Look, TrackedBox
+from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.tracker import TrackedBox
 
 log = logging.getLogger(__name__)
 

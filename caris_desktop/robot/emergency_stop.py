@@ -91,6 +91,7 @@ class EmergencyStop:
                         "It is set here and will be told to the robot when it is back; until then the robot decides.",
                         "Use the robot's own emergency stop.",
                         until="connected",
+                        cause="emergency_stop",
                     )
                 )
         elif not self._interface.commands_robot:
@@ -104,6 +105,7 @@ class EmergencyStop:
                     "It stays set.",
                     "Clear it when the robot is connected again.",
                     until="connected",
+                    cause="emergency_stop",
                 )
             )
             self._emit(EmergencyStopChanged(now_ns(), self.latched, "robot"))
@@ -151,6 +153,7 @@ class EmergencyStop:
                     "It does not move.",
                     "Release it at the robot.",
                     until="released",
+                    cause="emergency_stop",
                 )
             )
             # Who asked may show it as cleared already.
@@ -199,6 +202,7 @@ class EmergencyStop:
                     f"It is {state}; the console sends no motion.",
                     "Use the robot's own emergency stop." if latched else "Try again, or clear it at the robot.",
                     until="released",
+                    cause="emergency_stop",
                 )
             )
             # Who asked may show it as cleared already.

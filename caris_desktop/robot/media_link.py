@@ -1,4 +1,4 @@
-"""The media link: camera frames and maps."""
+"""The media link: camera frames, maps, and sound."""
 
 import asyncio
 import logging
@@ -21,6 +21,7 @@ from caris_desktop.robot.map_merger import MapMerger
 from caris_desktop.robot.outbox import Outbox
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.robot.sensors import CLOCK
+from caris_desktop.robot.sound import RobotSound
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic
 from caris_desktop.robot.watched import WatchedTopics
@@ -40,7 +41,7 @@ logger = logging.getLogger(__name__)
 
 
 class MediaLink:
-    """Bulk: camera frames and maps, on a socket and in a process where decoding delays nobody."""
+    """Bulk: camera frames, maps and sound, on a socket and in a process where decoding delays nobody."""
 
     def __init__(self, profile: RobotProfile, address: str, outbox: Outbox, frames: FrameWriter) -> None:
         dialect = Dialect(profile.ros)
@@ -76,6 +77,12 @@ class MediaLink:
                 info_type = type_name(dialect, "sensor_msgs", "CameraInfo")
                 info = SafeTopic(self._ros, camera.info, info_type, throttle_rate=LENS_EVERY_MS)
                 self._watched.subscribe(info, partial(self._take_lens, camera=camera))
+        self._sound: RobotSound | None = None
+        if profile.audio is not None:
+            self._sound = RobotSound(
+                self._ros, dialect, profile.audio,
+                put=self._put, problems=self._report.problems, offset_at=self._measurement.offset_at,
+            )  # fmt: skip
         self._merger = MapMerger()
         self._map_due: asyncio.TimerHandle | None = None
         if profile.map is not None:
@@ -103,7 +110,16 @@ class MediaLink:
         self._measuring = asyncio.get_running_loop().create_task(self._measurement.run())
 
     def take_commands(self, received: list[commands.RobotCommand]) -> None:
-        logger.warning("The media link moves nothing; ignored: %s", [type(command).__name__ for command in received])
+        for command in received:
+            match command:
+                case commands.ListenToRobot(on=on):
+                    if self._sound is not None:
+                        self._sound.listen(on)
+                case commands.PlayOnRobot():
+                    if self._sound is not None:
+                        self._sound.play(command)
+                case _:
+                    logger.warning("The media link moves nothing; ignored: %s", type(command).__name__)
 
     async def finish(self) -> None:
         self._closing = True
@@ -127,6 +143,8 @@ class MediaLink:
         self._watched.link_lost()
         self._merger.forget()
         self._lenses.clear()
+        if self._sound is not None:
+            self._sound.link_lost()
         if not self._closing:
             self._report.changed("lost", f"The link for video and map was lost: {reason}")
 

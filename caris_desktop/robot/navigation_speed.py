@@ -143,6 +143,7 @@ class NavigationSpeed:
                 f"The robot's navigation could not be told how fast to drive: {reason}.",
                 f"To places and points on the map it drives {speed}, whatever Drive says.",
                 "Watch the robot; Esc stops it. Correct 'speed_limit' under 'navigation' in the robot profile.",
+                cause="robot_speed",
             )
         )
 

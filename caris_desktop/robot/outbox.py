@@ -9,6 +9,7 @@ from typing import Any
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Gap, Problem, Severity
+from caris_desktop.domain.sensing import AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, Delivery
 
 logger = logging.getLogger(__name__)
@@ -17,6 +18,8 @@ logger = logging.getLogger(__name__)
 MOST_EVENTS = 50_000
 # A burst passes whole; a console that sleeps gets the newest of each stream when it wakes.
 MOST_VALUES_PER_STREAM = 8
+# Sound is no stream of newest values: each piece that gives way is missed.
+MOST_SOUNDS = 200
 
 
 class Outbox:
@@ -48,9 +51,9 @@ class Outbox:
                 self._events.append(value)
             else:
                 # Each camera is a stream of its own.
-                key = f"{spec.name}:{value.camera}" if spec.delivery is Delivery.MEDIA else spec.name
+                key = f"{spec.name}:{value.camera}" if isinstance(value, FrameRef) else spec.name
                 waiting = self._values.setdefault(key, deque())
-                if len(waiting) >= MOST_VALUES_PER_STREAM:
+                if len(waiting) >= (MOST_SOUNDS if isinstance(value, AudioChunk) else MOST_VALUES_PER_STREAM):
                     waiting.popleft()
                     self._gaps[spec.name] = self._gaps.get(spec.name, 0) + 1
                 waiting.append(value)
@@ -99,12 +102,15 @@ class ProblemReporter:
         self._last_ns: dict[str, int] = {}
         self._count: dict[str, int] = {}
 
-    def count(self, key: str, *, severity: Severity, what: str, meaning: str, advice: str) -> None:
-        """Report the first of a kind at once and later ones summed up. ``{count}`` in ``what`` is their number."""
+    def count(self, key: str, *, severity: Severity, what: str, meaning: str, advice: str, cause: str = "") -> None:
+        """Report the first of a kind at once and later ones summed up. ``{count}`` in ``what`` is their number.
+
+        ``cause`` is ``key`` if it is not given.
+        """
         now = self._now_ns()
         self._count[key] = self._count.get(key, 0) + 1
         if key in self._last_ns and now - self._last_ns[key] < self._every_ns:
             return
         self._last_ns[key] = now
         number = self._count.pop(key)
-        self._put(Problem(now, severity, what.replace("{count}", str(number)), meaning, advice))
+        self._put(Problem(now, severity, what.replace("{count}", str(number)), meaning, advice, "quiet", cause or key))

@@ -206,6 +206,7 @@ def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
         kinds = ("geometry_msgs/PoseWithCovarianceStamped",)
         yield NamedTopic("initial_pose", "Setting the pose", profile.initial_pose, kinds, published=False, needed=False)
     yield from _voice_and_stop(profile)
+    yield from _sound(profile)
     head = profile.head
     if head is not None:
         kind = "trajectory_msgs/JointTrajectory"
@@ -225,15 +226,31 @@ def _voice_and_stop(profile: RobotProfile) -> Iterator[NamedTopic]:
     speech, stop = profile.speech, profile.emergency_stop
     if speech is not None and speech.topic is not None:
         yield NamedTopic("speech", "Speech", speech.topic, ("std_msgs/String",), published=False)
-        if speech.speaking is not None:
-            yield NamedTopic("speech.speaking", "Speech: is speaking", speech.speaking, ("std_msgs/Bool",))
-        if speech.stop is not None:
-            yield NamedTopic("speech.stop", "Speech: be quiet", speech.stop, ("std_msgs/Empty",), published=False)
+    if speech is not None and speech.speaking is not None:
+        yield NamedTopic("speech.speaking", "Speech: is speaking", speech.speaking, ("std_msgs/Bool",))
+    if speech is not None and speech.stop is not None:
+        yield NamedTopic("speech.stop", "Speech: be quiet", speech.stop, ("std_msgs/Empty",), published=False)
+    if speech is not None and speech.says is not None:
+        yield NamedTopic("speech.says", "Speech: what it says", speech.says, ("std_msgs/String",))
     if stop is not None and stop.topic is not None:
         yield NamedTopic("emergency_stop.topic", "Emergency stop", stop.topic, ("std_msgs/Bool",))
     if stop is not None and stop.command_topic is not None:
         kinds = ("std_msgs/Bool",)
         yield NamedTopic("emergency_stop.command_topic", "Emergency stop", stop.command_topic, kinds, published=False)
+
+
+def _sound(profile: RobotProfile) -> Iterator[NamedTopic]:
+    audio = profile.audio
+    if audio is None:
+        return
+    if audio.topic is not None:
+        yield NamedTopic("audio", "Microphone", audio.topic, (f"audio_common_msgs/{audio.type}",))
+    if audio.info is not None:
+        yield NamedTopic("audio.info", "Microphone: form", audio.info, ("audio_common_msgs/AudioInfo",), needed=False)
+    if audio.speaker is not None:
+        yield NamedTopic(
+            "audio.speaker", "Loudspeaker", audio.speaker, ("audio_common_msgs/AudioData",), published=False
+        )
 
 
 def services_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
@@ -244,6 +261,10 @@ def services_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
             service = getattr(stop, key)
             if service is not None:
                 yield f"emergency_stop.{key}", "Emergency stop", service
+    if profile.speech is not None and profile.speech.service is not None:
+        yield "speech.service", "Speech", profile.speech.service.name
+        if profile.speech.service.stop is not None:
+            yield "speech.service.stop", "Speech: be quiet", profile.speech.service.stop
     for control in profile.controls:
         if isinstance(control.effect, CallService):
             yield f"controls.{control.id}", _CONTROL + control.title, control.effect.service

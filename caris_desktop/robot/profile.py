@@ -13,6 +13,7 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.robot.profile_model import (
+    AudioInterface,
     CameraTopic,
     EmergencyStopInterface,
     FloorOutline,
@@ -27,6 +28,8 @@ from caris_desktop.robot.profile_model import (
     SecuritySettings,
     SpeechAction,
     SpeechInterface,
+    SpeechService,
+    SpeechWeb,
     SpeedLimitInterface,
     TopicSource,
     TransformFrames,
@@ -36,6 +39,7 @@ from caris_desktop.robot.profile_model import (
 
 # With the parts of a profile, so that whoever has one need not know which file names them.
 __all__ = [
+    "AudioInterface",
     "CameraTopic",
     "EmergencyStopInterface",
     "FloorOutline",
@@ -50,6 +54,8 @@ __all__ = [
     "SecuritySettings",
     "SpeechAction",
     "SpeechInterface",
+    "SpeechService",
+    "SpeechWeb",
     "SpeedLimitInterface",
     "TopicSource",
     "TransformFrames",
@@ -144,9 +150,13 @@ def read_profile(path: Path) -> RobotProfile:
         Naming the file, the line, what is wrong and what is allowed.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        raw = path.read_bytes()
+        text = raw.decode("utf-8")
+    except OSError as error:
         raise ProfileError(f"The robot profile {path} cannot be read: {error}.") from error
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise ProfileError(f"{path}, line {line}: not UTF-8 text ({error.reason}).") from error
     return parse_profile(text, file_name=str(path), name=path.stem)
 
 

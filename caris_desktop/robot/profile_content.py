@@ -107,9 +107,11 @@ def _meaning_problems(data: Mapping[str, Any], folder: Path) -> Iterator[Problem
             yield path, f"{name_of(path)}: the profile names no head that the camera could turn with."
     if "navigation" in data:
         yield from _navigation_problems(data["navigation"], data["ros"])
-    goal = data.get("speech", {}).get("action", {}).get("goal", VALUE)
-    if not mentions_value(goal):
-        yield ("speech", "action", "goal"), f"'speech.action.goal' nowhere holds {VALUE}, the text to say."
+    speech = data.get("speech", {})
+    for kind, keys in (("action", ("goal",)), ("service", ("request",)), ("web", ("body", "url"))):
+        if kind in speech and not any(mentions_value(speech[kind].get(key)) for key in keys):
+            key = next(each for each in keys if each in speech[kind])
+            yield ("speech", kind, key), f"'speech.{kind}.{key}' nowhere holds {VALUE}, the text to say."
     head = data.get("head", {})
     for key in ("pan_range_rad", "tilt_range_rad"):
         lowest, highest = head.get(key, (0, 1))

@@ -16,6 +16,7 @@ from caris_desktop.domain.camera_keys import CameraModelKeys, Offset, PoseKeys, 
 from caris_desktop.domain.controls import CONTROL, RosName, RosType
 from caris_desktop.domain.declared import NotInFile, Rule, WrittenAs
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.ros.audio_messages import LEAST_RATE_HZ, MOST_CHANNELS, MOST_RATE_HZ, Coding
 
 DEFAULT_ADDRESS = "ws://127.0.0.1:9090"
 PROFILE_VERSION: Literal[1] = 1
@@ -175,19 +176,84 @@ class SpeechAction:
     goal: Annotated[Mapping[str, Any], Rule("The goal; `$value` stands for the text.")]
 
 
+_AnswersAtEnd = Annotated[bool, Rule(
+    "`true` where it answers when it has said it; `false` where it answers at once, so that the console estimates how "
+    "long a sentence takes.", quiet=True,
+)]  # fmt: skip
+_WebAddress = Annotated[str, Rule(
+    longest=500, pattern="^https?://[^/@ ]+(/[^ ]*)?$", allowed="http://HOST:PORT/PATH, without a password.",
+)]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class SpeechService:
+    """A service that speaks."""
+
+    name: Annotated[RosName, Rule("The name of the service.")]
+    type: Annotated[RosType, Rule("Its type.")]
+    request: Annotated[Mapping[str, Any], Rule("The request; `$value` stands for the text.")]
+    answers_at_end: _AnswersAtEnd = False
+    stop: Annotated[RosName | None, Rule("A service of std_srvs/Trigger: be quiet.")] = None
+
+
+@dataclass(frozen=True, slots=True)
+class SpeechWeb:
+    """A web interface (HTTP) of the robot that speaks; asked by POST, or by GET where there is no body."""
+
+    url: Annotated[_WebAddress, Rule("Its address; `$value` in it stands for the text.")]
+    body: Annotated[Mapping[str, Any] | None, Rule("The JSON to send; `$value` stands for the text.")] = None
+    answers_at_end: _AnswersAtEnd = False
+    stop: Annotated[_WebAddress | None, Rule("The address that makes it be quiet, by POST.")] = None
+
+
 @dataclass(frozen=True, slots=True)
 class SpeechInterface:
-    """The robot's own voice: a topic or an action."""
+    """The robot's own voice: a topic, an action, a service or a web interface."""
 
     topic: Annotated[RosName | None, Rule("std_msgs/String: what to say.")] = None
     speaking: Annotated[RosName | None, Rule(
-        "std_msgs/Bool: true while it speaks; without it the console estimates how long a sentence takes.",
-        beside=("topic",),
+        "std_msgs/Bool: true while it speaks; without it the console estimates when a sentence begins and ends, where "
+        "nothing else tells. An action tells.",
     )] = None  # fmt: skip
     stop: Annotated[RosName | None, Rule("std_msgs/Empty: be quiet.", beside=("topic",))] = None
     action: Annotated[
         SpeechAction | None, Rule("An action that speaks; its result is the end.", instead_of=("topic",))
     ] = None
+    service: Annotated[SpeechService | None, Rule("A service that speaks.", instead_of=("topic", "action"))] = None
+    web: Annotated[
+        SpeechWeb | None, Rule("A web interface (HTTP) that speaks.", instead_of=("topic", "action", "service"))
+    ] = None
+    says: Annotated[RosName | None, Rule(
+        "std_msgs/String: what it says, told by the robot. What nobody asked it to say is recorded as the robot's own.",
+    )] = None  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class AudioInterface:
+    """The robot's microphone, and a loudspeaker that plays sound as it comes (audio_common_msgs)."""
+
+    topic: Annotated[RosName | None, Rule("What its microphone hears.")] = None
+    type: Annotated[Literal["AudioData", "AudioDataStamped"], Rule(
+        "The type of that topic, in audio_common_msgs.", quiet=True, beside=("topic",),
+    )] = "AudioData"  # fmt: skip
+    format: Annotated[Coding, Rule(
+        "`wave` is plain samples (S16LE), without a head.", quiet=True, beside=("topic",),
+    )] = "wave"  # fmt: skip
+    rate_hz: Annotated[int, Rule(
+        "Samples a second; of `mp3` the stream tells it.", unit="hertz", at_least=LEAST_RATE_HZ, at_most=MOST_RATE_HZ,
+    )] = 16_000  # fmt: skip
+    channels: Annotated[int, Rule(
+        "Of the microphone; of `mp3` the stream tells it.", at_least=1, at_most=MOST_CHANNELS, quiet=True,
+        beside=("topic",),
+    )] = 1  # fmt: skip
+    info: Annotated[RosName | None, Rule(
+        "A topic of audio_common_msgs/AudioInfo, which replaces format, rate and channels.", quiet=True,
+        beside=("topic",),
+    )] = None  # fmt: skip
+    speaker: Annotated[RosName | None, Rule(
+        "audio_common_msgs/AudioData to publish: plain samples of one channel at `rate_hz`, played as they come. "
+        "With it the wizard's own voice comes out of the robot.",
+    )] = None  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -413,7 +479,14 @@ class RobotProfile:
         needs="maps has slam_toolbox, map_server or map_saver; one of these nodes is enough.",
     )] = None  # fmt: skip
     speech: Annotated[
-        SpeechInterface | None, Rule(some_of=("topic", "action"), needs="speech is either a topic or an action.")
+        SpeechInterface | None,
+        Rule(
+            some_of=("topic", "action", "service", "web", "says"),
+            needs="speech is a topic, an action, a service or a web interface.",
+        ),
+    ] = None
+    audio: Annotated[
+        AudioInterface | None, Rule(some_of=("topic", "speaker"), needs="audio has a topic, a speaker, or both.")
     ] = None
     emergency_stop: Annotated[EmergencyStopInterface | None, Rule(
         some_of=("topic", "service", "set_service", "command_topic"),

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from caris_desktop.robot.profile import (
+    AudioInterface,
     CameraTopic,
     EmergencyStopInterface,
     HeadInterface,
@@ -110,6 +111,7 @@ def propose(offer: Offer, *, namespace: str | None = None) -> Proposal:
     fields.append(_proposal("speech", "Voice", ranked.voices()))
     for kind in _SPEECH_TOPICS:
         fields.append(_proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least))
+    fields += [_proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least) for kind in _SOUND_TOPICS]
     fields.append(_proposal("emergency_stop.topic", "Emergency stop state", ranked.topics(_STOP_STATE), least=0.6))
     fields.append(_proposal("emergency_stop.service", "Emergency stop", ranked.emergency_stops(), least=0.6))
     fields.append(_proposal("head", "Head", ranked.heads()))
@@ -171,6 +173,7 @@ def profile_of(
         initial_pose=given("initial_pose"),
         maps=maps if maps != MapServices() else None,
         speech=speech,
+        audio=_audio(offer, chosen),
         emergency_stop=stop,
         head=_head(offer, given("head")),
     )
@@ -270,6 +273,18 @@ _SPEECH_TOPICS = (
     _Kind(
         "speech.stop", "Voice: be quiet", ("std_msgs/Empty",), ("stop", "tts_stop", "stop_speaking", "shut_up"),
         least=0.7, published=False, about=_SPEECH_WORDS,
+    ),
+)  # fmt: skip
+_SOUND_TYPES = ("audio_common_msgs/AudioData", "audio_common_msgs/AudioDataStamped")
+_SOUND_TOPICS = (
+    _Kind(
+        "audio.topic", "Microphone", _SOUND_TYPES, ("audio", "audio_stamped", "audio_raw", "mic", "microphone"),
+        ("speaker", "play", "tts", "out"),
+    ),
+    _Kind("audio.info", "Microphone: form", ("audio_common_msgs/AudioInfo",), ("audio_info", "info"), least=0.6),
+    _Kind(
+        "audio.speaker", "Loudspeaker", _SOUND_TYPES[:1], ("audio", "speaker", "play", "audio_play"), least=0.6,
+        published=False, about=re.compile(r"speaker|play", re.IGNORECASE),
     ),
 )  # fmt: skip
 _STOP_STATE = _Kind(
@@ -553,6 +568,16 @@ def _speech(offer: Offer, chosen: Mapping[str, str]) -> SpeechInterface | None:
         if same_type(found_type, known):
             return SpeechInterface(action=SpeechAction(name, found_type, goal))
     return SpeechInterface(name, chosen.get("speech.speaking") or None, chosen.get("speech.stop") or None)
+
+
+def _audio(offer: Offer, chosen: Mapping[str, str]) -> AudioInterface | None:
+    """Coding and rate are the usual ones, where the robot does not tell them itself."""
+    topic, speaker = chosen.get("audio.topic") or None, chosen.get("audio.speaker") or None
+    if topic is None:
+        return None if speaker is None else AudioInterface(speaker=speaker)
+    stamped = same_type(offer.topics.get(topic, ""), "audio_common_msgs/AudioDataStamped")
+    info = chosen.get("audio.info") or None
+    return AudioInterface(topic, "AudioDataStamped" if stamped else "AudioData", info=info, speaker=speaker)
 
 
 def _emergency_stop(offer: Offer, topic: str | None, service: str | None) -> EmergencyStopInterface | None:

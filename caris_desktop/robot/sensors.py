@@ -204,6 +204,7 @@ class Sensors:
                 "used, and the distance to goals is not known.",
                 "Set where it is on the map. If that does not help, compare 'frames' in the robot profile with the "
                 f"robot's own: {', '.join(sorted(self._poses.tree.frames)[:8])}.",
+                until="pose",
             )
         )
 

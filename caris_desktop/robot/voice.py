@@ -30,9 +30,15 @@ class _Utterance:
     started: bool = False
 
 
-def estimated_duration_s(text: str) -> float:
-    """How long a usual synthetic voice (about 15 characters a second) takes."""
-    return 0.4 + 0.066 * len(text)
+# Characters a second of usual synthetic voices, where a script says more with each of them than Latin letters do.
+_CHARACTERS_PER_S = {"zh": 4.5, "ja": 7.0, "ko": 6.5, "th": 11.0, "he": 11.0, "ar": 12.0, "hi": 12.0}
+_USUAL_CHARACTERS_PER_S = 15.0
+
+
+def estimated_duration_s(text: str, language: str = "") -> float:
+    """How long a usual synthetic voice takes for it in that language (``de``, ``en-GB``)."""
+    per_s = _CHARACTERS_PER_S.get(language.replace("_", "-").partition("-")[0].lower(), _USUAL_CHARACTERS_PER_S)
+    return 0.4 + len(text) / per_s
 
 
 class RobotVoice(Protocol):
@@ -50,14 +56,8 @@ class RobotVoice(Protocol):
     def link_connected(self) -> None:
         """The robot tells again."""
 
-
-def make_voice(
-    ros: SafeRos, dialect: Dialect, speech: SpeechInterface | None, *, emit: Callable[[UtteranceChanged], None]
-) -> RobotVoice:
-    """The voice that the profile describes."""
-    if speech is not None and speech.action is not None:
-        return ActionVoice(ros, dialect, speech.action, emit=emit)
-    return TopicVoice(ros, dialect, speech, emit=emit)
+    async def close(self) -> None:
+        """Nothing more is asked or told."""
 
 
 class ActionVoice:
@@ -78,6 +78,7 @@ class ActionVoice:
         self._waiting: deque[_Utterance] = deque()
         self._wire_id: str | None = None
         self._adrift = False
+        self._reckoned = False
         self._silence_due: Actor | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._client = make_action_client(ros, dialect, action.name, action.type, self)
@@ -85,7 +86,7 @@ class ActionVoice:
     def say(self, command: Say) -> None:
         utterance = _Utterance(command)
         if not self._ros.is_connected:
-            _tell(self._emit, utterance, "failed", "the robot is not connected")
+            tell_utterance(self._emit, utterance.asked, "failed", "the robot is not connected")
             return
         self._waiting.append(utterance)
         if len(self._waiting) == 1:
@@ -107,7 +108,7 @@ class ActionVoice:
             self._adrift = True
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._finish("failed", FATE_UNKNOWN))
         for utterance in unsent:
-            _tell(self._emit, utterance, "failed", "the link to the robot was lost")
+            tell_utterance(self._emit, utterance.asked, "failed", "the link to the robot was lost")
 
     def link_connected(self) -> None:
         due, self._silence_due = self._silence_due, None
@@ -116,16 +117,24 @@ class ActionVoice:
         elif self._adrift:
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._give_up(FATE_UNKNOWN))
 
+    async def close(self) -> None:
+        self._wait(None, None)
+
     def goal_active(self, wire_id: str) -> None:
         if wire_id != self._wire_id:
             return
         if not self._waiting[0].started:
             self._waiting[0] = replace(self._waiting[0], started=True)
-            _tell(self._emit, self._waiting[0], "started", "")
+            tell_utterance(self._emit, self._waiting[0].asked, "started", estimated=self._reckoned)
         elif not self._adrift:
             return
         self._adrift = False
         self._wait(LONGEST_UTTERANCE_S, lambda: self._give_up("the robot did not report that it finished"))
+
+    def _reckon_active(self, wire_id: str) -> None:
+        self._reckoned = True
+        self.goal_active(wire_id)
+        self._reckoned = False
 
     def goal_feedback(self, wire_id: str, _: Message) -> None:
         self.goal_active(wire_id)
@@ -150,7 +159,7 @@ class ActionVoice:
         else:
             # rosbridge itself does not tell that a goal was accepted, and answers when it was not.
             wire_id = self._wire_id
-            self._wait(STARTED_UNTOLD_S, lambda: self.goal_active(wire_id))
+            self._wait(STARTED_UNTOLD_S, lambda: self._reckon_active(wire_id))
 
     def _give_up(self, detail: str) -> None:
         if self._wire_id is not None:
@@ -161,7 +170,7 @@ class ActionVoice:
         self._wire_id = None
         self._adrift, self._silence_due = False, None
         self._wait(None, None)
-        _tell(self._emit, self._waiting.popleft(), state, detail, actor)
+        tell_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
         if self._waiting:
             self._send_next()
 
@@ -170,7 +179,7 @@ class ActionVoice:
         self._adrift, self._silence_due = False, None
         self._wait(None, None)
         while self._waiting:
-            _tell(self._emit, self._waiting.popleft(), state, detail, actor)
+            tell_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
 
     def _wait(self, delay_s: float | None, then: Callable[[], None] | None) -> None:
         if self._timer is not None:
@@ -251,6 +260,9 @@ class TopicVoice:
             # Many robots tell it at once to who begins to listen; another is heard at the next change.
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._fail(FATE_UNKNOWN))
 
+    async def close(self) -> None:
+        self._wait(None, None)
+
     def _take_speaking(self, message: Any) -> None:
         speaking = decode_bool(message)
         if not self._waiting:
@@ -268,16 +280,17 @@ class TopicVoice:
             self._wait(STARTS_WITHIN_S, lambda: self._fail("the robot did not report that it speaks"))
         else:
             self._start(0.0, "")
-            self._wait(estimated_duration_s(self._waiting[0].asked.text), self._finish)
+            asked = self._waiting[0].asked
+            self._wait(estimated_duration_s(asked.text, asked.language), self._finish)
 
     def _start(self, at_most_s: float, detail: str) -> None:
         head = self._waiting.popleft()
         self._waiting.appendleft(replace(head, started=True))
-        self._tell(head, "started", "" if self._follows_topic else "estimated")
+        tell_utterance(self._emit, head.asked, "started", "", estimated=not self._follows_topic)
         self._wait(at_most_s, lambda: self._fail(detail))
 
     def _finish(self) -> None:
-        self._tell(self._waiting.popleft(), "finished", "" if self._follows_topic else "estimated")
+        tell_utterance(self._emit, self._waiting.popleft().asked, "finished", "", estimated=not self._follows_topic)
         self._next()
 
     def _fail(self, detail: str) -> None:
@@ -294,7 +307,7 @@ class TopicVoice:
         self._adrift, self._silence_due = False, None
         self._wait(None, None)
         while self._waiting:
-            _tell(self._emit, self._waiting.popleft(), state, detail, actor)
+            tell_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
 
     def _wait(self, delay_s: float | None, then: Callable[[], None] | None) -> None:
         if self._timer is not None:
@@ -302,29 +315,31 @@ class TopicVoice:
         self._timer = self._loop.call_later(delay_s, then) if delay_s is not None and then is not None else None
 
     def _tell(self, utterance: _Utterance, state: UtteranceState, detail: str) -> None:
-        _tell(self._emit, utterance, state, detail)
+        tell_utterance(self._emit, utterance.asked, state, detail)
 
 
-def _tell(
+def tell_utterance(
     emit: Callable[[UtteranceChanged], None],
-    utterance: _Utterance,
+    asked: Say,
     state: UtteranceState,
-    detail: str,
+    detail: str = "",
     actor: Actor | None = None,
+    *,
+    estimated: bool = False,
 ) -> None:
-    """``actor``: whose doing that is; None: who had it said."""
-    asked = utterance.asked
+    """What has become of it. ``actor``: whose doing that is; None: who had it said."""
     emit(
         UtteranceChanged(
             now_ns(),
             asked.utterance_id,
             "robot",
-            asked.text,
+            asked.recorded or asked.text,
             asked.origin,
             state,
             voice="robot",
             detail=detail,
             actor=asked.actor if actor is None else actor,
             person_id=asked.person_id,
+            estimated=estimated,
         )
     )

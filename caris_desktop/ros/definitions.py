@@ -179,6 +179,11 @@ DEFINITION_TEXTS = {
     "naoqi_bridge_msgs/JointAnglesWithSpeed": (
         "std_msgs/Header header; string[] joint_names; float32[] joint_angles; float32 speed; uint8 relative"
     ),
+    "audio_common_msgs/AudioData": "uint8[] data",
+    "audio_common_msgs/AudioDataStamped": "std_msgs/Header header; audio_common_msgs/AudioData audio",
+    "audio_common_msgs/AudioInfo": (
+        "uint8 channels; uint32 sample_rate; string sample_format; uint32 bitrate; string coding_format"
+    ),
     "actionlib_msgs/GoalID": "time stamp; string id",
     "pal_interaction_msgs/I18nArgument": "string key; pal_interaction_msgs/I18nText[] expanded",
     "pal_interaction_msgs/I18nText": "string section; string key; string lang_id; string[] arguments",

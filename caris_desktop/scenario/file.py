@@ -14,10 +14,13 @@ from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.scenario.layout import layout_problems
 from caris_desktop.scenario.migrations import migrate
 from caris_desktop.scenario.model import DEFAULT_ROBOT, Scenario
-from caris_desktop.scenario.text_editing import UnusualLayoutError, edited, yaml_text
+from caris_desktop.scenario.phrases import PhraseEntry, phrase_problems
+from caris_desktop.scenario.protocol import ProtocolSettings, protocol_problems
+from caris_desktop.scenario.text_editing import UnusualLayoutError, edited
 
 MAX_FILE_BYTES = 256 * 1024
 _SCHEMA_ON_THIS_COMPUTER = re.compile(
@@ -72,9 +75,42 @@ def save_places(scenario: Scenario, path: Path) -> Scenario:
 
 
 def save_layout(scenario: Scenario, path: Path) -> Scenario:
-    """As :func:`save_places`, for the arrangement of the panels."""
+    """As :func:`save_places`, for the arrangements of the panels."""
     known = _known(path)
-    return _save(scenario if known is None else replace(known[1], layout=scenario.layout), path, known)
+    if known is None:
+        return _save(scenario, path, known)
+    compact, large = scenario.layout_compact, scenario.layout_large
+    changed = replace(known[1], layout=scenario.layout, layout_compact=compact, layout_large=large)
+    return _save(changed, path, known)
+
+
+def save_text(
+    text: str,
+    path: Path,
+    *,
+    came_from: Path | None = None,
+    replaces: str = "",
+    velocity_topic_of: Callable[[str], str | None] = lambda _robot: None,
+) -> str:
+    """Write ``text`` to ``path``, whole or not at all; gives what stands there then. From the folder of ``came_from``
+    into another one, its comment for editors leads to the schema from there.
+
+    Raises
+    ------
+    ScenarioError
+        If it has a mistake, the file cannot be written, or what is there has not the checksum ``replaces``.
+    """
+    if path.is_file() and hashlib.sha256(_read(path)).hexdigest() != replaces:
+        raise ScenarioError(
+            f"{_shown(path)} was changed by somebody else, or is another scenario. It was left as it is."
+        )
+    if came_from is not None and came_from.resolve().parent != path.resolve().parent:
+        text = _SCHEMA_COMMENT.sub(lambda _match: _schema_comment(path), text, count=1)
+    if len(text.encode("utf-8")) > MAX_FILE_BYTES:
+        raise ScenarioError(f"{_shown(path)} would be too large for a scenario. Allowed: {MAX_FILE_BYTES} bytes.")
+    parse_scenario(text, path=path.resolve(), velocity_topic_of=velocity_topic_of)
+    _write_or_tell(path, text)
+    return text
 
 
 def _known(path: Path) -> tuple[str, Scenario] | None:
@@ -91,12 +127,7 @@ def _save(scenario: Scenario, path: Path, known: tuple[str, Scenario] | None) ->
     if wrong is not None:
         raise ScenarioError(f"{_shown(path)} was not written: {wrong[1]}")
     text, saved = _new_file(scenario, data, path) if known is None else _changed(*known, data, path)
-    try:
-        _write(path, text)
-    except OSError as error:
-        raise ScenarioError(
-            f"{_shown(path)} was not written ({error.strerror or error}). The file on disk is as it was before."
-        ) from error
+    _write_or_tell(path, text)
     return saved
 
 
@@ -138,16 +169,24 @@ def parse_scenario(
         data = migrate(source.data)
     except ValueError as error:
         raise ScenarioError(f"{_shown(path)}, line {source.line_of(('version',))}: {error}") from error
-    wrong = list(problems(Scenario, data)) or list(_meaning_problems(data, velocity_topic_of))
+    wrong = mistakes(data, velocity_topic_of)
     if wrong:
         raise ScenarioError(told(_shown(path), source, wrong))
     scenario: Scenario = value_from(Scenario, data)
     return replace(scenario, path=path, sha256=hashlib.sha256(text.encode("utf-8")).hexdigest())
 
 
+def mistakes(
+    data: dict[str, Any], velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
+) -> list[Problem]:
+    """All that is wrong with the content of a scenario file, of any version."""
+    data = migrate(data)
+    return list(problems(Scenario, data)) or list(_meaning_problems(data, velocity_topic_of))
+
+
 def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
     """From the file that ``scenario`` came from, if that is still there."""
-    comment = f"# yaml-language-server: $schema={_schema_reference(path)}"
+    comment = _schema_comment(path)
     text = yaml_text(data)
     try:
         origin = None if scenario.path is None else _known(scenario.path)
@@ -195,7 +234,8 @@ def _decoded(raw: bytes, path: Path) -> str:
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ScenarioError(f"{_shown(path)}: not UTF-8 text ({error.reason} at byte {error.start}).") from error
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise ScenarioError(f"{_shown(path)}, line {line}: not UTF-8 text ({error.reason}).") from error
 
 
 def _shown(path: Path) -> str:
@@ -216,10 +256,21 @@ def _meaning_problems(
         if name in seen_places:
             yield ("places", index), f"the place '{place['name']}' is listed twice."
         seen_places.add(name)
+    for path, problem in phrase_problems(value_from(tuple[PhraseEntry, ...], data.get("phrases", []))):
+        yield ("phrases", *path), problem
+    protocol = value_from(ProtocolSettings, data.get("protocol", {}))
+    for path, problem in protocol_problems(protocol, [place["name"] for place in data.get("places", [])]):
+        yield ("protocol", *path), problem
     robot = data.get("robot", DEFAULT_ROBOT)
     for index, problem in control_problems(data.get("controls", []), lambda: velocity_topic_of(robot)):
         yield ("controls", index), problem
-    yield from layout_problems(data["layout"], ("layout",), set())
+    for key in ("layout", "layout_compact", "layout_large"):
+        if data.get(key) is not None:
+            yield from layout_problems(data[key], (key,), set())
+
+
+def _schema_comment(path: Path) -> str:
+    return f"# yaml-language-server: $schema={_schema_reference(path)}"
 
 
 def _schema_reference(path: Path) -> str:
@@ -228,6 +279,11 @@ def _schema_reference(path: Path) -> str:
     return schema_path().as_uri()
 
 
-def _write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, text.encode(), durable=True)
+def _write_or_tell(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, text.encode(), durable=True)
+    except OSError as error:
+        raise ScenarioError(
+            f"{_shown(path)} was not written ({error.strerror or error}). The file on disk is as it was before."
+        ) from error

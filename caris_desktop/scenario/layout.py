@@ -2,12 +2,32 @@
 
 import json
 from collections.abc import Iterator
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 from caris_desktop.domain.declared import data_of, value_from
 from caris_desktop.domain.declared_check import allowed_words, problems
 from caris_desktop.domain.key_path import KeyPath, Problem
-from caris_desktop.scenario.model import LayoutNode
+from caris_desktop.scenario.model import LayoutNode, Scenario
+
+SizeClass = Literal["compact", "usual", "large"]
+"""What room the panels have: less than they need, that of a common screen, or plenty."""
+
+
+def own_layout(scenario: Scenario, kind: SizeClass) -> LayoutNode | None:
+    """What the scenario's file itself says for such a screen; None where that follows from its usual layout."""
+    if kind == "compact":
+        return scenario.layout_compact
+    return scenario.layout_large if kind == "large" else scenario.layout
+
+
+def with_layout(scenario: Scenario, kind: SizeClass, tree: LayoutNode | None) -> Scenario:
+    """The scenario with another arrangement for such a screen; only the usual one is always there."""
+    if kind == "compact":
+        return replace(scenario, layout_compact=tree)
+    if kind == "large":
+        return replace(scenario, layout_large=tree)
+    return scenario if tree is None else replace(scenario, layout=tree)
 
 
 def layout_from_data(node: dict[str, Any]) -> LayoutNode:

@@ -1,5 +1,6 @@
 """Which scenarios there are: those that come with the program and the user's own."""
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,13 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.file import ScenarioError, load_scenario
 
 SUFFIXES = (".yaml", ".yml")
+
+
+def own_file(path: Path | None) -> Path:
+    """Where a scenario is saved: in its own file, or in the user's copy of a shipped one."""
+    if path is not None and not path.resolve().is_relative_to(layouts_dir().resolve()):
+        return path
+    return user_scenarios_dir() / (path.name if path is not None else "scenario.yaml")
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +34,14 @@ def user_scenarios_dir() -> Path:
 
 def list_scenarios(*, user_dir: Path | None = None) -> tuple[ScenarioChoice, ...]:
     """Shipped scenarios, then the user's, each by file name. A user's file stands in for a shipped one of its name."""
-    user_dir = user_scenarios_dir() if user_dir is None else user_dir
-    own = _files(user_dir)
+    return tuple(ScenarioChoice(title_of(path), path) for path in scenario_files(user_dir=user_dir))
+
+
+def scenario_files(*, user_dir: Path | None = None) -> tuple[Path, ...]:
+    """The files of ``list_scenarios``, which are not read for it."""
+    own = _files(user_scenarios_dir() if user_dir is None else user_dir)
     own_names = {path.stem for path in own}
-    shipped = [path for path in _files(layouts_dir()) if path.stem not in own_names]
-    return tuple(ScenarioChoice(_title(path), path) for path in (*shipped, *own))
+    return (*(path for path in _files(layouts_dir()) if path.stem not in own_names), *own)
 
 
 def find_scenario(name_or_path: str | Path, *, user_dir: Path | None = None) -> Path:
@@ -60,7 +71,17 @@ def _files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES and path.is_file())
 
 
-def _title(path: Path) -> str:
+def title_of(path: Path) -> str:
+    """The scenario's title, read anew where the file is another one than it was; of a broken one its file name."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return path.stem
+    return _title_as_it_is(path, stat.st_mtime_ns, stat.st_size)
+
+
+@functools.lru_cache(maxsize=500)
+def _title_as_it_is(path: Path, _mtime_ns: int, _size: int) -> str:
     try:
         return load_scenario(path).title
     except ScenarioError:

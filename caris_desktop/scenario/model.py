@@ -5,27 +5,40 @@ and the page of the guide follow from them; ``python -m caris_desktop.app.refere
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.camera_keys import CameraModelKeys
 from caris_desktop.domain.controls import CONTROL
 from caris_desktop.domain.declared import NotInFile, Rule, Spread, WrittenAs
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.intents import Permission
+from caris_desktop.scenario.assistance import AssistanceSettings
+from caris_desktop.scenario.assistant import AssistantSettings
+from caris_desktop.scenario.face import FaceSettings
+from caris_desktop.scenario.listening import ListeningSettings
+from caris_desktop.scenario.phrases import PhraseEntry, Sentence
+from caris_desktop.scenario.preflight import PreflightEntry
+from caris_desktop.scenario.protocol import ProtocolSettings
+from caris_desktop.scenario.recording import RecordingSettings
+from caris_desktop.scenario.sound import SoundSettings
+from caris_desktop.scenario.voice import VoiceSettings
 
 SCENARIO_VERSION: Literal[1] = 1
 DEFAULT_ROBOT = "simulated"
 
 PanelName = Literal[
-    "video", "map", "drive", "people", "speak", "assistant", "session", "robot", "motion", "diagnostics", "photos"
+    "video", "map", "drive", "people", "speak", "assistant", "session", "robot", "motion", "diagnostics", "photos",
+    "conversation",
+    "face", "notes",
 ]  # fmt: skip
 
 BlurWho = Literal["nobody", "everybody", "without_consent"]
 _Panel = Annotated[PanelName, Rule(noun="panel")]
 _Label = Annotated[str, Rule(shortest=1, longest=80)]
-_Sentence = Annotated[str, Rule(shortest=1, longest=500)]
 _Coordinate = Annotated[float, Rule(unit="metres", at_least=-10_000, at_most=10_000)]
 
 
@@ -81,20 +94,40 @@ class Permissions:
     audio_recording: Annotated[bool, Rule("Recordings hold microphones and the robot's voice; off unless set.")] = False
     driving: Annotated[bool, Rule("Keys, gamepad, places and whatever else moves the robot.")] = True
     assistant: Annotated[bool, Rule("Questions to a language model.")] = True
-    naming_people: Annotated[bool, Rule("Names for the people that the robot sees.")] = True
+    naming_people: Annotated[bool, Rule("Names for the people that the robot sees.", title="Names for people")] = True
     robot_controls: Annotated[bool, Rule("The Robot panel: gestures, lights, volume and the like.")] = True
+    transcription: Annotated[
+        bool, Rule("What is said near the robot is turned into text; off unless set.", quiet=True)
+    ] = False
+    own_voice: Annotated[bool, Rule("The wizard speaks through the robot; off unless set.", quiet=True)] = False
+    cloud_models: Annotated[
+        bool, Rule("Language models on other computers. `false`: nothing leaves this one.", quiet=True)
+    ] = True
+    face: Annotated[
+        bool, Rule("A face of the robot, in a window or on a page of its own; off unless set.", quiet=True)
+    ] = False
+    speech: Annotated[
+        bool,
+        Rule("The robot speaks: what is typed, phrases, fillers, answers of the language model.", quiet=True),
+    ] = True
+    notes: Annotated[bool, Rule("Notes of the wizard, kept with the session.", quiet=True)] = True
+
+    def withheld(self, needed: Iterable[Permission]) -> Permission | None:
+        """The first of these that the scenario does not give; None where it gives them all."""
+        return next((permission for permission in needed if not getattr(self, permission)), None)
 
 
 @dataclass(frozen=True, slots=True)
 class _PoseKeys:
     """A pose as people write it, with its heading in degrees."""
 
-    x_m: Annotated[_Coordinate, Rule("Along x of the map.")]
-    y_m: Annotated[_Coordinate, Rule("Along y of the map.")]
+    x_m: Annotated[_Coordinate, Rule("Along x of the map.", title="x")]
+    y_m: Annotated[_Coordinate, Rule("Along y of the map.", title="y")]
     heading_deg: Annotated[
         float,
         Rule(
             "Where the robot looks on arrival: 0 along x, 90 along y, counter-clockwise.",
+            title="Heading",
             unit="degrees",
             at_least=-360,
             at_most=360,
@@ -117,69 +150,16 @@ class Place:
     pose_in_map: Annotated[Pose2D, Spread(_PoseKeys, _PoseKeys.pose, _pose_keys)]
 
 
-AssistantPeople = Literal["numbers", "names", "history"]
-
-
-@dataclass(frozen=True, slots=True)
-class AssistantSettings:
-    """How the language model is asked."""
-
-    model: Annotated[
-        str,
-        Rule(
-            "The model of this program, or one of an Ollama or OpenAI-compatible server.",
-            pattern="^(embedded|ollama:.+|openai:.+)$",
-            allowed="embedded, ollama:NAME or openai:NAME.",
-        ),
-    ] = "embedded"
-    system_prompt: Annotated[str, Rule("What the model is told before the conversation.", longest=8000)] = ""
-    max_tokens: Annotated[int, Rule("The longest answer, in tokens.", at_least=1, at_most=8192)] = 96
-    temperature: Annotated[float, Rule("0: always the likeliest word; more: more varied.", at_least=0, at_most=2)] = 0.4
-    people: Annotated[
-        AssistantPeople,
-        Rule(
-            "What the model is told of who is here: `person 3`; their names; or with their names also group, tags, "
-            "note and what there was before. Names go to the model's computer, and never into the recording.",
-            quiet=True,
-        ),
-    ] = "numbers"
-    pictures: Annotated[
-        bool,
-        Rule("Photos may be given to the model with a question. `embedded` sees none.", quiet=True),
-    ] = False
-
-
 @dataclass(frozen=True, slots=True)
 class DrivingLimits:
     """Speeds at the full speed setting; the robot profile's own limits still apply."""
 
-    max_forward_mps: Annotated[float, Rule("Forwards.", unit="metres a second", more_than=0, at_most=3)] = 0.5
-    max_turn_radps: Annotated[float, Rule("Turning.", unit="radians a second", more_than=0, at_most=6)] = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingSettings:
-    """What recordings of this scenario need."""
-
-    labels: Annotated[
-        tuple[Annotated[str, Rule(shortest=1, longest=40)], ...],
-        Rule("Labels of marks, on Shift+F1 to Shift+F8 in this order.", longest=8, unique=True, quiet=True),
-    ] = ()
-    lsl: Annotated[
-        bool,
-        Rule(
-            "Marks with their labels also go out on a Lab Streaming Layer outlet, for anybody on the network.",
-            quiet=True,
-        ),
-    ] = False
-    lsl_words: Annotated[
-        bool,
-        Rule(
-            "With `lsl`: all events go out, with every word that was said and written. Anybody on the network can hear "
-            "them.",
-            quiet=True,
-        ),
-    ] = False
+    max_forward_mps: Annotated[
+        float, Rule("Forwards.", title="Fastest forwards", unit="metres a second", more_than=0, at_most=3)
+    ] = 0.5
+    max_turn_radps: Annotated[
+        float, Rule("Turning.", title="Fastest turn", unit="radians a second", more_than=0, at_most=6)
+    ] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,8 +169,9 @@ class PerceptionSettings:
     model: Annotated[
         str,
         Rule(
-            "The detector: a .pt, .onnx or .tflite file or a folder for OpenVINO, by its path, beside the scenario or "
-            "in a models folder, or an `https://` address; the usual one if empty.",
+            title="Detector",
+            text="The detector: a .pt, .onnx or .tflite file or a folder for OpenVINO, by its path, beside the "
+            "scenario or in a models folder, or an `https://` address; the usual one if empty.",
             longest=1000,
             quiet=True,
         ),
@@ -199,6 +180,7 @@ class PerceptionSettings:
         str,
         Rule(
             "The checksum of that file, without which no address and no .pt file is used.",
+            title="Checksum (SHA-256)",
             pattern="^([0-9a-fA-F]{64})?$",
             allowed="the 64 digits that sha256sum prints.",
             quiet=True,
@@ -209,6 +191,7 @@ class PerceptionSettings:
         Rule(
             "The longer side of what the detector sees, where its file leaves that open: more finds people farther "
             "away, and takes longer.",
+            title="Picture size for finding",
             unit="pixels",
             at_least=160,
             at_most=1920,
@@ -218,7 +201,8 @@ class PerceptionSettings:
     device: Annotated[
         Literal["auto", "cpu", "cuda", "mps"],
         Rule(
-            "What computes: `auto` is a graphics processor that is here and can be used, or else the processor.",
+            title="Computed by",
+            text="What computes: `auto` is a graphics processor that is here and can be used, or else the processor.",
             quiet=True,
         ),
     ] = "auto"
@@ -261,6 +245,7 @@ class PerceptionSettings:
         float,
         Rule(
             "How sure the console has to be, over several looks, to decide by itself who it is; at 1 it never does.",
+            title="Sure enough at",
             at_least=0.5,
             at_most=1,
         ),
@@ -282,7 +267,10 @@ class BlurSettings:
         ),
     ] = "nobody"
     what: Annotated[Literal["faces", "persons"], Rule("Heads alone, or whole bodies.")] = "persons"
-    shown: Annotated[bool, Rule("The pictures in the window are pixelated too, for whoever else looks at it.")] = False
+    shown: Annotated[
+        bool,
+        Rule("The pictures in the window are pixelated too, for whoever else looks at it.", title="In the window, too"),
+    ] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,6 +295,7 @@ class CameraSettings:
     place: Annotated[str, Rule(
         "The name of one of the `places`: the camera stands there, as on a desk, rather than on the robot, and looks "
         "the way the place does. Together with `mount`, which is seen from there.",
+        refers=("places", "name"),
         longest=80, quiet=True, beside=("mount",),
     )] = ""  # fmt: skip
 
@@ -315,40 +304,162 @@ class CameraSettings:
 class Scenario:
     """What one kind of study needs of the console: layout, permissions, phrases, prompts and places. Never code."""
 
-    title: Annotated[_Label, Rule("Shown in the window and in the scenario menu.")]
-    layout: Annotated[LayoutNode, Rule("Where the panels are.", order=1)]
-    description: Annotated[str, Rule("What the study is about, for whoever chooses a scenario.", longest=2000)] = ""
+    title: Annotated[_Label, Rule("Shown in the window and in the scenario menu.", section="About")]
+    layout: Annotated[LayoutNode, Rule("Where the panels are.", title="Arrangement", section="Panels", order=1)]
+    layout_compact: Annotated[
+        LayoutNode | None,
+        Rule(
+            "Where they are on a small screen; if not given, the least important of the layout become tabs there.",
+            title="Arrangement on a small screen",
+            section="Panels",
+            order=1,
+            quiet=True,
+        ),
+    ] = None
+    layout_large: Annotated[
+        LayoutNode | None,
+        Rule(
+            "Where they are on a large screen; if not given, tabs of the layout are spread as far as there is room.",
+            title="Arrangement on a large screen",
+            section="Panels",
+            order=1,
+            quiet=True,
+        ),
+    ] = None
+    description: Annotated[
+        str,
+        Rule("What the study is about, for whoever chooses a scenario.", section="About", prose=True, longest=2000),
+    ] = ""
     robot: Annotated[
         str,
         Rule(
             "Name of a robot profile, or the address of a rosbridge: `ws://HOST:PORT`.",
+            section="Robot and cameras",
             shortest=1,
             longest=300,
         ),
     ] = DEFAULT_ROBOT
-    voice: Annotated[Literal["robot", "computer"], Rule("Who speaks: the robot's own voice, or this computer.")] = (
-        "robot"
+    voice: Annotated[
+        Literal["robot", "computer", "both"],
+        Rule("Who speaks: the robot's own voice, this computer, or both at once.", section="Voice and sound"),
+    ] = "robot"
+    speech: Annotated[VoiceSettings, Rule(title="This computer's voice", section="Voice and sound", quiet=True)] = (
+        field(default_factory=VoiceSettings)
     )
-    phrases: Annotated[tuple[_Sentence, ...], Rule("One-click sentences, on F1 to F8 in this order.", longest=8)] = ()
+    phrases: Annotated[
+        tuple[PhraseEntry, ...],
+        Rule(
+            "One-click sentences, on F1 to F8 in this order: plain, with what goes along with them, or in groups. "
+            "`{name}` stands for whom it is said to and `{place}` for where the robot goes or stands; other words in "
+            "braces, and what is not known, are asked for before anything is said.",
+            section="Phrases",
+            longest=24,
+        ),
+    ] = ()
     cameras: Annotated[
         tuple[CameraSettings, ...],
-        Rule("The cameras to show, perceive and record: the robot's own if not given.", longest=6, quiet=True),
+        Rule(
+            "The cameras to show, perceive and record: the robot's own if not given.",
+            section="Robot and cameras",
+            longest=6,
+            quiet=True,
+        ),
     ] = (CameraSettings("robot"),)
-    filler: Annotated[str, Rule("What the robot says while the wizard thinks, on F9.", longest=500)] = ""
-    places: Annotated[tuple[Place, ...], Rule("Named places in the map.", longest=100)] = ()
+    filler: Annotated[
+        str, Rule("What the robot says while the wizard thinks, on F9.", section="Phrases", longest=500)
+    ] = ""
+    fillers: Annotated[
+        tuple[Sentence, ...],
+        Rule(
+            "More of them: F9 takes the next one each time.",
+            title="More fillers",
+            section="Phrases",
+            longest=20,
+            quiet=True,
+            beside=("filler",),
+        ),
+    ] = ()
+    places: Annotated[tuple[Place, ...], Rule("Named places in the map.", section="Places", longest=100)] = ()
+    preflight: Annotated[
+        tuple[PreflightEntry, ...],
+        Rule(
+            "What the wizard ticks by hand before a recording, after what the console checks by itself.",
+            title="Checks by hand before a recording",
+            section="Recording",
+            longest=20,
+            quiet=True,
+        ),
+    ] = ()
+    protocol: Annotated[ProtocolSettings, Rule(section="Protocol", quiet=True)] = field(
+        default_factory=ProtocolSettings
+    )
     controls: Annotated[
         tuple[CONTROL, ...],
-        Rule("Controls that this scenario adds to the Robot panel, after the robot's own.", longest=100, quiet=True),
+        Rule(
+            "Controls that this scenario adds to the Robot panel, after the robot's own.",
+            title="More controls",
+            section="Robot and cameras",
+            longest=100,
+            quiet=True,
+        ),
     ] = ()
-    permissions: Permissions = field(default_factory=Permissions)
-    recording: Annotated[RecordingSettings, Rule(quiet=True)] = field(default_factory=RecordingSettings)
-    perception: Annotated[PerceptionSettings, Rule(quiet=True)] = field(default_factory=PerceptionSettings)
-    blur: Annotated[BlurSettings, Rule(quiet=True)] = field(default_factory=BlurSettings)
-    driving: DrivingLimits = field(default_factory=DrivingLimits)
-    assistant: AssistantSettings = field(default_factory=AssistantSettings)
+    notes: Annotated[
+        str,
+        Rule(
+            "What the wizard wants to have at hand in a session, shown in the Notes panel.",
+            title="Notes for the wizard",
+            section="About",
+            prose=True,
+            longest=4000,
+            quiet=True,
+        ),
+    ] = ""
+    permissions: Annotated[Permissions, Rule(section="What is allowed")] = field(default_factory=Permissions)
+    panels_off: Annotated[
+        tuple[_Panel, ...],
+        Rule(
+            "Panels that are not offered in this scenario: not in the layout, in no menu, by no key.",
+            title="Panels that are left out",
+            section="What is allowed",
+            longest=len(get_args(PanelName)),
+            unique=True,
+            quiet=True,
+        ),
+    ] = ()
+    recording: Annotated[RecordingSettings, Rule(section="Recording", quiet=True)] = field(
+        default_factory=RecordingSettings
+    )
+    perception: Annotated[PerceptionSettings, Rule(title="Finding people", section="People", quiet=True)] = field(
+        default_factory=PerceptionSettings
+    )
+    sound: Annotated[SoundSettings, Rule(title="Microphone and loudspeaker", section="Voice and sound", quiet=True)] = (
+        field(default_factory=SoundSettings)
+    )
+    blur: Annotated[BlurSettings, Rule(title="Making people unrecognisable", section="People", quiet=True)] = field(
+        default_factory=BlurSettings
+    )
+    face: Annotated[FaceSettings, Rule(title="The robot's face", section="Robot and cameras", quiet=True)] = field(
+        default_factory=FaceSettings
+    )
+    listening: Annotated[ListeningSettings, Rule(section="Listening", quiet=True)] = field(
+        default_factory=ListeningSettings
+    )
+    driving: Annotated[DrivingLimits, Rule(section="Robot and cameras")] = field(default_factory=DrivingLimits)
+    assistant: Annotated[AssistantSettings, Rule(section="Assistant")] = field(default_factory=AssistantSettings)
+    assistance: Annotated[AssistanceSettings, Rule(title="What it does by itself", section="Assistant", quiet=True)] = (
+        field(default_factory=AssistanceSettings)
+    )
     path: Annotated[Path | None, NotInFile()] = None
     sha256: Annotated[str, NotInFile()] = ""
     version: Annotated[Literal[1], Rule("Version of this file format.", wanted=True, order=-1)] = SCENARIO_VERSION
+
+    @property
+    def every_filler(self) -> tuple[str, ...]:
+        return (self.filler, *self.fillers) if self.filler else ()
+
+    def next_filler(self, said: int) -> str:
+        """One after the other, after so many were said; empty where there is none."""
+        return self.every_filler[said % len(self.every_filler)] if self.filler else ""
 
     @property
     def covers_people(self) -> bool:

@@ -16,7 +16,8 @@ _PAGE_HEAD = """\
 # The scenario file
 
 A scenario is one YAML file. It says what a study needs of the console: which panels stand where, what the wizard may
-do, what the robot says with one key, which places it knows. It is data only: nothing in it is ever executed.
+do, what the robot says with one key, which places it knows. It is data only: nothing in it is ever executed. How one is
+written, by examples: [Writing a scenario](scenarios.md).
 
 The shipped ones are in `layouts`. Yours lie anywhere (`caris-desktop --scenario my-study.yaml`), or in the folder
 `scenarios` of your configuration folder (`~/.config/caris-desktop/scenarios` on Linux), where the console lists them;

@@ -6,15 +6,20 @@ and the comment below a list goes with the list when that is replaced.
 
 import difflib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from caris_desktop.domain.yaml_source import know_scalars
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.yaml_source import LocatedData, PlainScalars, know_scalars, located
+from caris_desktop.domain.yaml_writing import dumped
+from caris_desktop.scenario.text_blocks import LINE_WIDTH, body_of, folded_again, one_line, written_block
 
 _ABSENT = object()
+_SHORT = 60
+"""Characters that stand behind their key, also where a block was."""
 
 
 class UnusualLayoutError(Exception):
@@ -29,19 +34,15 @@ class _Edit(NamedTuple):
     text: str
 
 
-class _ReadableDumper(yaml.SafeDumper):
-    """Indents list items under their key, as people write them, and quotes what readers of old YAML would mistake."""
-
-    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
-        super().increase_indent(flow, False)
-
-
-know_scalars(_ReadableDumper)
+# libyaml's composer gives the same nodes twenty times as fast, where it is there.
+_Fastest: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_FastLoader: Any = type("_FastLoader", (PlainScalars, _Fastest), {"yaml_implicit_resolvers": {}})
+know_scalars(_FastLoader)
 
 
-def yaml_text(data: Any) -> str:
-    """A whole file."""
-    return _dumped(data, default_flow_style=False, width=110)
+def quick_data(text: str) -> LocatedData:
+    """What a text says that the program itself has written; others are for ``parse_yaml``, which trusts nobody."""
+    return located(_root(text))
 
 
 def edited(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
@@ -55,15 +56,67 @@ def edited(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     UnusualLayoutError
         If the layout of the text is too unusual for that.
     """
-    whole = text if text.endswith("\n") else text + "\n"
-    root = yaml.compose(whole, Loader=yaml.SafeLoader)
+    whole = _ended(text)
+    return _applied(text, whole, _Editor(whole).mapping(_root(whole), old, new))
+
+
+def with_value(text: str, path: KeyPath, value: Any, behind: Sequence[str] = ()) -> str:
+    """``text`` so that ``value`` stands at ``path``. Keys on the way are added where they are missing: the first of
+    them behind the last of those named ``behind``, or before all others.
+
+    Raises UnusualLayoutError.
+    """
+    whole = _ended(text)
+    return _applied(text, whole, _Editor(whole).value_at(_root(whole), path, value, behind))
+
+
+def without(text: str, path: KeyPath) -> str:
+    """``text`` without the key or entry at ``path``; a group or list of which nothing is left stays, empty.
+
+    Raises UnusualLayoutError.
+    """
+    whole = _ended(text)
+    return _applied(text, whole, _Editor(whole).removed_at(_root(whole), path))
+
+
+def with_entry(text: str, path: KeyPath, value: Any) -> str:
+    """``text`` with one more entry in a list, at the place that ``path`` ends with. Raises UnusualLayoutError."""
+    whole = _ended(text)
+    return _applied(text, whole, _Editor(whole).entry_added_at(_root(whole), path, value))
+
+
+def with_entry_moved(text: str, path: KeyPath, place: int) -> str:
+    """``text`` with the entry at ``path`` at another place of its list, comments above and behind it included.
+
+    Raises UnusualLayoutError.
+    """
+    whole = _ended(text)
+    return _applied(text, whole, _Editor(whole).entry_moved(_root(whole), path, place))
+
+
+def _ended(text: str) -> str:
+    return text if text.endswith("\n") else text + "\n"
+
+
+def _root(text: str) -> MappingNode:
+    try:
+        loader = _FastLoader(text)
+        try:
+            root = loader.get_single_node()
+        finally:
+            loader.dispose()
+    except yaml.YAMLError as error:
+        raise UnusualLayoutError from error
     if not isinstance(root, MappingNode):
         raise UnusualLayoutError
-    edits = sorted(_Editor(whole).mapping(root, old, new), key=lambda edit: (edit.start, edit.end))
+    return root
+
+
+def _applied(text: str, whole: str, edits: list[_Edit]) -> str:
     if not edits:
         return text
     parts, position = [], 0
-    for edit in edits:
+    for edit in sorted(edits, key=lambda edit: (edit.start, edit.end)):
         if edit.start < position:
             raise UnusualLayoutError
         parts += [whole[position : edit.start], edit.text]
@@ -76,11 +129,114 @@ class _Editor:
 
     def __init__(self, text: str) -> None:
         self._text = text
+        self._brackets: list[tuple[int, int]] | None = None
         self._line_end = "\r\n" if "\r\n" in text else "\n"
+
+    # ---- at one place
+
+    def value_at(self, root: MappingNode, path: KeyPath, value: Any, behind: Sequence[str]) -> list[_Edit]:
+        *above, last = path
+        parent: Node = root
+        for number, part in enumerate(above):
+            found = _child(parent, part)
+            if found is None or _is_nothing(found):
+                nested = _nest(path[number + 1 :], value)
+                return self._set_in(parent, part, nested, behind)
+            parent = found
+        return self._set_in(parent, last, value, behind)
+
+    def _set_in(self, parent: Node, part: str | int, value: Any, behind: Sequence[str]) -> list[_Edit]:
+        if isinstance(parent, SequenceNode) and isinstance(part, int) and 0 <= part < len(parent.value):
+            node = parent.value[part]
+            return self._item(node, located(node).data, value)
+        if not isinstance(parent, MappingNode) or not isinstance(part, str):
+            raise UnusualLayoutError
+        entries = {key.value: (key, node) for key, node in parent.value}
+        if part in entries:
+            key, node = entries[part]
+            return self._entry(key, node, located(node).data, value)
+        before = [node for name, (_key, node) in entries.items() if name in behind]
+        return [self._added_key(parent, before[-1] if before else None, part, value)]
+
+    def removed_at(self, root: MappingNode, path: KeyPath) -> list[_Edit]:
+        *above, last = path
+        parent: Node = root
+        for part in above:
+            found = _child(parent, part)
+            if found is None:
+                return []
+            parent = found
+        if isinstance(parent, SequenceNode) and isinstance(last, int) and 0 <= last < len(parent.value):
+            if len(parent.value) == 1:
+                return self.value_at(root, path[:-1], [], ())
+            item = parent.value[last]
+            return [self._removed(parent, item.start_mark, item, introduced_by="-")]
+        entries = {key.value: (key, node) for key, node in parent.value} if isinstance(parent, MappingNode) else {}
+        if last not in entries:
+            return []
+        if len(entries) == 1:
+            return self.value_at(root, path[:-1], {}, ())
+        key, node = entries[last]
+        return [self._removed(parent, key.start_mark, node, introduced_by="")]
+
+    def entry_added_at(self, root: MappingNode, path: KeyPath, value: Any) -> list[_Edit]:
+        *above, place = path
+        parent: Node = root
+        for part in above:
+            found = _child(parent, part)
+            if found is None:
+                raise UnusualLayoutError
+            parent = found
+        if not isinstance(parent, SequenceNode) or not isinstance(place, int) or not parent.value:
+            raise UnusualLayoutError
+        if parent.flow_style and len(self._line_at(parent)) + len(_flow(value)) > LINE_WIDTH:
+            raise UnusualLayoutError
+        return [self._added_item(parent, parent.value[place - 1] if place else None, value)]
+
+    def entry_moved(self, root: MappingNode, path: KeyPath, place: int) -> list[_Edit]:
+        *above, index = path
+        parent: Node = root
+        for part in above:
+            found = _child(parent, part)
+            if found is None:
+                raise UnusualLayoutError
+            parent = found
+        if not isinstance(parent, SequenceNode) or not isinstance(index, int):
+            raise UnusualLayoutError
+        ranges = [self._span(parent, number) for number in range(len(parent.value))]
+        pieces = [self._text[start:end] for start, end in ranges]
+        pieces.insert(place, pieces.pop(index))
+        return [
+            _Edit(start, end, piece)
+            for (start, end), piece in zip(ranges, pieces, strict=True)
+            if self._text[start:end] != piece
+        ]
+
+    def _span(self, parent: SequenceNode, number: int) -> tuple[int, int]:
+        """From where to where an entry goes that is moved: its lines with the comments that are its own, if it has
+        lines of its own.
+        """
+        node = parent.value[number]
+        if parent.flow_style:
+            return node.start_mark.index, self._end(node)
+        column, start = parent.start_mark.column, self._line_start(node.start_mark.index)
+        if self._text[start : node.start_mark.index].strip(" ") != "-":
+            raise UnusualLayoutError
+        while start and self._comment_column(above := self._line_start(start - 1)) == column:
+            start = above
+        end = self._after_line(self._end(node))
+        while self._comment_column(end) > column:
+            end = self._after_line(end)
+        return start, end
+
+    # ---- what differs
 
     def mapping(self, node: MappingNode, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[_Edit]:
         """Keys that changed, went or came."""
         entries = {key.value: (key, value) for key, value in node.value}
+        if not any(name in entries for name in new):
+            # It is something else altogether.
+            raise UnusualLayoutError
         edits: list[_Edit] = []
         before: Node | None = None
         for name in new:
@@ -107,21 +263,66 @@ class _Editor:
             # A comment stands before the value: it stays, and what follows keeps its column.
             return [self._replaced(value, wanted)]
         start = key.end_mark.index + between.index(":") + 1
-        if _nested(wanted):
-            column = key.start_mark.column + 2
+        column = key.start_mark.column + 2
+        if isinstance(wanted, str) and self._starts_line(key):
+            return [self._text_edit(start, value, wanted, column)]
+        if _nested(wanted, column):
             replacement = self._line_end + " " * column + self._block(wanted, column)
         else:
             replacement = " " + _flow(wanted)
         return [_Edit(start, self._end(value), replacement)]
 
+    def _text_edit(self, start: int, value: Node, wanted: str, column: int) -> _Edit:
+        """Text behind a key, as a block of lines where it had one or has several lines. A comment behind it stays."""
+        end = self._end(value)
+        style = value.style if isinstance(value, ScalarNode) else None
+        in_block = "\n" in wanted or (style in ("|", ">") and len(wanted) > _SHORT)
+        if style in ("|", ">"):
+            first_line_end = self._text.index("\n", value.start_mark.index)
+            header = self._text[value.start_mark.index : first_line_end].rstrip("\r")
+            comment = header[header.index("#") :] if "#" in header else ""
+            gap = header[: header.index("#")] if comment else ""
+            gap = gap[len(gap.rstrip()) :]
+            body = body_of(self._text[first_line_end + 1 : end])
+            shown = folded_again(wanted, column, body) if style == ">" and in_block else None
+        else:
+            rest_end = self._text.index("\n", end)
+            rest = self._text[end:rest_end].rstrip("\r")
+            comment = rest.lstrip() if rest.lstrip().startswith("#") else ""
+            gap, shown = rest[: len(rest) - len(rest.lstrip())], None
+            end = end + len(rest) if comment else end
+        if shown is None and in_block:
+            shown = written_block(wanted, column, folded=style != "|")
+        behind = f"{gap}{comment}" if comment else ""
+        if shown is None:
+            return _Edit(start, end, f" {_plain(wanted)}{behind}")
+        mark, lines = shown
+        return _Edit(start, end, self._line_end.join((f" {mark}{behind}", *lines)))
+
+    def _in_brackets(self, node: Node) -> bool:
+        """Whether it stands in a list or group on one line, where commas and brackets mean something."""
+        if self._brackets is None:
+            self._brackets = list(_brackets(_root(self._text)))
+        return any(start < node.start_mark.index < end for start, end in self._brackets)
+
+    def _starts_line(self, key: Node) -> bool:
+        """Whether a key stands in a block: within brackets no text has lines of its own."""
+        before = self._text[self._line_start(key.start_mark.index) : key.start_mark.index]
+        return not before.strip(" -")
+
     def _within(self, node: Node, said: Any, wanted: Any) -> list[_Edit]:
         """Edits inside of a mapping or list, or of a scalar; UnusualLayoutError where it must be replaced whole."""
-        if isinstance(node, MappingNode) and isinstance(said, dict) and isinstance(wanted, dict):
+        if isinstance(node, MappingNode) and isinstance(said, dict) and isinstance(wanted, dict) and node.value:
             return self.mapping(node, said, wanted)
         if isinstance(node, SequenceNode) and isinstance(said, list) and isinstance(wanted, list):
             return self._sequence(node, said, wanted)
         if isinstance(node, ScalarNode) and not isinstance(wanted, (dict, list)) and node.style not in ("|", ">"):
-            return [_Edit(node.start_mark.index, node.end_mark.index, _flow(wanted))]
+            if isinstance(wanted, str) and "\n" in wanted:
+                raise UnusualLayoutError
+            shown = _flow(wanted) if self._in_brackets(node) else _plain(wanted)
+            if node.style == '"' and isinstance(wanted, str):
+                shown = one_line(wanted)
+            return [_Edit(node.start_mark.index, node.end_mark.index, shown)]
         raise UnusualLayoutError
 
     def _sequence(self, node: SequenceNode, said: Sequence[Any], wanted: Sequence[Any]) -> list[_Edit]:
@@ -153,32 +354,63 @@ class _Editor:
     def _replaced(self, node: Node, wanted: Any) -> _Edit:
         """All of a value, beginning where it began."""
         column = node.start_mark.column
-        flow = not _nested(wanted) or getattr(node, "flow_style", False)
+        flow = not _nested(wanted, column) or getattr(node, "flow_style", False)
         return _Edit(node.start_mark.index, self._end(node), _flow(wanted) if flow else self._block(wanted, column))
 
-    def _removed(self, parent: MappingNode | SequenceNode, start: Any, value: Node, *, introduced_by: str) -> _Edit:
-        """A key with its value, or an item, with its lines."""
+    def _removed(self, parent: Node, start: Any, value: Node, *, introduced_by: str) -> _Edit:
+        """A key with its value, or an item, with its lines or from between its brackets."""
+        if getattr(parent, "flow_style", False):
+            return self._removed_between(parent, start.index, value)
         line_start = self._line_start(start.index)
-        if parent.flow_style or self._text[line_start : start.index].strip(" ") != introduced_by:
-            raise UnusualLayoutError
-        return _Edit(line_start, self._after_line(self._end(value)), "")
+        lead = self._text[line_start : start.index].strip(" ")
+        if lead == introduced_by:
+            return _Edit(line_start, self._after_line(self._end(value)), "")
+        if lead.strip("- ") == "" and isinstance(parent, MappingNode) and parent.value[0][1] is value:
+            # The first key of an entry: the next one follows the dash in its place.
+            return _Edit(start.index, parent.value[1][0].start_mark.index, "")
+        raise UnusualLayoutError
+
+    def _removed_between(self, parent: Node, start: int, value: Node) -> _Edit:
+        starts = [_start(each) for each in parent.value]
+        ends = [self._end(each[1] if isinstance(each, tuple) else each) for each in parent.value]
+        number = starts.index(start)
+        if number:
+            return _Edit(ends[number - 1], ends[number], "")
+        if len(starts) == 1:
+            return _Edit(start, self._end(value), "")
+        return _Edit(start, starts[1], "")
 
     def _added_key(self, parent: MappingNode, before: Node | None, name: str, value: Any) -> _Edit:
-        column = parent.start_mark.column
-        if parent.flow_style or before is None:
+        if not parent.value:
             raise UnusualLayoutError
-        shown = f" {_flow(value)}"
-        if _nested(value):
-            shown = self._line_end + " " * (column + 2) + self._block(value, column + 2)
+        if parent.flow_style:
+            return self._added_between(parent, before, f"{_flow(name)}: {_flow(value)}")
+        column = parent.start_mark.column
+        shown = self._behind_key(value, column + 2)
+        if before is None:
+            first = parent.value[0][0].start_mark.index
+            at = self._line_start(first)
+            if self._text[at:first].strip(" "):
+                # Behind the dash of an entry, or of the whole file.
+                return _Edit(first, first, f"{_flow(name)}:{shown}{self._line_end}{' ' * column}")
+            return _Edit(at, at, f"{' ' * column}{_flow(name)}:{shown}{self._line_end}")
         at = self._after_line(self._end(before))
         while self._comment_column(at) > column:
             # It belongs to what stands above.
             at = self._after_line(at)
         return _Edit(at, at, " " * column + f"{_flow(name)}:{shown}{self._line_end}")
 
+    def _behind_key(self, value: Any, column: int) -> str:
+        if isinstance(value, str) and (block := written_block(value, column, folded=True)) and "\n" in value:
+            mark, lines = block
+            return self._line_end.join((f" {mark}", *lines))
+        if _nested(value, column):
+            return self._line_end + " " * column + self._block(value, column)
+        return f" {_plain(value)}"
+
     def _added_item(self, parent: SequenceNode, before: Node | None, value: Any) -> _Edit:
         if parent.flow_style:
-            raise UnusualLayoutError
+            return self._added_between(parent, before, _flow(value))
         column = parent.start_mark.column
         if before is None:
             at = self._line_start(parent.start_mark.index)
@@ -189,8 +421,18 @@ class _Editor:
                 at = above
         else:
             at = self._after_line(self._end(before))
-        shown = self._block(value, column + 2) if _nested(value) else _flow(value)
+        shown = self._block(value, column + 2) if _nested(value, column + 2) else _plain(value)
         return _Edit(at, at, f"{' ' * column}- {shown}{self._line_end}")
+
+    def _added_between(self, parent: Node, before: Node | None, shown: str) -> _Edit:
+        """Within brackets."""
+        if before is not None:
+            end = self._end(before)
+            return _Edit(end, end, f", {shown}")
+        if not parent.value:
+            raise UnusualLayoutError
+        start = _start(parent.value[0])
+        return _Edit(start, start, f"{shown}, ")
 
     def _end(self, node: Node) -> int:
         """Where its content ends: blocks themselves reach to whatever follows, comments and empty lines included."""
@@ -214,10 +456,39 @@ class _Editor:
     def _after_line(self, index: int) -> int:
         return self._text.index("\n", index) + 1
 
+    def _line_at(self, node: Node) -> str:
+        start = self._line_start(node.start_mark.index)
+        return self._text[start : self._after_line(start)]
+
     def _block(self, value: Any, column: int) -> str:
         """Lines that stand at ``column``; the first has no indentation. What is short goes on one line."""
-        text = _dumped(value, default_flow_style=None, width=10_000).rstrip("\n")
-        return text.replace("\n", self._line_end + " " * column)
+        return (self._line_end + " " * column).join(_block_lines(value, column))
+
+
+def _child(node: Node, part: str | int) -> Node | None:
+    if isinstance(node, SequenceNode) and isinstance(part, int):
+        return node.value[part] if 0 <= part < len(node.value) else None
+    if isinstance(node, MappingNode):
+        return next((value for key, value in node.value if key.value == part), None)
+    return None
+
+
+def _is_nothing(node: Node) -> bool:
+    """``key:`` with no value behind it, or a group without keys."""
+    return (isinstance(node, ScalarNode) and node.tag.endswith(":null")) or (
+        isinstance(node, MappingNode) and not node.value
+    )
+
+
+def _nest(path: KeyPath, value: Any) -> Any:
+    for part in reversed(path):
+        value = {part: value} if isinstance(part, str) else [value]
+    return value
+
+
+def _start(entry: Any) -> int:
+    start: int = (entry[0] if isinstance(entry, tuple) else entry).start_mark.index
+    return start
 
 
 def _identity(item: Any) -> str:
@@ -225,24 +496,63 @@ def _identity(item: Any) -> str:
     return str(item["name"]) if isinstance(item, dict) and "name" in item else json.dumps(item)
 
 
-def _nested(value: Any) -> bool:
-    """Whether it is too much for one line: something in it holds something else."""
-    items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return any(isinstance(item, (dict, list)) and item for item in items)
+def _nested(value: Any, column: int) -> bool:
+    """Whether it is too much for one line: something in it holds something else, or it is too long, or has lines."""
+    if not isinstance(value, (dict, list)) or not value:
+        return False
+    items = list(value.values()) if isinstance(value, dict) else value
+    if any(isinstance(item, (dict, list)) and item for item in items):
+        return True
+    if any(isinstance(item, str) and "\n" in item for item in items):
+        return True
+    return column + len(_flow(value)) > LINE_WIDTH
+
+
+def _block_lines(value: Any, column: int) -> list[str]:
+    """``value`` in lines, the first of which stands where it begins."""
+    if not _nested(value, column):
+        return [_plain(value)]
+    lines: list[str] = []
+    if isinstance(value, list):
+        for item in value:
+            first, *others = _block_lines(item, column + 2)
+            lines += [f"- {first}", *(f"  {line}" for line in others)]
+        return lines
+    for name, item in value.items():
+        key = f"{_flow(name)}:"
+        if _nested(item, column + 2):
+            lines += [key, *(f"  {line}" for line in _block_lines(item, column + 2))]
+        elif isinstance(item, str) and "\n" in item and (block := written_block(item, 2, folded=True)):
+            mark, body = block
+            lines += [f"{key} {mark}", *body]
+        else:
+            lines.append(f"{key} {_plain(item)}")
+    return lines
+
+
+def _brackets(node: Node) -> Iterator[tuple[int, int]]:
+    """From where to where there are brackets."""
+    if isinstance(node, (MappingNode, SequenceNode)):
+        if node.flow_style:
+            yield node.start_mark.index, node.end_mark.index
+            return
+        for entry in node.value:
+            yield from _brackets(entry[1] if isinstance(entry, tuple) else entry)
+
+
+def _plain(value: Any) -> str:
+    """On one line of its own, where a text needs quotation marks less often."""
+    if not isinstance(value, str) or "\n" in value:
+        return _flow(value)
+    return dumped([value], default_flow_style=False, width=10_000).rstrip("\n").removeprefix("- ")
 
 
 def _flow(value: Any) -> str:
     """On one line, with the quotation marks that it needs within brackets."""
-    return _dumped([value], default_flow_style=True, width=10_000).rstrip("\n")[1:-1]
-
-
-def _dumped(value: Any, *, default_flow_style: bool | None, width: int) -> str:
-    text: str = yaml.dump(
-        value,
-        Dumper=_ReadableDumper,
-        sort_keys=False,
-        allow_unicode=True,
-        default_flow_style=default_flow_style,
-        width=width,
-    )
-    return text
+    if isinstance(value, str) and "\n" in value:
+        return one_line(value)
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_flow(name)}: {_flow(item)}" for name, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_flow(item) for item in value) + "]"
+    return dumped([value], default_flow_style=True, width=10_000).rstrip("\n")[1:-1]

@@ -9,7 +9,7 @@ import signal
 import ssl
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from caris_desktop.simulator.dress import Dress
 from caris_desktop.simulator.faults import MAX_LATENCY_MS, Faults
 from caris_desktop.simulator.figure_table import FIGURES
 from caris_desktop.simulator.map_files import MapFiles
+from caris_desktop.simulator.participant import BadSentences, read_sentences
 from caris_desktop.simulator.people import BadVisits, Visit, read_visits, visits_by_chance
 from caris_desktop.simulator.robot import Robot
 from caris_desktop.simulator.robot_clock import RobotClock
@@ -71,6 +72,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="who comes instead, as a table (.csv) with the columns person, comes_s, stays_s, clothes",
     )
     parser.add_argument(
+        "--participant",
+        type=Path,
+        metavar="FILE",
+        help="what somebody before the robot says, a sentence a line, one each time the robot has spoken",
+    )
+    parser.add_argument(
         "--desk-camera",
         type=int,
         metavar="PORT",
@@ -114,11 +121,12 @@ def run(args: argparse.Namespace) -> int:
         return 2
     try:
         dress, server_settings, visits = _dress_of(args), _server_of(args), _visits_of(args)
-    except _CannotStart as error:
+        lines = () if args.participant is None else read_sentences(args.participant)
+    except (_CannotStart, BadSentences) as error:
         sys.stderr.write(f"{error}\n")
         return 2
     with contextlib.suppress(KeyboardInterrupt):
-        return asyncio.run(_simulate(args, dress, server_settings, visits))
+        return asyncio.run(_simulate(args, dress, server_settings, visits, lines))
     return 0
 
 
@@ -190,7 +198,11 @@ def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
 
 
 async def _simulate(
-    args: argparse.Namespace, dress: Dress, settings: _ServerSettings, visits: list[Visit] | None
+    args: argparse.Namespace,
+    dress: Dress,
+    settings: _ServerSettings,
+    visits: list[Visit] | None,
+    lines: Sequence[str],
 ) -> int:
     stopped = asyncio.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
@@ -205,7 +217,7 @@ async def _simulate(
     )
     wiring = Wiring(robot, server, dress, clock, Faults(args.fault_latency_ms / 1000.0))
     maps = MapFiles(args.maps_folder)
-    topics = RobotTopics(wiring, muted=args.mute, simulation_time=args.simulation_time, maps=maps)
+    topics = RobotTopics(wiring, muted=args.mute, simulation_time=args.simulation_time, maps=maps, lines=lines)
     offer_rosapi(server, dress.dialect, clock=clock)
     try:
         port = await server.start(args.host, args.port, tls=settings.tls)
@@ -232,6 +244,7 @@ async def _simulate(
     sys.stdout.write("".join(ready))
     sys.stdout.flush()
     tasks = [asyncio.create_task(_step_forever(robot, topics)), *(asyncio.create_task(each) for each in filmed)]
+    voices = asyncio.create_task(topics.sound.participant.get_ready()) if topics.sound is not None else None
     waiting = asyncio.create_task(stopped.wait())
     await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
     for task in (waiting, *tasks):
@@ -239,6 +252,9 @@ async def _simulate(
             task.result()  # a task that ended by itself failed: let the error out
         task.cancel()
     topics.stop()
+    if voices is not None:
+        voices.cancel()
+        tasks.append(voices)
     await asyncio.gather(waiting, *tasks, return_exceptions=True)
     desk.stop()
     camera.close()

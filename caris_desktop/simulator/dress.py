@@ -64,6 +64,14 @@ class SpeechAction:
 
 
 @dataclass(frozen=True, slots=True)
+class AudioTopics:
+    """audio_common_msgs/AudioData: what the microphone hears, and what the loudspeaker plays."""
+
+    microphone: str
+    speaker: str
+
+
+@dataclass(frozen=True, slots=True)
 class Navigation:
     """What takes goals: an action named ``name`` (None: only the simple goal topic), and what it tells of the way.
 
@@ -126,6 +134,7 @@ class Dress:
     joint_states: str | None = None
     head: HeadTopics | None = None
     speech: SpeechTopics | SpeechAction | None = None
+    audio: AudioTopics | None = None
     navigation: Navigation | None = None
     stop_state: str | None = None
     stop_service: StopService | None = None

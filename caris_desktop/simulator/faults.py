@@ -13,7 +13,8 @@ MAX_MALFORMED = 10_000
 
 HELP = (
     "latency:<ms>, throttle_kbps:<kbit/s>, drop_link[:<seconds>], freeze_camera, black_camera, silent_camera, "
-    "silent_lidar, wrong_frame_ids, malformed:<count>, clock_offset:<seconds>, clock_drift:<millionths>, "
+    "silent_lidar, silent_microphone, sound_dropouts:<share>, sound_noise:<share>, voice_leak:<share>, "
+    "wrong_frame_ids, malformed:<count>, clock_offset:<seconds>, clock_drift:<millionths>, "
     "full_battery, empty_battery, press_stop_button, release_stop_button, pose:<x>,<y>,<heading in degrees>, clear"
 )
 
@@ -31,6 +32,10 @@ class Faults:
     rate_kbps: float | None = None
     clock_offset_s: float = 0.0
     clock_drift_ppm: float = 0.0
+    microphone_silent: bool = False
+    sound_dropouts: float = 0.0
+    sound_noise: float = 0.001
+    voice_leak: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +64,7 @@ def inject(faults: Faults, command: str) -> Injection:
         "black_camera": replace(faults, camera_black=True),
         "silent_camera": replace(faults, camera_silent=True),
         "silent_lidar": replace(faults, lidar_silent=True),
+        "silent_microphone": replace(faults, microphone_silent=True),
         "wrong_frame_ids": replace(faults, frames_wrong=True),
         "clear": Faults(),
     }
@@ -69,6 +75,12 @@ def inject(faults: Faults, command: str) -> Injection:
         return Injection(replace(faults, latency_s=latency_ms / 1000.0))
     if name == "throttle_kbps":
         return Injection(replace(faults, rate_kbps=_amount(argument, name, 1e9, least=1.0)))
+    if name == "sound_dropouts":
+        return Injection(replace(faults, sound_dropouts=_amount(argument, name, 1.0)))
+    if name == "sound_noise":
+        return Injection(replace(faults, sound_noise=_amount(argument, name, 1.0)))
+    if name == "voice_leak":
+        return Injection(replace(faults, voice_leak=_amount(argument, name, 4.0)))
     if name == "clock_offset":
         offset_s = _amount(argument, name, MAX_CLOCK_OFFSET_S, least=-MAX_CLOCK_OFFSET_S)
         return Injection(replace(faults, clock_offset_s=offset_s))

@@ -3,7 +3,7 @@
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from caris_desktop.domain.geometry import Pose2D
@@ -25,6 +25,7 @@ from caris_desktop.simulator.map_files import MapFiles
 from caris_desktop.simulator.map_topics import MapOnRos
 from caris_desktop.simulator.orders import OrdersOnRos
 from caris_desktop.simulator.server import CallFailed, Message
+from caris_desktop.simulator.sound_topics import SoundOnRos
 from caris_desktop.simulator.speech import Voice
 from caris_desktop.simulator.speech_topics import SpeechOnAction, SpeechOnTopics
 from caris_desktop.simulator.wiring import Wiring
@@ -48,8 +49,15 @@ class RobotTopics:
     """Publishes the robot's sensors on a :class:`BridgeServer` and obeys its command topics and services."""
 
     def __init__(
-        self, wiring: Wiring, *, muted: bool, simulation_time: bool = False, maps: MapFiles | None = None
+        self,
+        wiring: Wiring,
+        *,
+        muted: bool,
+        simulation_time: bool = False,
+        maps: MapFiles | None = None,
+        lines: Sequence[str] = (),
     ) -> None:
+        """``lines`` are what a participant says, one each time the robot has spoken."""
         self._wiring = wiring
         self._robot = wiring.robot
         self._steps = 0
@@ -62,6 +70,10 @@ class RobotTopics:
         self._map = MapOnRos(wiring, maps or MapFiles())
         self._goals = self._navigation()
         self._speech = self._speech_of_dress(muted=muted)
+        self.sound = SoundOnRos(wiring, wiring.dress.audio, lines) if wiring.dress.audio is not None else None
+        if self.voice is not None and self.sound is not None:
+            self.voice.on_sound = self.sound.on_voice
+            self.voice.on_said = self.sound.participant.on_robot_finished
         self._gadgets = Gadgets(wiring) if wiring.dress.gadgets else None
         self._orders = OrdersOnRos(wiring)
         self._offer_sensors()
@@ -95,7 +107,7 @@ class RobotTopics:
                 entry.publish()
         self._map.publish_due()
         self._head.publish_due()
-        for part in (self._goals, self._speech, self._gadgets, self._orders):
+        for part in (self._goals, self._speech, self.sound, self._gadgets, self._orders):
             if part is not None:
                 part.publish_due()
 
@@ -115,6 +127,8 @@ class RobotTopics:
         """Be silent, and let nothing happen later."""
         if self.voice is not None:
             self.voice.stop()
+        if self.sound is not None:
+            self.sound.stop()
         if self._gadgets is not None:
             self._gadgets.stop()
         self._orders.stop()
@@ -378,6 +392,7 @@ class RobotTopics:
             "head": {"pan_rad": robot.head.pan_rad, "tilt_rad": robot.head.tilt_rad},
             "mapping_paused": robot.mapping_paused,
             "speaking": (self.voice.speaking if self.voice is not None else None) or "",
+            "sound": self.sound.state if self.sound is not None else {},
             "twists_received": self._twists_received,
             "last_twist_age_s": None if self._last_twist_s is None else time.monotonic() - self._last_twist_s,
             "people": people,

@@ -137,10 +137,16 @@ def _find_device() -> Any:
 
 
 class Voice:
-    """Speaks what it is given, in order. ``on_speaking`` hears True when a sentence begins and False when it ends."""
+    """Speaks what it is given, in order. ``on_speaking`` hears True when a sentence begins and False when it ends.
+
+    ``on_sound`` gets what comes out of the loudspeaker from now on, None when that is cut off; ``on_said`` is called
+    when it came to its end.
+    """
 
     def __init__(self, on_speaking: Callable[[bool], None], *, muted: bool = False) -> None:
         self._on_speaking = on_speaking
+        self.on_sound: Callable[[Spoken | None], None] = lambda _spoken: None
+        self.on_said: Callable[[], None] = lambda: None
         self._loudspeaker = Loudspeaker(muted=muted)
         self._waiting: deque[str] = deque()
         self._task: asyncio.Task[None] | None = None
@@ -176,7 +182,12 @@ class Voice:
             self._on_speaking(True)
             logger.info("Says (%.1f s): %s", spoken.duration_s, text)
             self._loudspeaker.play(spoken)
+            self.on_sound(spoken)
             await asyncio.sleep(spoken.duration_s)
+            self.on_said()
+        except asyncio.CancelledError:
+            self.on_sound(None)
+            raise
         finally:
             self._loudspeaker.stop()
             self.speaking = None

@@ -68,6 +68,7 @@ _BOTH = {
     ),
     "simulator/Fault": "string command --- bool success; string message",
     "simulator/ResetPose": "float64 x; float64 y; float64 heading_deg --- bool success; string message",
+    "simulator/Say": "string text --- bool success; string message",
     "simulator/State": " --- ",
 }
 

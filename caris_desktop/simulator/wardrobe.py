@@ -16,6 +16,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator.base import HOLONOMIC, BaseModel
 from caris_desktop.simulator.dress import (
+    AudioTopics,
     BatteryTopic,
     CameraTopics,
     Dress,
@@ -93,6 +94,7 @@ def _generic(dialect: Dialect) -> Dress:
         joint_states="/joint_states",
         head=HeadTopics("JointTrajectory", "/head_controller/command", "head_1_joint", "head_2_joint"),
         speech=SpeechTopics("/tts", speaking="/tts/speaking", stop="/tts/stop"),
+        audio=AudioTopics("/audio/audio", "/speaker/audio"),
         navigation=(
             Navigation(
                 "/move_base",

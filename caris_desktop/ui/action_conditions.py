@@ -5,8 +5,11 @@ from typing import Any
 from PySide6.QtCore import QObject
 
 from caris_desktop.live.state import LiveState
-from caris_desktop.ui.actions import Actions, Feature
+from caris_desktop.live.status import SuggestionsStatus
+from caris_desktop.ui.action_spec import Condition, Feature
+from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.people.asked import WhoIsAsked
+from caris_desktop.ui.step_acts import present_step
 
 
 class ActionConditions(QObject):
@@ -21,12 +24,21 @@ class ActionConditions(QObject):
         state.frame.freshness_changed.connect(self._on_video_freshness_changed)
         state.recording.changed.connect(self._offer_photo)
         state.cameras.changed.connect(self._on_cameras_changed)
-        state.asked_person.changed.connect(self._on_asked_changed)
+        state.face.changed.connect(self._on_face_changed)
+        for asked in (state.asked_person, state.proposal):
+            asked.changed.connect(self._on_asked_changed)
+        state.suggestions.changed.connect(self._on_suggestions_changed)
+        state.speech.changed.connect(self._on_speech_changed)
+        for about_steps in (state.protocol, state.scenario):
+            about_steps.changed.connect(self._on_step_changed)
         WhoIsAsked(state, self)
         self._on_robot_changed(state.robot.value)
         self._on_places_changed(state.places.value)
         self._on_video_freshness_changed(state.frame.freshness)
         self._on_cameras_changed(state.cameras.value)
+        self._on_step_changed(None)
+        self._expressions: tuple[str, ...] = ()
+        self._on_face_changed(state.face.value)
 
     def _on_robot_changed(self, robot: Any) -> None:
         features: list[Feature] = []
@@ -39,6 +51,11 @@ class ActionConditions(QObject):
     def _on_places_changed(self, places: Any) -> None:
         self._actions.use_places([place.name for place in places])
 
+    def _on_face_changed(self, face: Any) -> None:
+        if face.expressions != self._expressions:
+            self._expressions = face.expressions
+            self._actions.use_expressions(face.expressions)
+
     def _on_cameras_changed(self, cameras: Any) -> None:
         self._actions.set_condition("cameras", len(cameras) > 1)
 
@@ -46,8 +63,30 @@ class ActionConditions(QObject):
         self._actions.set_condition("video", freshness == "fresh")
         self._offer_photo()
 
-    def _on_asked_changed(self, asked: Any) -> None:
-        self._actions.set_condition("asked", asked is not None)
+    def _on_asked_changed(self, _asked: Any) -> None:
+        state = self._state
+        asked = state.asked_person.value is not None or bool(state.proposal.value.proposal_id)
+        self._actions.set_condition("asked", asked)
+
+    def _on_suggestions_changed(self, status: SuggestionsStatus) -> None:
+        self._actions.set_condition("suggested", bool(status.cards) or status.filler_ns is not None)
+
+    def _on_step_changed(self, _value: Any) -> None:
+        status, scenario = self._state.protocol.value, self._state.scenario.value
+        step = None if scenario is None else present_step(scenario, self._state)
+        behind = status.ended or status.number > 1 or bool(status.done or status.skipped)
+        steps: dict[Condition, bool] = {
+            "step": step is not None,
+            "step_ahead": bool(status.steps) and not status.ended,
+            "step_back": behind,
+            "step_branches": step is not None and bool(step.branches),
+            "step_says": step is not None and bool(step.say),
+            "step_goes": step is not None and bool(step.go_to),
+        }
+        self._actions.set_conditions(steps)
+
+    def _on_speech_changed(self, speech: Any) -> None:
+        self._actions.set_condition("queued", bool(speech.waiting))
 
     def _offer_photo(self) -> None:
         """In a pause nothing is to be kept of whoever is there."""

@@ -1,4 +1,4 @@
-"""The one table of actions and keys, and what binds it to the window.
+"""What binds the table of actions and keys to the window.
 
 A row carries the intent that it asks the console for. Only what is purely of the window names a callback. A permission
 that a scenario switches off removes the action: no button, no menu entry, no shortcut.
@@ -7,343 +7,95 @@ that a scenario switches off removes the action: no button, no menu entry, no sh
 import logging
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
 
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, QComboBox, QWidget
 
-from caris_desktop.domain import intents
-from caris_desktop.domain.intents import Intent, Permission
-from caris_desktop.live.state import LiveState
+from caris_desktop.domain.intents import Intent
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.model import Permissions, Scenario
+from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.phrases import Phrase, phrase_groups
+from caris_desktop.ui.action_rows import (
+    ACTIONS,
+    EXPRESSION_COUNT,
+    PLACE_COUNT,
+    go_to_nth_place,
+    phrases_on_keys,
+    say_filler,
+    say_keyed_phrase,
+    say_phrase,
+    show_nth_expression,
+)
+from caris_desktop.ui.action_spec import ActionSpec, Condition, Feature
+from caris_desktop.ui.key_choices import Choices, Settled, conflicts, settle, types_something
 from caris_desktop.ui.key_positions import modifier_name
-from caris_desktop.ui.speed_steps import fraction_after
+from caris_desktop.ui.panel_table import possible_panels
 
 logger = logging.getLogger(__name__)
 
-Kind = Literal["command", "hold", "safety", "mark"]
-Condition = Literal["always", "recording", "video", "photo", "cameras", "answer", "asked"]
-Feature = Literal["sideways", "head"]
-IntentNow = Callable[[Scenario, LiveState, Any], Intent | None]
-"""What is asked for where that depends on the scenario, on what is so now and on the row's argument; None: nothing."""
 
-PHRASE_COUNT = 8
-LABEL_COUNT = 8
-PLACE_COUNT = 9
-CODE_COUNT = 9
-
-
-@dataclass(frozen=True, slots=True)
-class ActionSpec:
-    """One row. ``keys`` work anywhere in the window, ``driving_keys`` also while Drive, Video or Map has the focus.
-
-    ``kind`` says who listens for the keys: ``command`` is a shortcut, ``hold`` belongs to hold-to-drive and
-    ``safety`` to the application event filter that also works over dialogs. ``mark`` keys are a shortcut too, whose
-    press and release the window hears of, also while Alt is down to drive. ``intent`` is what the console is asked
-    for, or a function that finds it from ``argument``. A row without one is of the window alone: ``callback`` names the
-    method that is called, with ``argument`` if there is one. ``by_position``: letters and digits among the keys mean
-    the places of those keys on a US keyboard, whatever the present layout types there; hold-to-drive listens for them.
-    ``needs`` is what the robot must have. ``within`` names the part of the window that listens for the keys itself
-    while it has the focus; empty for keys that work anywhere.
-    """
-
-    id: str
-    text: str
-    icon: str = ""
-    keys: tuple[str, ...] = ()
-    driving_keys: tuple[str, ...] = ()
-    permission: Permission | None = None
-    kind: Kind = "command"
-    enabled_when: Condition = "always"
-    intent: Intent | IntentNow | None = None
-    callback: str = ""
-    argument: Any = None
-    group: str = ""
-    by_position: bool = False
-    needs: Feature | None = None
-    within: Literal["", "timeline"] = ""
-
-    @property
-    def runs(self) -> bool:
-        """Whether it does something by itself; what is held drives, and that is another matter."""
-        return self.intent is not None or bool(self.callback)
-
-
-def say_phrase(scenario: Scenario, _state: LiveState, number: int) -> Intent:
-    return intents.Say(scenario.phrases[number - 1], "phrase")
-
-
-def say_filler(scenario: Scenario, _state: LiveState, _argument: None) -> Intent:
-    return intents.Say(scenario.filler, "filler")
-
-
-def change_speed(_scenario: Scenario, state: LiveState, direction: int) -> Intent:
-    """One of the three steps up (1) or down (-1)."""
-    return intents.SetSpeed(fraction_after(state.drive.value.speed_fraction, direction))
-
-
-def go_to_nth_place(_scenario: Scenario, state: LiveState, number: int) -> Intent | None:
-    places = state.places.value
-    return intents.GoToPlace(places[number - 1].name) if number <= len(places) else None
-
-
-def answer_suggestion(_scenario: Scenario, state: LiveState, yes: bool) -> Intent | None:
-    """Yes or no to the one question about a person that is asked now; nothing while that has only just come up."""
-    asked = state.asked_person.value
-    if asked is None or state.present.now_ns() < asked.from_ns:
-        return None
-    answer = intents.ConfirmPerson if yes else intents.RejectPerson
-    return answer(asked.person_id, asked.is_person_id)
-
-
-def _held(action_id: str, text: str, icon: str, letter: str, arrow: str = "", **more: Any) -> ActionSpec:
-    bare = tuple(key for key in (letter, arrow) if key)
-    return ActionSpec(
-        action_id, text, icon, tuple(f"Alt+{key}" for key in bare), bare, "driving", "hold", by_position=True, **more
+def offered(specs: Iterable[ActionSpec], scenario: Scenario) -> tuple[ActionSpec, ...]:
+    """The rows whose permissions this scenario gives, and whose panel it has."""
+    panels = possible_panels(scenario)
+    return tuple(
+        spec
+        for spec in specs
+        if scenario.permissions.withheld(spec.permissions) is None and (spec.panel is None or spec.panel in panels)
     )
 
 
-ACTIONS: tuple[ActionSpec, ...] = (
-    ActionSpec("stop", "Stop the robot", "hand-palm", ("Esc",), kind="safety", intent=intents.Stop(), group="Safety"),
-    ActionSpec(
-        "emergency_stop", "Emergency stop", "warning-octagon", ("Esc, Esc", "Pause"), kind="safety",
-        intent=intents.EmergencyStop(), group="Safety",
-    ),
-    _held("drive_forward", "Drive forward", "arrow-up", "W", "Up", group="Driving (hold)"),
-    _held("drive_back", "Drive backward", "arrow-down", "S", "Down", group="Driving (hold)"),
-    _held("turn_left", "Turn left", "arrow-left", "A", "Left", group="Driving (hold)"),
-    _held("turn_right", "Turn right", "arrow-right", "D", "Right", group="Driving (hold)"),
-    _held(
-        "strafe_left", "Move sideways to the left", "arrow-line-left", "Z", group="Driving (hold)", needs="sideways"
-    ),
-    _held(
-        "strafe_right", "Move sideways to the right", "arrow-line-right", "C", group="Driving (hold)", needs="sideways"
-    ),
-    ActionSpec(
-        "slower", "Slower", "minus", ("Alt+Q",), ("Q",), "driving", intent=change_speed, argument=-1,
-        group="Driving", by_position=True,
-    ),
-    ActionSpec(
-        "faster", "Faster", "plus", ("Alt+E",), ("E",), "driving", intent=change_speed, argument=1,
-        group="Driving", by_position=True,
-    ),
-    _held("look_up", "Look up", "caret-up", "I", group="Head (hold)", needs="head"),
-    _held("look_down", "Look down", "caret-down", "K", group="Head (hold)", needs="head"),
-    _held("look_left", "Look left", "caret-left", "J", group="Head (hold)", needs="head"),
-    _held("look_right", "Look right", "caret-right", "L", group="Head (hold)", needs="head"),
-    ActionSpec(
-        "look_ahead", "Look ahead", "crosshair-simple", ("Alt+O",), ("O",), "driving",
-        intent=intents.LookAt(0.0, 0.0), group="Head (hold)", by_position=True, needs="head",
-    ),
-    ActionSpec(
-        "nod", "Nod", "arrows-down-up", ("Alt+N",), ("N",), "driving",
-        intent=intents.Nod(), group="Head (hold)", by_position=True, needs="head",
-    ),
-    *(
-        ActionSpec(
-            f"place_{number}", f"Go to place {number}", "flag", (f"Alt+{number}",), (str(number),), "driving",
-            intent=go_to_nth_place, argument=number, group="Places", by_position=True,
-        )
-        for number in range(1, PLACE_COUNT + 1)
-    ),
-    ActionSpec(
-        "focus_driving", "Back to driving", "game-controller", ("Ctrl+D",), (), "driving", callback="focus_driving",
-        group="Driving",
-    ),
-    ActionSpec(
-        "focus_speak", "Into the Speak field", "text-aa", ("Ctrl+L",), ("Return",), callback="focus_speak",
-        group="Speaking",
-    ),
-    *(
-        ActionSpec(
-            f"phrase_{number}", f"Say phrase {number}", "chat-text", (f"F{number}",), intent=say_phrase,
-            argument=number, group="Speaking",
-        )
-        for number in range(1, PHRASE_COUNT + 1)
-    ),
-    ActionSpec("filler", "Say the filler", "dots-three", ("F9",), intent=say_filler, group="Speaking"),
-    ActionSpec("silence", "Silence", "speaker-slash", ("F12",), intent=intents.Silence(), group="Speaking"),
-    ActionSpec(
-        "person_yes", "Yes, that is who it is", "check", ("Ctrl+Return",), ("Y",), "naming_people",
-        enabled_when="asked", intent=answer_suggestion, argument=True, group="People",
-    ),
-    ActionSpec(
-        "person_no", "No, it is somebody else", "x", ("Ctrl+Shift+Return",), ("Shift+Y",), "naming_people",
-        enabled_when="asked", intent=answer_suggestion, argument=False, group="People",
-    ),
-    ActionSpec(
-        "photo", "Photo", "camera", ("Ctrl+P",), ("P",), "photos", enabled_when="photo",
-        intent=intents.TakePhoto(), group="Session",
-    ),
-    ActionSpec(
-        "mark", "Mark", "bookmark-simple", ("Ctrl+M",), ("M",), kind="mark", enabled_when="recording",
-        callback="mark_moment", group="Marks",
-    ),
-    *(
-        ActionSpec(
-            f"label_{number}", f"Mark with label {number}", "bookmark-simple", (f"Shift+F{number}",), kind="mark",
-            enabled_when="recording", callback="mark_label", argument=number, group="Marks",
-        )
-        for number in range(1, LABEL_COUNT + 1)
-    ),
-    ActionSpec(
-        "stretch", "Start or end a stretch", "brackets-square", ("Ctrl+R",), kind="mark", enabled_when="recording",
-        callback="toggle_stretch", group="Marks",
-    ),
-    ActionSpec(
-        "mark_earlier", "That mark was 3 s earlier", "rewind", ("Ctrl+J",), kind="mark", enabled_when="recording",
-        callback="mark_earlier", group="Marks",
-    ),
-    ActionSpec(
-        "mark_undo", "Take the last mark back", "arrow-u-up-left", ("Ctrl+Shift+J",), kind="mark",
-        enabled_when="recording", callback="withdraw_mark", group="Marks",
-    ),
-    ActionSpec(
-        "note", "Write a note", "note-pencil", ("Ctrl+N",), kind="mark", enabled_when="recording",
-        callback="write_note", group="Marks",
-    ),
-    ActionSpec(
-        "wizard_error", "Wizard error", "warning", ("Ctrl+Shift+M",), ("Shift+M",), kind="mark",
-        enabled_when="recording", callback="mark_wizard_error", group="Marks",
-    ),
-    ActionSpec(
-        "next_camera", "Show the next camera", "video-camera", ("Ctrl+Shift+V",), ("V",), enabled_when="cameras",
-        callback="show_next_camera", group="Window",
-    ),
-    ActionSpec(
-        "find", "Find anything", "magnifying-glass", ("Ctrl+K",), ("/",), callback="show_command_palette",
-        group="Window",
-    ),
-    ActionSpec(
-        "shortcuts", "All shortcuts", "keyboard", ("Ctrl+/",), ("?",), callback="show_shortcuts", group="Window",
-    ),
-)  # fmt: skip
-
-REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
-    ActionSpec("replay_play", "Play or pause", "play", ("Space",), callback="toggle_playing", group="Replay"),
-    ActionSpec("frame_back", "One frame back", "caret-left", (",",), callback="step", argument=-1, group="Replay"),
-    ActionSpec("frame_on", "One frame on", "caret-right", (".",), callback="step", argument=1, group="Replay"),
-    ActionSpec(
-        "previous_mark", "To the previous mark", "skip-back", ("Ctrl+Left",), callback="jump", argument=("mark", -1),
-        group="Replay",
-    ),
-    ActionSpec(
-        "next_mark", "To the next mark", "skip-forward", ("Ctrl+Right",), callback="jump", argument=("mark", 1),
-        group="Replay",
-    ),
-    ActionSpec(
-        "previous_utterance", "To the previous utterance", "chat-text", ("Ctrl+Shift+Left",), callback="jump",
-        argument=("utterance", -1), group="Replay",
-    ),
-    ActionSpec(
-        "next_utterance", "To the next utterance", "chat-text", ("Ctrl+Shift+Right",), callback="jump",
-        argument=("utterance", 1), group="Replay",
-    ),
-    ActionSpec("replay_slower", "Play slower", "minus", ("<",), callback="change_rate", argument=-1, group="Replay"),
-    ActionSpec("replay_faster", "Play faster", "plus", (">",), callback="change_rate", argument=1, group="Replay"),
-)  # fmt: skip
-"""What a replay brings along. Keys without Ctrl or Alt never take anything from a text field."""
-
-
-def _on_timeline(action_id: str, text: str, icon: str, *keys: str, **more: Any) -> ActionSpec:
-    return ActionSpec(action_id, text, icon, keys, group="Timeline", within="timeline", **more)
-
-
-TIMELINE_ACTIONS: tuple[ActionSpec, ...] = (
-    ActionSpec("focus_timeline", "Into the timeline", "rows", ("Ctrl+T",), callback="focus_timeline", group="Timeline"),
-    ActionSpec("undo", "Undo", "arrow-u-up-left", ("Ctrl+Z",), callback="undo", group="Timeline"),
-    ActionSpec("redo", "Redo", "arrow-u-up-right", ("Ctrl+Shift+Z", "Ctrl+Y"), callback="redo", group="Timeline"),
-    *(
-        _on_timeline(
-            f"code_{number}", f"Start or end label {number}", "tag", str(number), callback="code", argument=number
-        )
-        for number in range(1, CODE_COUNT + 1)
-    ),
-    _on_timeline("annotation_new", "New annotation at the playhead", "plus", "N", callback="add_at_playhead"),
-    _on_timeline("annotation_split", "Split at the playhead", "scissors", "S", callback="split_at_playhead"),
-    _on_timeline("annotation_rename", "Rename", "pencil-simple", "Return", callback="rename_selected"),
-    _on_timeline("annotation_remove", "Remove", "trash", "Del", "Backspace", callback="remove_selected"),
-    _on_timeline("annotation_begin", "Begin at the playhead", "arrow-line-left", "B", callback="begin_at_playhead"),
-    _on_timeline("annotation_end", "End at the playhead", "arrow-line-right", "E", callback="end_at_playhead"),
-    _on_timeline(
-        "annotation_earlier", "Move a little earlier", "arrow-left", "Shift+Left", callback="nudge", argument=-1
-    ),
-    _on_timeline("annotation_later", "Move a little later", "arrow-right", "Shift+Right", callback="nudge", argument=1),
-    _on_timeline(
-        "annotation_previous", "Previous annotation", "caret-double-left", "PgUp", callback="select_next", argument=-1
-    ),
-    _on_timeline(
-        "annotation_next", "Next annotation", "caret-double-right", "PgDown", callback="select_next", argument=1
-    ),
-    _on_timeline("second_back", "One second back", "caret-left", "Left", callback="seek_by", argument=-1.0),
-    _on_timeline("second_on", "One second on", "caret-right", "Right", callback="seek_by", argument=1.0),
-    _on_timeline("tier_above", "Tier above", "caret-up", "Up", callback="select_tier", argument=-1),
-    _on_timeline("tier_below", "Tier below", "caret-down", "Down", callback="select_tier", argument=1),
-    _on_timeline("timeline_larger", "Zoom in", "magnifying-glass-plus", "+", "=", callback="zoom", argument=1),
-    _on_timeline("timeline_smaller", "Zoom out", "magnifying-glass-minus", "-", callback="zoom", argument=-1),
-    _on_timeline("timeline_fit", "Show the whole session", "arrows-out-line-horizontal", "F", callback="fit"),
-)  # fmt: skip
-
-
-def permitted(specs: Iterable[ActionSpec], permissions: Permissions) -> tuple[ActionSpec, ...]:
-    return tuple(spec for spec in specs if spec.permission is None or getattr(permissions, spec.permission))
-
-
 def actions_for(scenario: Scenario) -> tuple[ActionSpec, ...]:
-    """The rows that exist in this scenario, with its phrases as texts."""
+    """The rows that exist in this scenario, with its phrases as texts and the keys of the table."""
+    return settle(rows_of(scenario), {}).rows
+
+
+def rows_of(scenario: Scenario) -> tuple[ActionSpec, ...]:
+    """The rows that exist in this scenario, also those of phrases whose own key is that of another row."""
     rows = []
-    for spec in permitted(ACTIONS, scenario.permissions):
+    groups = phrase_groups(scenario.phrases)
+    longest = max((group.phrases for group in groups), key=len, default=())
+    for spec in offered(ACTIONS, scenario):
         if spec.intent is say_phrase:
-            if spec.argument > len(scenario.phrases):
+            if spec.argument > len(longest):
                 continue
-            spec = _with_text(spec, scenario.phrases[spec.argument - 1])  # noqa: PLW2901
+            named = groups[0].phrases if spec.argument <= len(groups[0].phrases) else longest
+            spec = _with_text(spec, named[spec.argument - 1].say)  # noqa: PLW2901
+        elif spec.callback == "show_next_phrases":
+            if len(groups) < 2:
+                continue
         elif spec.callback == "mark_label":
             if spec.argument > len(scenario.recording.labels):
                 continue
             spec = _with_text(spec, f"Mark: {scenario.recording.labels[spec.argument - 1]}")  # noqa: PLW2901
+        elif (spec.group == "Protocol" and not scenario.protocol.steps) or (
+            spec.id == "hear" and not scenario.sound.hear
+        ):
+            continue
         elif spec.id == "filler":
             if not scenario.filler:
                 continue
             spec = _with_text(spec, scenario.filler)  # noqa: PLW2901
         rows.append(spec)
-    return tuple(rows)
+    keyed = keyed_phrases(scenario) if scenario.permissions.speech else []
+    return (*rows, *(_of_keyed_phrase(number, phrase) for number, phrase in enumerate(keyed, start=1)))
+
+
+def keyed_phrases(scenario: Scenario) -> list[Phrase]:
+    """The phrases that have a key of their own, of whatever group."""
+    return [phrase for group in phrase_groups(scenario.phrases) for phrase in group.phrases if phrase.key]
+
+
+def _of_keyed_phrase(number: int, phrase: Phrase) -> ActionSpec:
+    return ActionSpec(
+        f"keyed_phrase_{number}", phrase.say, "chat-text", (phrase.key,), permission="speech", intent=say_keyed_phrase,
+        argument=phrase, group="Speaking",
+    )  # fmt: skip
 
 
 def _with_text(spec: ActionSpec, text: str) -> ActionSpec:
     return replace(spec, text=text)
-
-
-def conflicts(specs: Iterable[ActionSpec]) -> list[tuple[str, tuple[str, ...]]]:
-    """Keys that more than one action would answer to while a driving panel has the focus (where all keys of the window
-    work), or the part of the window that some rows belong to.
-    """
-    owners: dict[str, list[str]] = {}
-    elsewhere: dict[str, list[str]] = {}
-    for spec in specs:
-        for key in {normalized(key) for key in (*spec.keys, *spec.driving_keys)}:
-            if not spec.within:
-                owners.setdefault(key, []).append(spec.id)
-            if spec.within or key in {normalized(key) for key in spec.keys}:
-                elsewhere.setdefault(key, []).append(spec.id)
-    for key, ids in elsewhere.items():
-        owners[key] = list(dict.fromkeys((*owners.get(key, ()), *ids))) if len(ids) > 1 else owners.get(key, ids)
-    return sorted((key, tuple(ids)) for key, ids in owners.items() if len(ids) > 1)
-
-
-def normalized(key: str) -> str:
-    """One spelling for a key sequence. Raises ValueError for one that Qt does not know."""
-    sequence = QKeySequence(key, QKeySequence.SequenceFormat.PortableText)
-    text = sequence.toString(QKeySequence.SequenceFormat.PortableText)
-    if not text:
-        raise ValueError(f"no such key: {key!r}")
-    return text
-
-
-def _types_something(key: str) -> bool:
-    return not normalized(key).startswith(("Ctrl+", "Alt+", "Meta+", "Shift+", "F")) or normalized(key) in "<>"
 
 
 _CAP_TEXTS = {"Return": "Enter", "Shift": "⇧", "Up": "↑", "Down": "↓", "Left": "←", "Right": "→", "Del": "Delete"}
@@ -376,6 +128,7 @@ class Actions(QObject):
 
     asking = Signal(object)  # Intent; it is about to be asked for
     rebuilt = Signal()
+    rebound = Signal()  # the same rows have other keys
     rows_changed = Signal()  # robot or places have other rows now
     keys_changed = Signal()
     availability_changed = Signal()
@@ -385,13 +138,21 @@ class Actions(QObject):
         self._window = window
         self._console = console
         self._handlers = handlers
+        self._scenario = console.scenario
+        for said in (console.state.phrase_group, console.state.fillers_said):
+            said.changed.connect(self.rows_changed)
         self._answering: dict[str, object] = {}
+        self._standard: list[ActionSpec] = []
+        self._choices: Choices = {}
+        self.settled = Settled()
         self._specs: dict[str, ActionSpec] = {}
+        self._driving_panels: tuple[QWidget, ...] = ()
         self._shortcuts: list[QAction] = []
         self._panel_shortcuts: list[QShortcut] = []
         self._conditions: dict[Condition, bool] = {"always": True}
         self._features: frozenset[Feature] = frozenset()
         self._places: tuple[str, ...] = ()
+        self._expressions: tuple[str, ...] = ()
         self._letters: dict[str, str] = {}
         self._driving_focus = False
         self._brought: dict[str, tuple[ActionSpec, object]] = {}
@@ -420,6 +181,22 @@ class Actions(QObject):
             if spec.argument > len(self._places):
                 return None
             return _with_text(spec, f"Go to {self._places[spec.argument - 1]}")
+        if spec.callback == "choose_place" and not self._places:
+            return None
+        if spec.intent is show_nth_expression:
+            if spec.argument > len(self._expressions):
+                return None
+            return _with_text(spec, f"Face: {self._expressions[spec.argument - 1]}")
+        if spec.intent is say_phrase:
+            phrases = phrases_on_keys(self._scenario, self._console.state.phrase_group.value)
+            if spec.argument > len(phrases):
+                return None
+            phrase = phrases[spec.argument - 1]
+            keyed = (row for row in self._specs.values() if row.intent is say_keyed_phrase and row.argument == phrase)
+            own = next((row.keys for row in keyed), ())
+            return replace(spec, text=phrase.say, keys=(*spec.keys, *own))
+        if spec.intent is say_filler:
+            return _with_text(spec, self._scenario.next_filler(self._console.state.fillers_said.value))
         return spec
 
     def use_features(self, features: Iterable[Feature]) -> None:
@@ -430,6 +207,11 @@ class Actions(QObject):
     def use_places(self, names: Sequence[str]) -> None:
         """The places in their order, for the keys 1 to 9."""
         self._places = tuple(names[:PLACE_COUNT])
+        self.rows_changed.emit()
+
+    def use_expressions(self, names: Sequence[str]) -> None:
+        """What the robot's face can look like, in its order."""
+        self._expressions = tuple(names[:EXPRESSION_COUNT])
         self.rows_changed.emit()
 
     def use_letters(self, letters: Mapping[str, str]) -> None:
@@ -452,20 +234,42 @@ class Actions(QObject):
 
     def rebuild(self, scenario: Scenario) -> None:
         """Take the scenario's rows; shortcuts of the former ones are gone."""
+        self._scenario = scenario
+        self._standard = [spec for spec in rows_of(scenario) if self._groups is None or spec.group in self._groups] + [
+            spec for spec, _handlers in self._brought.values()
+        ]
+        self._settle()
+        self.rebuilt.emit()
+
+    def use_choices(self, choices: Choices) -> None:
+        """What this wizard chose in place of the table's keys holds from now on."""
+        self._choices = dict(choices)
+        self._settle()
+        self.bind_driving_panels(self._driving_panels)
+        self.rebound.emit()
+        self.rows_changed.emit()
+        self.keys_changed.emit()
+
+    def _settle(self) -> None:
         for action in self._shortcuts:
             self._window.removeAction(action)
             action.deleteLater()
         self._shortcuts.clear()
         self._bare.clear()
-        self._specs = {
-            spec.id: spec for spec in actions_for(scenario) if self._groups is None or spec.group in self._groups
-        }
-        self._specs |= {action_id: spec for action_id, (spec, _) in self._brought.items()}
+        self.settled = settle(self._standard, self._choices)
+        self._specs = {spec.id: spec for spec in self.settled.rows}
         for key, ids in conflicts(self._specs.values()):
             logger.error("the key %s is bound more than once: %s", key, ", ".join(ids))
         for spec in self._specs.values():
             self._bind(spec)
-        self.rebuilt.emit()
+
+    def standard_row(self, action_id: str) -> ActionSpec:
+        """The row with the keys that the table, or the scenario, has for it."""
+        return next(spec for spec in self._standard if spec.id == action_id)
+
+    def listening_in(self, part: str) -> list[ActionSpec]:
+        """The rows whose keys that part of the window listens for."""
+        return [spec for spec in self._specs.values() if spec.within == part]
 
     def keep_only(self, groups: Iterable[str]) -> None:
         """From the next ``rebuild`` on only rows of these groups are there, besides those that were brought along."""
@@ -482,10 +286,8 @@ class Actions(QObject):
             app.focusChanged.connect(self._on_focus_changed)
         for spec in specs:
             self._brought[spec.id] = (spec, handlers)
-            self._specs[spec.id] = spec
-            self._bind(spec)
-        for key, ids in conflicts(self._specs.values()):
-            logger.error("the key %s is bound more than once: %s", key, ", ".join(ids))
+            self._standard.append(spec)
+        self._settle()
         self.rows_changed.emit()
 
     def _bind(self, spec: ActionSpec) -> None:
@@ -497,7 +299,7 @@ class Actions(QObject):
         action.triggered.connect(self._runner(spec.id))
         self._window.addAction(action)
         self._shortcuts.append(action)
-        if any(_types_something(key) for key in spec.keys):
+        if any(types_something(key) for key in spec.keys):
             self._bare.append(action)
 
     def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
@@ -508,7 +310,9 @@ class Actions(QObject):
 
     def bind_driving_panels(self, panels: Sequence[QWidget]) -> None:
         """Let the bare keys work inside these widgets."""
+        self._driving_panels = tuple(panels)
         for shortcut in self._panel_shortcuts:
+            shortcut.setKey(QKeySequence())  # at once, not only when it goes
             shortcut.deleteLater()
         self._panel_shortcuts.clear()
         for panel in panels:
@@ -521,10 +325,6 @@ class Actions(QObject):
                     shortcut.setAutoRepeat(False)
                     shortcut.activated.connect(self._runner(spec.id))
                     self._panel_shortcuts.append(shortcut)
-
-    def forget_driving_panels(self) -> None:
-        """The panels are about to be deleted, and their shortcuts with them."""
-        self._panel_shortcuts.clear()
 
     def _runner(self, action_id: str) -> Callable[[], None]:
         return lambda: self.run(action_id)
@@ -563,8 +363,13 @@ class Actions(QObject):
         return spec is not None and self._conditions.get(spec.enabled_when, False)
 
     def set_condition(self, condition: Condition, holds: bool) -> None:
-        if self._conditions.get(condition, False) != holds:
-            self._conditions[condition] = holds
+        self.set_conditions({condition: holds})
+
+    def set_conditions(self, holds: Mapping[Condition, bool]) -> None:
+        """Several that change together."""
+        before = dict(self._conditions)
+        self._conditions.update(holds)
+        if any(before.get(condition, False) != now for condition, now in holds.items()):
             self.availability_changed.emit()
 
     @property
@@ -583,4 +388,4 @@ class Actions(QObject):
         if spec is None:
             return ""
         keys = spec.driving_keys if self._driving_focus and spec.driving_keys else spec.keys
-        return self.caps(spec, keys[:1])[0] if keys else ""
+        return " · ".join(self.caps(spec, keys if spec.intent is say_phrase else keys[:1]))

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QWidget
 from caris_desktop.domain.events import Problem
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.bands import QuestionBand
-from caris_desktop.ui.overlays import Overlay
+from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.problems import ProblemCards
 from caris_desktop.ui.robot_choice import motion_that_ends
 

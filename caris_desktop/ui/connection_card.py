@@ -10,7 +10,8 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWi
 
 from caris_desktop.live.state import LiveState
 from caris_desktop.ui import tokens, words
-from caris_desktop.ui.overlays import Overlay
+from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.panel_table import possible_panels
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
@@ -70,7 +71,7 @@ class ConnectionCard(Overlay):
         self._facts.setObjectName("connection_facts")
         self._facts.setTextFormat(Qt.TextFormat.PlainText)
         self._facts.setWordWrap(True)
-        diagnostics = ActionButton(theme, "Every topic", icon="gauge")
+        diagnostics = self._diagnostics = ActionButton(theme, "Every topic", icon="gauge")
         diagnostics.setObjectName("connection_diagnostics")
         diagnostics.setToolTip("Open the Diagnostics panel: rate, age and size of everything that comes")
         diagnostics.clicked.connect(self.diagnostics_requested)
@@ -100,6 +101,7 @@ class ConnectionCard(Overlay):
         return self._history
 
     def open(self) -> None:
+        self._diagnostics.setVisible("diagnostics" in possible_panels(self._state.scenario.value))
         if self._plot is None:
             self._build_plot()
         self._style()

@@ -1,355 +1,495 @@
-"""Dock panels arranged by a readable tree, and that tree read back from where the docks are."""
+"""The area of the panels: shows an arrangement, in the window and in windows of its own, and does what the wizard does.
 
-import itertools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+Panels are not QDockWidgets: a QMainWindow knows only where its docks lie, so that the tree had to be guessed from
+rectangles, sizes came back a little different each time, and a set of tabs was left by one panel or by all as Qt's
+version would have it. Here the arrangement is the one truth, and what is seen follows from it.
+"""
 
-from PySide6.QtCore import QEvent, QRect, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QApplication, QDockWidget, QMainWindow, QTabBar, QTabWidget, QWidget
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
-from caris_desktop.ui.panel import Panel, PanelTitleBar
+from PySide6.QtCore import QPoint, QRect, Qt, QTimer, Signal
+from PySide6.QtGui import QGuiApplication, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
-_AREA = Qt.DockWidgetArea.TopDockWidgetArea
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName
+from caris_desktop.ui.layout import arrangement as edits
+from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
+from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.dock_area import DockArea, qrect
+from caris_desktop.ui.layout.drop_mark import DragWords, DropMark
+from caris_desktop.ui.layout.fitting import COMFORT
+from caris_desktop.ui.layout.floating_window import FloatingWindow
+from caris_desktop.ui.layout.placing import Drop, drop_at
+from caris_desktop.ui.layout.rect import Rect, on_a_screen
+from caris_desktop.ui.layout.tree import Side, panels_in
+from caris_desktop.ui.panel import Panel
 
-
-@dataclass(frozen=True, slots=True)
-class Placed:
-    """One panel, or several on top of one another, and the rectangle it fills."""
-
-    node: PanelLeaf | TabNode
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-
-def panels_in(node: LayoutNode) -> tuple[PanelName, ...]:
-    if isinstance(node, PanelLeaf):
-        return (node.panel,)
-    if isinstance(node, TabNode):
-        return node.tabs
-    return tuple(panel for child in node.children for panel in panels_in(child))
+_FLOATING: tuple[int, int] = (480, 360)
+_CASCADE_PX = 36
+LOCKED = QT_TR_NOOP("The layout is locked, so nothing was moved. Unlock it in the menu Layout.")
 
 
-def without(node: LayoutNode, absent: frozenset[str]) -> LayoutNode | None:
-    """The tree without some panels; None when nothing is left."""
-    if isinstance(node, PanelLeaf):
-        return None if node.panel in absent else node
-    if isinstance(node, TabNode):
-        tabs = tuple(panel for panel in node.tabs if panel not in absent)
-        if len(tabs) > 1:
-            return TabNode(tabs, node.current if node.current in tabs else tabs[0])
-        return PanelLeaf(tabs[0]) if tabs else None
-    kept = [
-        (smaller, weight)
-        for child, weight in zip(node.children, node.weights, strict=True)
-        if (smaller := without(child, absent)) is not None
-    ]
-    if len(kept) <= 1:
-        return kept[0][0] if kept else None
-    return SplitNode(node.split, tuple(child for child, _ in kept), tuple(weight for _, weight in kept))
+class DockHost(DockArea):
+    """``edited`` tells of each thing that the wizard did, with the arrangement before it; ``layout_changed`` follows
+    each change, whoever made it; ``refused`` says why something was not done.
+    """
 
-
-def with_tab(node: LayoutNode, beside: PanelName, panel: PanelName) -> LayoutNode:
-    """The tree with ``panel`` in front of ``beside``, in one set of tabs."""
-    if isinstance(node, SplitNode):
-        return SplitNode(node.split, tuple(with_tab(child, beside, panel) for child in node.children), node.weights)
-    if beside not in panels_in(node):
-        return node
-    return TabNode((*panels_in(node), panel), panel)
-
-
-def tree_from_rectangles(placed: Sequence[Placed]) -> LayoutNode | None:
-    """Cut the rectangles apart, first where a straight line passes between them, and so on inside each part."""
-    if not placed:
-        return None
-    if len(placed) == 1:
-        return placed[0].node
-    for direction in ("horizontal", "vertical"):
-        groups = _cut(placed, direction)
-        if len(groups) > 1:
-            sizes = [_extent(group, direction) for group in groups]
-            children = [tree_from_rectangles(group) for group in groups]
-            return SplitNode(
-                direction,
-                tuple(child for child in children if child is not None),
-                tuple(round(size / sum(sizes), 3) for size in sizes),
-            )
-    # Overlapping rectangles (a panel is being dragged): keep everything, as tabs.
-    names = tuple(name for item in placed for name in panels_in(item.node))
-    return TabNode(names, names[0])
-
-
-def _span(item: Placed, direction: str) -> tuple[int, int]:
-    return (item.left, item.right) if direction == "horizontal" else (item.top, item.bottom)
-
-
-def _cut(placed: Sequence[Placed], direction: Literal["horizontal", "vertical"]) -> list[list[Placed]]:
-    groups: list[list[Placed]] = []
-    reach = 0
-    for item in sorted(placed, key=lambda item: _span(item, direction)):
-        start, end = _span(item, direction)
-        if not groups or start > reach:
-            groups.append([item])
-            reach = end
-        else:
-            groups[-1].append(item)
-            reach = max(reach, end)
-    return groups
-
-
-def _extent(group: Sequence[Placed], direction: str) -> int:
-    spans = [_span(item, direction) for item in group]
-    return max(end for _, end in spans) - min(start for start, _ in spans)
-
-
-class DockHost(QMainWindow):
-    """The dock area. ``layout_changed`` follows each rearrangement by the wizard."""
-
+    edited = Signal(str, object)
     layout_changed = Signal()
+    refused = Signal(str)
+    room_changed = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.setWindowFlags(Qt.WindowType.Widget)
+        self._docks: dict[PanelName, Dock] = {}
+        super().__init__(self._docks, parent)
         self.setObjectName("dock_host")
-        self.setDockOptions(QMainWindow.DockOption.AllowNestedDocks | QMainWindow.DockOption.AllowTabbedDocks)
-        self.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
-        self.setContextMenuPolicy(Qt.ContextMenuPolicy.NoContextMenu)
-        self._docks: dict[PanelName, QDockWidget] = {}
-        self._tree: LayoutNode | None = None
-        self._arranging = False
-        self._read_back = QTimer(self, singleShot=True, interval=0)
-        self._read_back.timeout.connect(self._on_rearranged)
+        self._arrangement: Arrangement | None = None
+        self._windows: list[FloatingWindow] = []
+        self._drop_mark = DropMark(self)
+        self._drop_mark.hide()
+        self._words: DragWords | None = None
+        self._given_up = False
+        self.screens: Callable[[], Sequence[Rect]] = available_screens
+        self._before_resize: Arrangement | None = None
+        self._leaving: deque[Dock] = deque()
+        self._leave = QTimer(self, interval=0)
+        self._leave.timeout.connect(self._delete_next)
+        self._follow(self)
+        app = QGuiApplication.instance()
+        if isinstance(app, QGuiApplication):
+            app.screenAdded.connect(self.show_everything)
+            app.screenRemoved.connect(self.show_everything)
+        if isinstance(app, QApplication):
+            app.focusChanged.connect(self._on_focus_changed)
+
+    # ---- what is shown
 
     @property
-    def docks(self) -> Mapping[PanelName, QDockWidget]:
-        return self._docks
+    def arrangement(self) -> Arrangement | None:
+        return self._arrangement
 
     @property
     def tree(self) -> LayoutNode | None:
-        """The arrangement as it stands, weights included; closed panels are left out."""
-        return self._tree
+        """The arrangement as a file would have it: closed panels are left out."""
+        return None if self._arrangement is None else self._arrangement.for_file
 
     def clear(self) -> None:
-        """Delete all docks with their panels."""
-        self._arranging = True
-        for dock in self._docks.values():
-            self.removeDockWidget(dock)
-            dock.hide()
-            dock.setParent(None)
-            dock.deleteLater()
-        self._docks.clear()
-        self._tree = None
+        """Nothing is there any more. The docks are deleted with their panels one in each turn of the event loop: a
+        whole window is not taken apart in a moment.
+        """
+        for name, dock in tuple(self._docks.items()):
+            if dock.isFloating():
+                self._forget(name)
+            else:
+                dock.hide()
+                self._leaving.append(self._docks.pop(name))
+        self._arrangement = None
+        self.show_everything()
+        self._leave.start()
+
+    def _delete_next(self) -> None:
+        if not self._leaving:
+            self._leave.stop()
+            return
+        dock = self._leaving.popleft()
+        dock.setParent(None)
+        dock.deleteLater()
 
     def show_layout(self, panels: Mapping[PanelName, Panel], tree: LayoutNode) -> None:
-        """Replace everything by ``panels``, arranged as ``tree`` says."""
-        self.clear()
-        for name in panels_in(tree):
-            self._docks[name] = self._make_dock(name, panels[name])
-        first = self._docks[_representative(tree)]
-        self.addDockWidget(_AREA, first)
-        self._place(tree)
-        self._tree = tree
-        for dock in self._docks.values():
-            dock.show()
-        self._raise_current(tree)
-        for dock in self._docks.values():
-            dock.visibilityChanged.connect(self._schedule_read_back)
-            dock.dockLocationChanged.connect(self._schedule_read_back)
-        self._style_tabs()
-        self._arranging = False
-        self._apply_weights()
+        """As :meth:`show_arrangement`, arranged as a file says."""
+        self.show_arrangement(panels, arrangement_of(tree))
 
-    def _style_tabs(self) -> None:
-        for bar in self.findChildren(QTabBar):
-            bar.setExpanding(False)
-            bar.setDrawBase(False)
-            # Many tabs in a narrow dock scroll: "D…" names no panel.
-            bar.setElideMode(Qt.TextElideMode.ElideNone)
-            bar.setUsesScrollButtons(True)
-            bar.setAccessibleName("Panels in tabs")
-        for dock in self._docks.values():
-            title_bar = dock.titleBarWidget()
-            if isinstance(title_bar, PanelTitleBar):
-                title_bar.set_tabbed(bool(self.tabifiedDockWidgets(dock)))
+    def show_arrangement(self, panels: Mapping[PanelName, Panel], arrangement: Arrangement) -> None:
+        """Show ``panels`` like this. Those that are shown already stay what they are; others go away."""
+        self.keep_only(panels)
+        for name in arrangement.panels:
+            if name not in self._docks:
+                self._docks[name] = self._make_dock(name, panels[name])
+        self._arrangement = arrangement
+        self.show_everything()
+        self.layout_changed.emit()
 
-    def is_open(self, name: PanelName) -> bool:
-        """Whether the panel is there, be it behind another tab."""
-        dock = self._docks.get(name)
-        return dock is not None and not dock.isHidden()
+    def keep_only(self, panels: Mapping[PanelName, Panel]) -> None:
+        """Delete every other panel; what stays is arranged anew afterwards."""
+        gone = [name for name, dock in self._docks.items() if panels.get(name) is not dock.widget()]
+        if self._arrangement is not None:
+            self._arrangement = edits.remove(self._arrangement, gone)
+        for name in gone:
+            self._forget(name)
+
+    def make_room(self, name: PanelName, panel: Panel) -> None:
+        """Prepare a panel, unseen, for the arrangement that is shown next."""
+        if name not in self._docks:
+            self._docks[name] = self._make_dock(name, panel)
 
     def add_panel(self, name: PanelName, panel: Panel, beside: Sequence[PanelName] = ()) -> None:
         """Add one panel in a tab in front of the first of ``beside`` that is open, else of any open one."""
-        neighbour = next((each for each in (*beside, *self._docks) if self.is_open(each)), None)
-        dock = self._docks[name] = self._make_dock(name, panel)
-        self._arranging = True
-        if neighbour is None:
-            self.addDockWidget(_AREA, dock)
-            self._tree = PanelLeaf(name)
-        else:
-            self.tabifyDockWidget(self._docks[neighbour], dock)
-            self._tree = PanelLeaf(name) if self._tree is None else with_tab(self._tree, neighbour, name)
-        dock.show()
-        dock.raise_()
-        dock.visibilityChanged.connect(self._schedule_read_back)
-        dock.dockLocationChanged.connect(self._schedule_read_back)
-        self._style_tabs()
-        self._arranging = False
-        self._apply_weights()
-        self.layout_changed.emit()
-
-    def remove_panel(self, name: PanelName) -> None:
-        """Take the panel away and delete it."""
-        dock = self._docks.pop(name, None)
-        if dock is None:
+        if self._arrangement is None:
+            self.show_arrangement({name: panel}, Arrangement(PanelLeaf(name)))
             return
-        self._arranging = True
-        # The tree must not name a dock that is gone, not even until it is read back.
-        self._tree = None if self._tree is None else without(self._tree, frozenset({name}))
-        self.removeDockWidget(dock)
+        self._docks[name] = self._make_dock(name, panel)
+        what = tr("Open {panel}").format(panel=panel.title)
+        self._do(what, edits.add(self._arrangement, name, beside))
+
+    def remove_panel(self, name: PanelName) -> bool:
+        """Take the panel away and delete it; whether that was done."""
+        if self._arrangement is None or name not in self._docks:
+            return False
+        what = tr("Close {panel}").format(panel=self._title(name))
+        if not self.edit(what, edits.remove(self._arrangement, (name,))):
+            return False
+        self._forget(name)
+        return True
+
+    def is_open(self, name: PanelName) -> bool:
+        """Whether the panel is there, be it behind another tab."""
+        return self._arrangement is not None and self._arrangement.is_shown(name)
+
+    def _forget(self, name: PanelName) -> None:
+        dock = self._docks.pop(name)
         dock.hide()
         dock.setParent(None)
         dock.deleteLater()
-        self._style_tabs()
-        self._arranging = False
-        self._apply_weights()
-        self.layout_changed.emit()
 
-    def _make_dock(self, name: PanelName, panel: Panel) -> QDockWidget:
+    def _make_dock(self, name: PanelName, panel: Panel) -> Dock:
         # With a parent from the first: else it is a window for a moment, and takes the activation from ours.
-        dock = QDockWidget(panel.shown_title, self)
-        panel.title_changed.connect(dock.setWindowTitle)
-        dock.setObjectName(f"dock_{name}")
-        dock.setFeatures(
-            QDockWidget.DockWidgetFeature.DockWidgetClosable | QDockWidget.DockWidgetFeature.DockWidgetMovable
-        )
-        dock.setTitleBarWidget(PanelTitleBar(panel))
-        dock.setWidget(panel)
-        # Behind another tab a widget still counts as visible for Qt; the dock knows better.
-        dock.visibilityChanged.connect(panel.set_in_view)
+        dock = Dock(name, panel, self)
+        dock.lower()
+        dock.hide()
+        panel.title_changed.connect(self._retitle)
+        dock.drag_moved.connect(self._on_drag_moved)
+        dock.drag_dropped.connect(self._on_drag_dropped)
+        dock.close_wanted.connect(self.close_panel)
+        dock.float_wanted.connect(self.toggle_floating)
+        dock.menu_wanted.connect(self._open_menu)
+        dock.drawer_wanted.connect(self._open_drawer_of)
         return dock
 
-    def close_panel(self, name: PanelName) -> None:
-        """Hide the panel; ``show_panel`` brings it back where it was."""
-        dock = self._docks.get(name)
-        if dock is not None:
-            dock.close()
-
-    def show_panel(self, name: PanelName) -> None:
-        """Open the panel if it is closed and bring it to the front of its tabs."""
-        dock = self._docks.get(name)
-        if dock is not None:
-            dock.show()
-            dock.raise_()
-
-    def _place(self, node: LayoutNode) -> None:
-        if isinstance(node, TabNode):
-            for earlier, later in itertools.pairwise(node.tabs):
-                self.tabifyDockWidget(self._docks[earlier], self._docks[later])
-        elif isinstance(node, SplitNode):
-            orientation = _orientation(node)
-            first_docks = [self._docks[_representative(child)] for child in node.children]
-            for before, after in itertools.pairwise(first_docks):
-                self.splitDockWidget(before, after, orientation)
-            for child in node.children:
-                self._place(child)
-
-    def _raise_current(self, node: LayoutNode) -> None:
-        if isinstance(node, TabNode):
-            self._docks[node.current or node.tabs[0]].raise_()
-        elif isinstance(node, SplitNode):
-            for child in node.children:
-                self._raise_current(child)
-
-    def _apply_weights(self) -> None:
-        if self._tree is None or not self.isVisible():
+    def show_everything(self) -> None:
+        """Lay out what the arrangement says, on the screens that are there now."""
+        arrangement = self._arrangement
+        floating = () if arrangement is None else arrangement.floating
+        while len(self._windows) > len(floating):
+            window = self._windows.pop()
+            for dock in self._docks.values():
+                if dock.parentWidget() is window.area:
+                    dock.setParent(self)
+                    dock.lower()
+            window.hide()
+            window.deleteLater()
+        while len(self._windows) < len(floating):
+            self._windows.append(self._new_window(len(self._windows)))
+        if arrangement is None:
+            self.show_tree(None, frozenset())
             return
-        self._arranging = True
-        # Outer splits first: an inner one can only divide what the outer one gave it.
-        self._resize(self._tree, self.size())
-        self._arranging = False
+        for name in arrangement.panels:
+            dock = self._docks[name]
+            dock.set_place(floating=name in arrangement.afloat, locked=self.locked)
+            if not arrangement.is_shown(name):
+                dock.set_shown(False)
+        self.show_tree(arrangement.tree, arrangement.docked)
+        # What is kept stays as it is: the other screen may be back tomorrow.
+        for window, wanted in zip(self._windows, edits.clamped(arrangement, self.screens()).floating, strict=True):
+            window.area.locked = self.locked
+            shown = frozenset(panels_in(wanted.tree)) - arrangement.hidden
+            window.show_panels(wanted.tree, shown, wanted.place)
 
-    def _resize(self, node: LayoutNode, size: QSize) -> None:
-        if not isinstance(node, SplitNode):
-            return
-        horizontal = node.split == "horizontal"
-        whole = (size.width() if horizontal else size.height()) - 8 * (len(node.children) - 1)
-        total = sum(node.weights)
-        lengths = [max(1, round(whole * weight / total)) for weight in node.weights]
-        docks = [self._docks[_representative(child)] for child in node.children]
-        self.resizeDocks(docks, lengths, _orientation(node))
-        for child, length in zip(node.children, lengths, strict=True):
-            self._resize(child, QSize(length, size.height()) if horizontal else QSize(size.width(), length))
+    def _new_window(self, index: int) -> FloatingWindow:
+        window = FloatingWindow(self._docks, self)
+        self._follow(window.area, index)
+        window.moved_by_hand.connect(lambda place: self._on_window_moved(index, place))
+        window.close_wanted.connect(lambda: self._dock_all_of(index))
+        return window
 
-    def read_layout(self) -> LayoutNode | None:
-        """The tree that the docks form now."""
-        placed: list[Placed] = []
-        seen: set[PanelName] = set()
-        for name, dock in self._docks.items():
-            if name in seen or dock.isHidden() or dock.isFloating():
-                continue
-            group = [name, *self._tabbed_with(dock)]
-            seen.update(group)
-            front = next((member for member in group if not self._docks[member].visibleRegion().isEmpty()), name)
-            rectangle: QRect = self._docks[front].geometry()
-            node: PanelLeaf | TabNode = (
-                PanelLeaf(name) if len(group) == 1 else TabNode(tuple(self._tab_order(group)), front)
-            )
-            placed.append(Placed(node, rectangle.left(), rectangle.top(), rectangle.right(), rectangle.bottom()))
-        return tree_from_rectangles(placed)
+    def _follow(self, area: DockArea, window: int | None = None) -> None:
+        area.tab_chosen.connect(self._on_tab_chosen)
+        area.tab_drag_moved.connect(self._on_drag_moved)
+        area.tab_drag_dropped.connect(self._on_drag_dropped)
+        area.tab_menu_wanted.connect(self._open_menu)
+        area.resized_by_hand.connect(
+            lambda path, weights, let_go: self._on_resized_by_hand(window, path, weights, let_go)
+        )
 
-    def _tabbed_with(self, dock: QDockWidget) -> list[PanelName]:
-        by_dock = {id(candidate): name for name, candidate in self._docks.items()}
-        return [
-            by_dock[id(other)]
-            for other in self.tabifiedDockWidgets(dock)
-            if id(other) in by_dock and not other.isHidden()
-        ]
-
-    def _tab_order(self, group: Sequence[PanelName]) -> list[PanelName]:
-        titles = {self._docks[name].windowTitle(): name for name in group}
-        for bar in self.findChildren(QTabBar):
-            texts = [bar.tabText(index) for index in range(bar.count())]
-            if set(texts) == set(titles):
-                return [titles[text] for text in texts]
-        return list(group)
-
-    def _schedule_read_back(self) -> None:
-        if not self._arranging and self.isVisible():
-            self._read_back.start()
-
-    def _on_rearranged(self) -> None:
-        self._style_tabs()
-        tree = self.read_layout()
-        if tree is not None and tree != self._tree:
-            self._tree = tree
-            self.layout_changed.emit()
-
-    def event(self, event: QEvent) -> bool:
-        handled = super().event(event)
-        if event.type() == QEvent.Type.MouseButtonRelease:
-            self._schedule_read_back()
-        return bool(handled)
+    def _retitle(self) -> None:
+        self.retitle()
+        for window in self._windows:
+            window.area.retitle()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # Qt gives what a resize adds to whatever is hungriest; the weights say who should have it.
-        if self._tree is not None and not QApplication.mouseButtons():
-            self._apply_weights()
-        elif self._tree is not None:
-            QTimer.singleShot(0, self, self._apply_weights)
+        self.room_changed.emit()
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
-        QTimer.singleShot(0, self, self._apply_weights)
+        self.room_changed.emit()
+
+    # ---- what is done
+
+    def set_locked(self, locked: bool) -> None:
+        """Locked, nothing can be moved, closed or floated."""
+        self.locked = locked
+        self.show_everything()
+
+    def edit(self, what: str, after: Arrangement | None) -> bool:
+        """The wizard did ``what``, in words; whether it was done."""
+        if after is None or after == self._arrangement:
+            return False
+        if self.locked:
+            self.refused.emit(tr(LOCKED))
+            return False
+        self._do(what, after)
+        return True
+
+    def _do(self, what: str, after: Arrangement) -> None:
+        before, self._arrangement = self._arrangement, after
+        self.show_everything()
+        self.edited.emit(what, before)
+        self.layout_changed.emit()
+
+    def close_panel(self, name: PanelName) -> None:
+        """Hide the panel; ``show_panel`` brings it back where it was."""
+        if self._arrangement is not None and self.is_open(name):
+            self.edit(tr("Close {panel}").format(panel=self._title(name)), edits.hide(self._arrangement, name))
+
+    def show_panel(self, name: PanelName) -> None:
+        """Open the panel if it is closed and bring it to the front of its tabs."""
+        arrangement = self._arrangement
+        if arrangement is None or name not in self._docks:
+            return
+        if not arrangement.is_shown(name):
+            self._do(tr("Open {panel}").format(panel=self._title(name)), edits.show(arrangement, name))
+        else:
+            self._on_tab_chosen(name)
+
+    def float_panel(self, name: PanelName, place: Rect | None = None) -> None:
+        """Give the panel a window of its own: at ``place``, or near where it is."""
+        if self._arrangement is None or name not in self._docks:
+            return
+        if place is None:
+            dock = self._docks[name]
+            at = dock.mapToGlobal(QPoint(_CASCADE_PX, _CASCADE_PX))
+            comfort = COMFORT.get(name, _FLOATING)
+            place = Rect(at.x(), at.y(), max(dock.width(), comfort[0]), max(dock.height(), comfort[1]))
+        after = edits.float_panel(self._arrangement, name, on_a_screen(place, self.screens()))
+        self.edit(tr("Float {panel}").format(panel=self._title(name)), after)
+
+    def dock_panel(self, name: PanelName) -> None:
+        """Put a floating panel back where it was."""
+        if self._arrangement is not None and name in self._docks:
+            self.edit(tr("Put {panel} back").format(panel=self._title(name)), edits.dock(self._arrangement, name))
+
+    def toggle_floating(self, name: PanelName) -> None:
+        if self._arrangement is not None and name in self._arrangement.afloat:
+            self.dock_panel(name)
+        else:
+            self.float_panel(name)
+
+    def move_panel(self, name: PanelName, beside: PanelName, side: Side, at: int | None = None) -> None:
+        """Put the panel beside another one or into its tabs."""
+        if self._arrangement is not None:
+            after = edits.move(self._arrangement, name, beside, side, at)
+            self.edit(tr("Move {panel}").format(panel=self._title(name)), after)
+
+    def _title(self, name: PanelName) -> str:
+        return self._docks[name].widget().title
+
+    def _on_tab_chosen(self, name: PanelName) -> None:
+        """Which tab is in front is part of the arrangement, but nothing that was rearranged."""
+        if self._arrangement is None:
+            return
+        after = edits.select(self._arrangement, name)
+        if after != self._arrangement:
+            self._arrangement = after
+            self.show_everything()
+            self.layout_changed.emit()
+
+    def _on_resized_by_hand(
+        self, window: int | None, path: tuple[int, ...], weights: tuple[float, ...], let_go: bool
+    ) -> None:
+        if self._arrangement is None or self.locked:
+            return
+        if self._before_resize is None:
+            self._before_resize = self._arrangement
+        self._arrangement = edits.resize(self._arrangement, window, path, weights)
+        area = self if window is None else self._windows[window].area
+        tree = self._arrangement.tree if window is None else self._arrangement.floating[window].tree
+        area.whole_tree = tree
+        area.lay_out()
+        if let_go:
+            before, self._before_resize = self._before_resize, None
+            if before != self._arrangement:
+                self.edited.emit(tr("Change sizes"), before)
+                self.layout_changed.emit()
+
+    def _on_window_moved(self, index: int, place: Rect) -> None:
+        if self._arrangement is None or index >= len(self._arrangement.floating):
+            return
+        if self.locked:
+            self.show_everything()  # back to where it was
+            self.refused.emit(tr(LOCKED))
+            return
+        self._arrangement = edits.place_window(self._arrangement, index, place)
+        self.layout_changed.emit()
+
+    def _dock_all_of(self, index: int) -> None:
+        """The window was closed by its own button: its panels are not lost by that."""
+        if self._arrangement is None or index >= len(self._arrangement.floating):
+            return
+        after = self._arrangement
+        for name in panels_in(after.floating[index].tree):
+            after = edits.dock(after, name)
+        self.edit(tr("Put panels back"), after)
+
+    # ---- drawer
+
+    def _area_of(self, name: PanelName) -> DockArea:
+        parent = self._docks[name].parentWidget()
+        return parent if isinstance(parent, DockArea) else self
+
+    def _open_drawer_of(self, name: PanelName) -> None:
+        self._area_of(name).open_drawer(name)
+
+    def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
+        """Whoever goes on in another panel is done with the drawer."""
+        for area in (self, *(window.area for window in self._windows)):
+            drawer = area.drawer
+            elsewhere = [dock for name, dock in self._docks.items() if name != drawer]
+            if drawer is not None and new is not None and any(dock.isAncestorOf(new) for dock in elsewhere):
+                area.open_drawer(None)
+
+    # ---- dragging
+
+    def _drop_at(self, name: PanelName, at: QPoint) -> tuple[DockArea, Drop | None] | None:
+        """The area under the pointer, a window of its own first, with what letting go there would do."""
+        for area in (*(window.area for window in reversed(self._windows)), self):
+            inside = area.mapFromGlobal(at)
+            if not area.isVisible() or not area.rect().contains(inside):
+                continue
+            drop = drop_at(area.placing, Rect(0, 0, area.width(), area.height()), inside.x(), inside.y(), name)
+            if drop is not None and drop.side == "tab" and drop.at is not None:
+                bar = next((bar for bar in area.bars if drop.beside in bar.panels), None)
+                place = None if bar is None else bar.place_of(bar.mapFromGlobal(at), name)
+                drop = Drop(drop.beside, drop.side, drop.mark, place)
+            if drop is not None and drop.beside is None and area is not self:
+                drop = None
+            return area, drop
+        return None
+
+    def _on_drag_moved(self, name: PanelName, at: QPoint) -> None:
+        if self._given_up:
+            return
+        if self._words is None:
+            self._words = DragWords(self)
+        if self.locked:
+            self._words.show_at(at, tr("The layout is locked"))
+            return
+        found = self._drop_at(name, at)
+        if found is None or found[1] is None:
+            self._drop_mark.hide()
+        else:
+            self._drop_mark.show_at(found[0], qrect(found[1].mark))
+        self._words.show_at(at, self._what_drops(name, found))
+
+    def _what_drops(self, name: PanelName, found: tuple[DockArea, Drop | None] | None) -> str:
+        title = self._title(name)
+        if found is None:
+            return tr("{panel}: a window of its own").format(panel=title)
+        drop = found[1]
+        if drop is None:
+            return tr("{panel}: stays here").format(panel=title)
+        if drop.beside is None:
+            return tr("{panel}: along the whole edge").format(panel=title)
+        if drop.side == "tab":
+            return tr("{panel}: into the tabs of {other}").format(panel=title, other=self._title(drop.beside))
+        return tr(_BESIDE[drop.side]).format(panel=title, other=self._title(drop.beside))
+
+    def _on_drag_dropped(self, name: PanelName, at: QPoint) -> None:
+        self._drop_mark.hide()
+        self._drop_mark.setParent(self)
+        if self._words is not None:
+            self._words.hide()
+        given_up, self._given_up = self._given_up, False
+        if given_up or self._arrangement is None:
+            return
+        found = self._drop_at(name, at)
+        if found is None:
+            place = Rect(at.x() - 60, at.y() - 20, *COMFORT.get(name, _FLOATING))
+            self.float_panel(name, place)
+        elif found[1] is not None:
+            drop = found[1]
+            if drop.beside is None:
+                after = edits.move_to_edge(self._arrangement, name, drop.side)
+                self.edit(tr("Move {panel}").format(panel=self._title(name)), after)
+            else:
+                self.move_panel(name, drop.beside, drop.side, drop.at)
+
+    def give_up(self) -> None:
+        """Esc: what is dragged stays where it was, and a drawer closes."""
+        if self._words is not None and self._words.isVisible():
+            self._given_up = True
+            self._words.hide()
+            self._drop_mark.hide()
+        for area in (self, *(window.area for window in self._windows)):
+            if area.drawer is not None:
+                area.open_drawer(None)
+
+    # ---- a panel's menu
+
+    def _open_menu(self, name: PanelName, at: QPoint) -> None:
+        menu = QMenu(self)
+        menu.setObjectName("panel_menu")
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.fill_menu(menu, name)
+        menu.popup(at)
+
+    def fill_menu(self, menu: QMenu, name: PanelName) -> None:
+        """What can be done with one panel, by keys too."""
+        arrangement = self._arrangement
+        if arrangement is None:
+            return
+        afloat = name in arrangement.afloat
+        floats = menu.addAction(tr("Put back into the main window") if afloat else tr("Into a window of its own"))
+        floats.triggered.connect(lambda: self.toggle_floating(name))
+        large = menu.addAction(tr("Show large for a moment"))
+        large.triggered.connect(lambda: self._open_drawer_of(name))
+        others = [other for other in arrangement.panels if other != name and arrangement.is_shown(other)]
+        for side, words in _MENU_SIDES.items():
+            into = menu.addMenu(tr(words))
+            into.setEnabled(not self.locked and bool(others))
+            for other in others:
+                into.addAction(self._title(other)).triggered.connect(self._mover(name, other, side))
+        menu.addSeparator()
+        close = menu.addAction(tr("Close this panel"))
+        close.triggered.connect(lambda: self.close_panel(name))
+        for action in (floats, close):
+            action.setEnabled(not self.locked)
+        if self.locked:
+            menu.addSection(tr("The layout is locked"))
+
+    def _mover(self, name: PanelName, other: PanelName, side: Side) -> Callable[[], None]:
+        return lambda: self.move_panel(name, other, side)
 
 
-def _representative(node: LayoutNode) -> PanelName:
-    return panels_in(node)[0]
+_MENU_SIDES: Mapping[Side, str] = {
+    "tab": QT_TR_NOOP("Into the tabs of"),
+    "left": QT_TR_NOOP("Left of"),
+    "right": QT_TR_NOOP("Right of"),
+    "above": QT_TR_NOOP("Above"),
+    "below": QT_TR_NOOP("Below"),
+}
+_BESIDE: Mapping[Side, str] = {
+    "left": QT_TR_NOOP("{panel}: left of {other}"),
+    "right": QT_TR_NOOP("{panel}: right of {other}"),
+    "above": QT_TR_NOOP("{panel}: above {other}"),
+    "below": QT_TR_NOOP("{panel}: below {other}"),
+}
 
 
-def _orientation(node: SplitNode) -> Qt.Orientation:
-    return Qt.Orientation.Horizontal if node.split == "horizontal" else Qt.Orientation.Vertical
+def available_screens() -> Sequence[Rect]:
+    """What windows may use of each screen, the main one first."""
+    main = QGuiApplication.primaryScreen()
+    screens = sorted(QGuiApplication.screens(), key=lambda screen: screen is not main)
+    rects: list[QRect] = [screen.availableGeometry() for screen in screens]
+    return [Rect(rect.x(), rect.y(), rect.width(), rect.height()) for rect in rects]

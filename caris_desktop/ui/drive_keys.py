@@ -26,7 +26,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.held_motion import WISHES, HeldMotion, Hold
-from caris_desktop.ui.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings
+from caris_desktop.ui.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings, PressedKey, pressed_key
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, KeyboardGrabs, PhysicalKeys
 
@@ -40,10 +40,7 @@ _MODIFIER_KEYS = (
     Qt.Key.Key_Shift, Qt.Key.Key_Control, Qt.Key.Key_Alt, Qt.Key.Key_Meta, Qt.Key.Key_AltGr, Qt.Key.Key_CapsLock,
     Qt.Key.Key_NumLock,
 )  # fmt: skip
-_LEFT_OVER = (
-    Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ShiftModifier,
-    Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier,
-)  # fmt: skip
+_CTRL_SHIFT = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
 _TEXT_INPUTS = (QLineEdit, QPlainTextEdit, QTextEdit, QAbstractSpinBox)
 # In a list or a drop-down letters look for lines and arrows move between them.
 _KEEPS_ITS_KEYS = (*_TEXT_INPUTS, QComboBox, QAbstractItemView)
@@ -79,7 +76,9 @@ class HoldToDrive(QObject):
         self._alt_drove = False
         self._last_refused_s = float("-inf")
         self._marking: dict[int, str] = {}
-        self._question: tuple[str, Callable[[str], None]] | None = None
+        self._question: tuple[str, Callable[[str], None], Qt.KeyboardModifier] | None = None
+        self.captures: Callable[[PressedKey], None] | None = None
+        """While there is one, it gets every key but Esc and Pause, which does nothing else."""
         self._owned: dict[int, Hold | None] = {}
         self._key_owner: KeyOwner = "elsewhere"
         self._last_escape_s = float("-inf")
@@ -94,6 +93,7 @@ class HoldToDrive(QObject):
         app.focusChanged.connect(self._on_focus_changed)
         app.applicationStateChanged.connect(self._on_application_state_changed)
         actions.rebuilt.connect(self._on_rebuilt)
+        actions.rebound.connect(self._on_rebound)
         actions.use_letters(self._keys.letters(position_codes(sys.platform)))
         console.state.drive.changed.connect(self._on_drive_changed)
         console.state.event_happened.connect(self._on_event)
@@ -107,13 +107,16 @@ class HoldToDrive(QObject):
         self._app.removeEventFilter(self)
         self._app.removeNativeEventFilter(self._grabs)
 
-    def ask_next_key(self, letters: str, answer: Callable[[str], None]) -> None:
+    def ask_next_key(
+        self, letters: str, answer: Callable[[str], None], *, after: Qt.KeyboardModifier = _CTRL_SHIFT
+    ) -> None:
         """Take the next key press before anything else sees it, if it is one of ``letters``, by their places.
 
         ``answer`` gets the letter, or an empty text when another key came first, which does what it always does. Keys
-        that drive do so meanwhile, and answer nothing.
+        that are held to drive do so meanwhile, and answer nothing. ``after`` are the modifiers of the chord that asked,
+        on which the fingers may still be.
         """
-        self._question = letters, answer
+        self._question = letters, answer, after
 
     def ask_no_key(self) -> None:
         """The answer is no longer waited for."""
@@ -160,6 +163,10 @@ class HoldToDrive(QObject):
         self.motion.release_all(reason)
 
     # ---- which keys these are
+
+    def _on_rebound(self) -> None:
+        self.release_all("The keys were changed")
+        self._bindings.take(self._actions.all_specs)
 
     def _on_rebuilt(self) -> None:
         self.release_all("The scenario was changed")
@@ -255,6 +262,12 @@ class HoldToDrive(QObject):
             event.accept()
             return True
         self._learn_letter(code, event)
+        if self.captures is not None and key not in _MODIFIER_KEYS and self._takes_keys():
+            event.accept()
+            if event.type() == QEvent.Type.KeyPress and not repeated:
+                self._owned[identity] = None
+                self.captures(pressed_key(code, event))
+            return True
         if not repeated and self._answers(code, event):
             if event.type() == QEvent.Type.KeyPress:
                 self._owned[identity] = None
@@ -296,14 +309,15 @@ class HoldToDrive(QObject):
         """Whether this key is the answer that was asked for; any other one ends the question."""
         if self._question is None or event.key() in _MODIFIER_KEYS or not self._takes_keys():
             return False
-        if self._hold_for(code, event) is not None:
+        hold = self._hold_for(code, event)
+        if hold is not None and hold.action_id in WISHES:
             return False
-        letters, answer = self._question
+        letters, answer, after = self._question
         letter = position_of(sys.platform, code) or ""
         if code is None:
             letter = LETTERS.get(int(event.key()), "")
-        # The fingers may still be on the modifiers of the chord before.
-        if letter and letter in letters and self._without_driving_alt(event) in _LEFT_OVER:
+        left_over = (Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ShiftModifier, after)
+        if letter and letter in letters and self._without_driving_alt(event) in left_over:
             if event.type() == QEvent.Type.KeyPress:
                 self._question = None
                 answer(letter)

@@ -40,7 +40,7 @@ _BUTTON_TEXTS: dict[ButtonAction, str] = {
     "stop": "Stop the robot", "emergency_stop": "Emergency stop", "phrase_1": "Say phrase 1",
     "phrase_2": "Say phrase 2", "phrase_3": "Say phrase 3", "phrase_4": "Say phrase 4", "filler": "Say the filler",
     "silence": "Silence", "photo": "Photo", "mark": "Mark", "slower": "Slower", "faster": "Faster",
-    "look_ahead": "Look ahead",
+    "look_ahead": "Look ahead", "push_to_talk": "Speak through the robot (hold)",
 }  # fmt: skip
 
 

@@ -2,11 +2,12 @@
 
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 from PySide6.QtCore import QKeyCombination, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence
 
-from caris_desktop.ui.actions import ActionSpec
+from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.held_motion import Hold
 from caris_desktop.ui.key_positions import position_codes, position_of
 
@@ -41,7 +42,7 @@ class KeyBindings:
             if spec.kind == "command" and not spec.within:
                 chords = (_chord(text) for text in spec.keys)
                 self._function_keys |= {int(chord.key()): spec.id for chord in chords if _is_function_key(chord)}
-            if spec.kind == "mark":
+            if spec.kind in ("mark", "talk"):
                 for keys, texts in ((self._marks, spec.keys), (self._bare_marks, spec.driving_keys)):
                     for text in texts:
                         chord = _chord(text)
@@ -85,6 +86,27 @@ class KeyBindings:
             action_id = self._chords.get((where, (modifiers & ~_NOT_PART_OF_A_CHORD).value))
             lives_by_focus = False
         return None if action_id is None else Hold(action_id, bare=lives_by_focus)
+
+
+@dataclass(frozen=True, slots=True)
+class PressedKey:
+    """``key`` as it is written in the table, empty for one that has no name; ``position`` is where it lies."""
+
+    key: str
+    position: str
+
+
+def pressed_key(code: int | None, event: QKeyEvent) -> PressedKey:
+    """What somebody pressed to say which key they mean."""
+    key, modifiers = int(event.key()), event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier
+    position = position_of(sys.platform, code) or (LETTERS.get(key, "") if code is None else "")
+    if position.isdecimal():
+        key = ord(position)  # with Shift it types another character
+    elif modifiers & Qt.KeyboardModifier.ShiftModifier and 0x20 < key < 0x7F and not chr(key).isalpha():
+        modifiers &= ~Qt.KeyboardModifier.ShiftModifier  # "?" says already that Shift was held
+    named = 0 < key != int(Qt.Key.Key_unknown)
+    sequence = QKeySequence(QKeyCombination(modifiers, Qt.Key(key))) if named else QKeySequence()
+    return PressedKey(sequence.toString(QKeySequence.SequenceFormat.PortableText), position)
 
 
 def _where(spec: ActionSpec, text: str) -> int | str:

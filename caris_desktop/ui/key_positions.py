@@ -6,27 +6,23 @@ The macOS table has been checked against Apple's header, not yet tried on a Mac.
 
 from collections.abc import Mapping
 
-_POSITIONS = "QWEASDZCIJKLOFGH123456789"
+_POSITIONS = "QWERTYUIOPASDFGHJKLZXCVBNM1234567890"
 # Linux: X keycodes, which are evdev's plus 8; Wayland compositors give the same.
 _EVDEV = dict(
-    zip(_POSITIONS, (24, 25, 26, 38, 39, 40, 52, 54, 31, 44, 45, 46, 32, 41, 42, 43, *range(10, 19)), strict=True)
+    zip(_POSITIONS, (*range(24, 34), *range(38, 47), *range(52, 59), *range(10, 20)), strict=True)
 )  # fmt: skip
 # Windows: set 1 scan codes.
 _WINDOWS = dict(
-    zip(
-        _POSITIONS,
-        (
-            0x10, 0x11, 0x12, 0x1E, 0x1F, 0x20, 0x2C, 0x2E, 0x17, 0x24, 0x25, 0x26, 0x18, 0x21, 0x22, 0x23,
-            *range(2, 11),
-        ),
-        strict=True,
-    )
+    zip(_POSITIONS, (*range(0x10, 0x1A), *range(0x1E, 0x27), *range(0x2C, 0x33), *range(2, 12)), strict=True)
 )  # fmt: skip
 # macOS: kVK_ANSI_* of Carbon's HIToolbox/Events.h; Qt gives no scan code there but this as the virtual key.
 _MAC = dict(
     zip(
         _POSITIONS,
-        (12, 13, 14, 0, 1, 2, 6, 8, 34, 38, 40, 37, 31, 3, 5, 4, 18, 19, 20, 21, 23, 22, 26, 28, 25),
+        (
+            12, 13, 14, 15, 17, 16, 32, 34, 31, 35, 0, 1, 2, 3, 5, 4, 38, 40, 37, 6, 7, 8, 9, 11, 45, 46,
+            18, 19, 20, 21, 23, 22, 26, 28, 25, 29,
+        ),
         strict=True,
     )
 )  # fmt: skip

@@ -1,11 +1,13 @@
-"""What the first window did without is imported piece by piece while nobody drives: opened later, it stalls nothing."""
+"""What the first window did without is imported or read piece by piece while nobody drives: later it stalls nothing."""
 
 import importlib
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from PySide6.QtCore import QObject, QTimer
 
+from caris_desktop.scenario.library import scenario_files, title_of
 from caris_desktop.ui.panel_table import PANELS
 
 BEGIN_AFTER_MS = 3000
@@ -13,6 +15,7 @@ EVERY_MS = 250
 
 MODULES: tuple[str, ...] = (
     "caris_desktop.ui.start_dialog",
+    "caris_desktop.ui.first_use.set_up_page",
     "caris_desktop.ui.gamepad_dialog",
     *(f"caris_desktop.ui.panels.{spec.module}" for spec in PANELS.values()),
     # What the dialogs below stand on, in pieces that are each soon imported.
@@ -25,6 +28,9 @@ MODULES: tuple[str, ...] = (
     "caris_desktop.ui.sessions_window",
     "caris_desktop.ui.export_dialog",
     "caris_desktop.ui.robot_dialog",
+    "caris_desktop.scenario.document",
+    "caris_desktop.ui.scenario_editor.groups",
+    "caris_desktop.ui.scenario_editor.window",
 )
 
 
@@ -34,14 +40,17 @@ class LateImports(QObject):
     def __init__(self, busy: Callable[[], bool], parent: QObject, modules: Sequence[str] = MODULES) -> None:
         super().__init__(parent)
         self._busy = busy
-        self._left = deque(modules)
+        self._modules = tuple(modules)
+        self._left: deque[Callable[[], object]] = deque()
         self._next = QTimer(self, interval=EVERY_MS)
         self._next.timeout.connect(self.import_next)
         self._begin = QTimer(self, singleShot=True, interval=BEGIN_AFTER_MS)
         self._begin.timeout.connect(self._next.start)
 
     def begin(self) -> None:
-        """The window stands; once it has settled the rest is imported."""
+        """The window stands; once it has settled the rest is imported, and then the titles of scenarios are read."""
+        imports = (partial(importlib.import_module, module) for module in self._modules)
+        self._left = deque((*imports, *(partial(title_of, path) for path in scenario_files())))
         self._begin.start()
 
     def end(self) -> None:
@@ -52,6 +61,6 @@ class LateImports(QObject):
         if self._busy():
             return
         if self._left:
-            importlib.import_module(self._left.popleft())
+            self._left.popleft()()
         if not self._left:
             self.end()

@@ -14,35 +14,56 @@ from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
 from caris_desktop.scenario.library import ScenarioChoice, list_scenarios
-from caris_desktop.scenario.model import PanelName, Scenario
+from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
+from caris_desktop.ui import words
 from caris_desktop.ui.action_conditions import ActionConditions
 from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.alarms.alarm_list import AlarmList, AlarmsButton
+from caris_desktop.ui.appearance import Appearance
 from caris_desktop.ui.bands import EmergencyBand, GuardBand, QuestionBand
 from caris_desktop.ui.closing import Closing
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
+from caris_desktop.ui.face.face_windows import FaceWindows
+from caris_desktop.ui.first_use.first_use import FirstUse
 from caris_desktop.ui.gamepad_window import GamepadWindow
+from caris_desktop.ui.going_on_card import GoingOnCard
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.late_imports import LateImports
-from caris_desktop.ui.layout_keeper import LayoutKeeper, Settings, WindowPlace
+from caris_desktop.ui.layout_keeper import LayoutKeeper
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notice_strip import NoticeStrip
-from caris_desktop.ui.overlays import CommandPalette, Entry, ShortcutSheet
-from caris_desktop.ui.palette_entries import PaletteEntries
+from caris_desktop.ui.observer.observer_window import ObserverWindows
+from caris_desktop.ui.palette.command_palette import CommandPalette
+from caris_desktop.ui.palette.entries import PaletteEntries
+from caris_desktop.ui.palette.entry import Entry
+from caris_desktop.ui.palette.memory import PaletteMemory
+from caris_desktop.ui.palette.quick_choices import QuickChoices
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panel_board import PanelBoard
+from caris_desktop.ui.people.shown_people import name_of
+from caris_desktop.ui.practice.practice_strip import PracticeStrip
+from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
 from caris_desktop.ui.problems import ProblemCards
+from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.same_panels import same_panels
+from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
+from caris_desktop.ui.scenario_files import ScenarioFiles
 from caris_desktop.ui.session_windows import SessionWindows
+from caris_desktop.ui.shortcuts.sheet import ShortcutSheet
+from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
 from caris_desktop.ui.status_bar import StatusBar
-from caris_desktop.ui.theme import Theme, ThemeChoice, as_choice
+from caris_desktop.ui.talking import Talking
+from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
 from caris_desktop.ui.top_bar import TopBar
 from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
 from caris_desktop.ui.window_menus import WindowMenus
 from caris_desktop.ui.window_parts import WindowParts
+from caris_desktop.ui.window_place import Settings, WindowPlace
+from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 if TYPE_CHECKING:  # imported when they are first needed
     from caris_desktop.ui.replay.replay_parts import ReplayParts
@@ -66,7 +87,8 @@ class MainWindow(QWidget):
         The gamepad that drives too. It can also be given later, with ``use_gamepads``.
     """
 
-    layout_save_requested = Signal(object)  # LayoutNode
+    layout_save_requested = Signal(object, str)  # LayoutNode, SizeClass
+    layout_save_as_requested = Signal(object, str, str)
     layout_reset_requested = Signal()
     closed = Signal()
 
@@ -87,42 +109,63 @@ class MainWindow(QWidget):
         self.setObjectName("main_window")
         self._console = console
         self._settings = settings
-        choice = as_choice(settings.value("theme", "system")) if settings is not None else "system"
+        choice = as_choice(settings.value(THEME_KEY, "system")) if settings is not None else "system"
         self.theme = theme if theme is not None else Theme(app, choice, self)
+        self.appearance = Appearance(self.theme, settings)
         self._shown_scenario: Scenario | None = None
         self._replay: ReplayControls | None = None
         self._replay_parts: ReplayParts | None = None
+        self.wizards = WizardProfiles(settings, self)
         # Keys
         self.actions_table = Actions(self, console, self)
         self.actions_table.rebuild(console.scenario)
         self.hold = HoldToDrive(console, self.actions_table, self)
         self.marking = Marking(self.theme, console, self.actions_table, self.hold, self)
+        self.talking = Talking(console, self.actions_table, self.hold, self)
         # What is always there
         self._top_bar = TopBar(self.theme, console, self.actions_table)
         self._question = QuestionBand(self.theme)
         bands = {EmergencyBand(self.theme, console): 3, GuardBand(self.theme, console): 2, self._question: 4}
         self._strip = NoticeStrip(self.theme, console, bands)
+        self._protocol = ProtocolStrip(self.theme, console, self.actions_table, self.hold)
+        self.practice = PracticeStrip(self.theme, console, self.actions_table, self.wizards)
         self.dock_host = DockHost()
-        self._status_bar = StatusBar(self.theme, console, KeyOwnerChip(self.theme, self.hold))
+        to_check = PreflightButton(self.theme, console)
+        to_check.clicked.connect(self.show_preflight)
+        alarms_button = AlarmsButton(self.theme, console)
+        self._status_bar = StatusBar(self.theme, console, KeyOwnerChip(self.theme, self.hold), alarms_button, to_check)
         self._arrange()
         self._problems = ProblemCards(self.theme, self.dock_host, console.state)
-        self._palette_overlay = CommandPalette(self.theme, self)
-        self._sheet = ShortcutSheet(self.theme, self)
+        self._palette_overlay = CommandPalette(self.theme, self, PaletteMemory(self.wizards))
+        self.wizard_keys = WizardKeys(self.wizards, self.actions_table, self._tell, self)
+        self._sheet = ShortcutSheet(self.theme, self, self.actions_table, self.wizard_keys, self.hold)
         self._connection = ConnectionCard(self.theme, self, console.state)
+        self._preflight = PreflightCard(self.theme, self, console)
+        self._alarms = AlarmList(self.theme, self, console, self.actions_table)
+        alarms_button.clicked.connect(self._alarms.show_alarms)
         # What comes and goes
         self.board = PanelBoard(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
-        self.layout_keeper = LayoutKeeper(self.dock_host, console, self.show_scenario)
-        self.sessions = SessionWindows(self.theme, console, self)
+        self.layout_keeper = LayoutKeeper(self.dock_host, self.board, console, self.wizards, self.show_scenario)
+        self.sessions = SessionWindows(self.theme, console, self.wizards, self)
+        self._going_on = GoingOnCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
         self.robots = RobotChooser(self.theme, console, self._question, self)
+        self.first_use = FirstUse(self.theme, console, self.actions_table, self.robots, self, settings=settings)
+        self._column.insertWidget(self._column.indexOf(self._strip) + 1, self.first_use.hint)
+        self.first_use.hint.practise_wanted.connect(self.practice.begin)
         self.gamepad = GamepadWindow(self.theme, console, self.hold, self)
-        overlays = (self._palette_overlay, self._sheet, self._connection)
+        self.faces = FaceWindows(self.theme, console, self)
+        self.observers = ObserverWindows(self.theme, console, self.hold, self)
+        self.editor = ScenarioEditorWindow(self.theme, console, self)
+        overlays = (self._palette_overlay, self._sheet, self._connection, self._preflight, self._alarms)
         self.closing = Closing(self, console, self._question, self._problems, overlays)
         parts = WindowParts(
             console, self.theme, self.actions_table, self.board, self.layout_keeper, self.sessions, self.robots,
-            self.gamepad, scenarios, self._open_scenario, self.set_theme_choice,
+            self.gamepad, self.editor, self.wizards, scenarios, self._open_scenario, self.appearance,
+            self.practice.begin, ScenarioFiles(console, self), self.observers,
         )  # fmt: skip
         self.menus = WindowMenus(parts, self._top_bar, self.show_shortcuts, self)
         self._entries = PaletteEntries(parts, self._question, self._connection.open)
+        QuickChoices(parts, self._entries, self._palette_overlay)
         self._emergency_copy = EmergencyOverDialogs(self.theme, self._top_bar.emergency, self.hold)
         self._connect()
         if gamepads is not None:
@@ -142,6 +185,8 @@ class MainWindow(QWidget):
         self._column.setSpacing(0)
         self._column.addWidget(self._top_bar)
         self._column.addWidget(self._strip)
+        self._column.addWidget(self._protocol)
+        self._column.addWidget(self.practice)
         holder = QVBoxLayout()
         holder.setContentsMargins(8, 6, 8, 8)
         self._middle = QSplitter(Qt.Orientation.Vertical)
@@ -159,14 +204,20 @@ class MainWindow(QWidget):
         top_bar.scenario_menu_requested.connect(self.menus.open_scenario_menu)
         top_bar.window_menu_requested.connect(self.menus.open_window_menu)
         self.sessions.begun.connect(top_bar.show_details)
+        self.sessions.recent_changed.connect(self._renew_palette)
         self._status_bar.connection_clicked.connect(self._connection.open)
         self._connection.diagnostics_requested.connect(self._open_diagnostics)
+        self._alarms.log_wanted.connect(self._open_log)
         self._connection.robots_requested.connect(self._open_robot_menu)
         self.board.window_wanted.connect(self.sessions.open)
+        self.board.window_wanted.connect(self.faces.open)
         self.layout_keeper.save_requested.connect(self.layout_save_requested)
+        self.layout_keeper.save_as_requested.connect(self.layout_save_as_requested)
         self.layout_keeper.reset_requested.connect(self.layout_reset_requested)
+        self.layout_keeper.noticed.connect(self._problems.show_problem)
         for give_way in (
-            self._palette_overlay.close_overlay, self._sheet.close_overlay, self._connection.close_overlay,
+            self._palette_overlay.close_overlay, self._sheet.give_way, self._connection.close_overlay,
+            self._preflight.close_overlay, self._alarms.close_overlay, self.first_use.close,
             self._question.put_away, self.sessions.close_the_active_one,
         ):  # fmt: skip
             self.hold.escape_pressed.connect(give_way)
@@ -184,6 +235,7 @@ class MainWindow(QWidget):
     def use_gamepads(self, gamepads: Gamepads) -> None:
         """Let the gamepad drive, stop and do what its buttons are set to, and its window be opened."""
         self.gamepad.use_gamepads(gamepads)
+        self.talking.use_gamepads(gamepads)
 
     def use_explorer(self, explorer: "RobotExplorer") -> None:
         """Let the wizard look for robots and save profiles of them."""
@@ -204,13 +256,17 @@ class MainWindow(QWidget):
         self._top_bar.show_replay(replay.live_robots)
         self._status_bar.show_replay()
         self._strip.hide()
+        self._protocol.show_replay(replay.overview)
+        self._protocol.moment_wanted.connect(replay.seek)
         self.closing.use_replay()
+        self.layout_keeper.use_replay()
         parts = ReplayParts(self.theme, replay, self._console.state, self.actions_table)
         # Built anew with what a replay can do: no Photo, for one.
         self.show_scenario(self._console.scenario)
         parts.arrange(self.dock_host, self._middle, self._column, self._status_bar)
         self._replay_parts = parts
         replay.noticed.connect(self._problems.show_problem)
+        self.board.moment_wanted.connect(replay.seek)
         self.hold.escape_pressed.connect(parts.timeline.acts.give_up)
         self._place.use_replay()
         self._focus_first()
@@ -232,15 +288,23 @@ class MainWindow(QWidget):
         return self._status_bar
 
     def show_scenario(self, scenario: Scenario) -> None:
-        """Rebuild panels, actions and shortcuts for ``scenario``; everything else keeps running."""
+        """Rebuild panels, actions and shortcuts for ``scenario``, now; everything else keeps running."""
+        self._begin_scenario(scenario)
+        self.board.complete()
+
+    def _begin_scenario(self, scenario: Scenario) -> None:
+        """The same in a few turns of the event loop; what it does not allow is gone at once."""
         self._shown_scenario = scenario
-        tree = self.board.rebuild(scenario)
+        self.board.begin(scenario, self._on_arranged, self.layout_keeper.begin)
+        self._top_bar.show_scenario()
+        self._status_bar.refresh()
+        self.observers.renew()
+        self.setWindowTitle(self._title(scenario))
+
+    def _on_arranged(self, tree: LayoutNode) -> None:
         if self._replay_parts is not None:
             self._replay_parts.fit()
         self.layout_keeper.begin_with(tree)
-        self._top_bar.show_scenario()
-        self._status_bar.refresh()
-        self.setWindowTitle(self._title(scenario))
         self._focus_first()
 
     def _title(self, scenario: Scenario) -> str:
@@ -264,9 +328,10 @@ class MainWindow(QWidget):
             return
         if shown is not None and same_panels(shown, scenario, self.dock_host.tree):
             self._shown_scenario = scenario
+            self.layout_keeper.follow(scenario)
             self._top_bar.show_scenario()
             return
-        self.show_scenario(scenario)
+        self._begin_scenario(scenario)
 
     def _focus_first(self) -> None:
         if self._replay_parts is not None:
@@ -284,27 +349,57 @@ class MainWindow(QWidget):
     def focus_speak(self) -> None:
         self.board.focus("speak")
 
+    def focus_queue(self) -> None:
+        panel = self.board.panels.get("speak")
+        if panel is not None:
+            self.board.open("speak")
+            panel.focus_list()
+
+    def edit_suggestion(self, rank: int) -> None:
+        """Let the wizard change a suggested reply in the Speak field before it is said."""
+        console, panel = self._console, self.board.panels.get("speak")
+        card = next((card for card in console.state.suggestions.value.cards if card.rank == rank), None)
+        if card is not None and panel is not None:
+            self.board.open("speak")
+            text = words.with_names(card.text, lambda person_id: name_of(console, person_id))
+            panel.edit_first(text, lambda said: not console.do(intents.SayEditedSuggestion(card.suggestion_id, said)))
+
+    def show_next_phrases(self) -> None:
+        state = self._console.state
+        state.choose_phrases(state.phrase_group.value + 1)
+
     def show_next_camera(self) -> None:
         self._console.state.choose_next_camera()
 
     def show_command_palette(self) -> None:
         self._palette_overlay.open_with(self.palette_entries())
+        self.sessions.look_for_recent()
+
+    def search_said(self) -> None:
+        """Bring the conversation into view, and the keys into its line to search."""
+        self.open_panel("conversation")
+        self.panels["conversation"].open_search()
 
     def show_shortcuts(self) -> None:
-        self._sheet.open_with(self.actions_table)
+        self._sheet.open()
+
+    def show_set_up(self) -> None:
+        self.first_use.open()
+
+    def show_preflight(self) -> None:
+        self._preflight.open()
 
     def palette_entries(self) -> list[Entry]:
         """Everything that can be found and done now."""
         return self._entries.now() if self._replay is None else self._entries.of_replay(self._replay)
 
-    def set_theme_choice(self, choice: ThemeChoice) -> None:
-        self.theme.set_choice(choice)
-        if self._settings is not None:
-            self._settings.setValue("theme", choice)
-
     def _open_diagnostics(self) -> None:
         self._connection.close_overlay()
         self.board.open_and_focus("diagnostics")
+
+    def _open_log(self) -> None:
+        self._alarms.close_overlay()
+        self.board.open_and_focus("session")
 
     def _open_robot_menu(self) -> None:
         self._connection.close_overlay()
@@ -312,15 +407,23 @@ class MainWindow(QWidget):
 
     # ---- what happens
 
+    def _tell(self, what: str, meaning: str, advice: str) -> None:
+        """Of the window itself, and no matter of the session."""
+        self._problems.show_problem(Problem(self._console.state.present.now_ns(), "warning", what, meaning, advice))
+
     def _on_drive_changed(self, drive: DriveStatus) -> None:
-        if drive.emergency_stop != self._palette_latched and self._palette_overlay.isVisible():
-            self._palette_overlay.renew(self.palette_entries())
+        if drive.emergency_stop != self._palette_latched:
+            self._renew_palette()
         self._palette_latched = drive.emergency_stop
+
+    def _renew_palette(self) -> None:
+        if self._palette_overlay.isVisible():
+            self._palette_overlay.renew(self.palette_entries())
 
     def _on_event(self, event: object) -> None:
         # In a replay the problems of the session are history; there is nothing to do about them.
         if isinstance(event, Problem) and self._replay is None:
-            self._problems.show_problem(event)
+            self._problems.take(event)
 
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)
@@ -334,13 +437,17 @@ class MainWindow(QWidget):
             self._late.begin()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        if self.closing.asks_first(event):
+        if self.closing.asks_first(event) or self.editor.asks_first(event):
             event.ignore()
             return
         self._place.keep()
         self.layout_keeper.rest.stop()
         self._late.end()
         self.sessions.close()
+        self.faces.close()
+        self.observers.close()
+        self.editor.close()
+        self.talking.let_go()
         self.hold.close()
         self.closed.emit()
         super().closeEvent(event)

@@ -7,7 +7,9 @@ from PySide6.QtGui import QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import Marked
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.recording import ERROR_KEYS, ErrorKind
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
@@ -15,17 +17,6 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.flow_layout import FlowRow
-
-ERROR_KINDS = (
-    ("F", "slip", "Slip", "You did what you did not mean to do: a wrong key, a wrong phrase."),
-    ("G", "late", "Late", "You did the right thing too late."),
-    ("H", "wrong branch", "Wrong branch", "You went on with the wrong step or answer."),
-)
-"""Key, recorded label, words and what is meant by them, of each kind of wizard error.
-
-The keys lie beside the hand that drives and do nothing else: a digit that comes too late would send the robot to a
-place.
-"""
 
 WIDTH_PX = 720
 _SHOWN_MS = 6000
@@ -73,12 +64,7 @@ class MarkCard(QWidget):
         self._label_buttons: list[ActionButton] = []
         self._kinds = FlowRow(gap_px=6)
         self._kind_buttons: list[tuple[str, str, ActionButton]] = []
-        for letter, label, text, meaning in ERROR_KINDS:
-            button = self._button(f"mark_card_{label.replace(' ', '_')}", text, key=letter, key_first=True)
-            button.setToolTip(meaning)
-            button.clicked.connect(lambda _checked=False, chosen=label: self.error_kind_chosen.emit(chosen))
-            self._kinds.add(button)
-            self._kind_buttons.append((letter, label, button))
+        self._kinds_shown: tuple[ErrorKind, ...] = ()
         self._end = self._button("mark_card_end", "End", icon="stop", look="primary")
         self._end.clicked.connect(self._on_end)
         self._earlier = self._button("mark_card_earlier", "3 s earlier", icon="rewind")
@@ -250,10 +236,11 @@ class MarkCard(QWidget):
         if mark is None:
             return
         self._fill_labels(mark)
+        self._fill_kinds()
         self._kinds.setVisible(mark.kind == "wizard_error")
         self._correct.show()
         self._end.setVisible(mark.state == "open" and not self._held)
-        self._add_note.setVisible(mark.state != "open")
+        self._add_note.setVisible(mark.state != "open" and self._console.scenario.permissions.notes)
         self._show_words()
         self._show_keys()
         self.update()
@@ -261,6 +248,26 @@ class MarkCard(QWidget):
             self._second.start()
         else:
             self._second.stop()
+
+    def _fill_kinds(self) -> None:
+        """A button for each kind of wizard error that the scenario has."""
+        kinds = self._console.scenario.recording.error_kinds
+        if kinds == self._kinds_shown:
+            return
+        self._kinds_shown = kinds
+        for *_, button in self._kind_buttons:
+            self._kinds.remove(button)
+            button.hide()
+            button.deleteLater()
+        self._kind_buttons.clear()
+        for letter, kind in zip(ERROR_KEYS, kinds, strict=False):
+            shown = tr(kind.kind)
+            name = f"mark_card_{kind.kind.replace(' ', '_')}"
+            button = self._button(name, f"{shown[:1].upper()}{shown[1:]}", key=letter, key_first=True)
+            button.setToolTip(tr(kind.meaning) if kind.meaning else "")
+            button.clicked.connect(lambda _checked=False, chosen=kind.kind: self.error_kind_chosen.emit(chosen))
+            self._kinds.add(button)
+            self._kind_buttons.append((letter, kind.kind, button))
 
     def _fill_labels(self, mark: Marked) -> None:
         labels = self._console.scenario.recording.labels if mark.kind == "mark" else ()

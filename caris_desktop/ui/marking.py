@@ -9,9 +9,10 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, MarkKind
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.recording import ERROR_KEYS
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
-from caris_desktop.ui.mark_card import ERROR_KINDS, MarkCard
+from caris_desktop.ui.mark_card import MarkCard
 from caris_desktop.ui.theme import Theme
 
 HELD_AFTER_S = 0.4
@@ -129,7 +130,7 @@ class Marking(QObject):
     def mark_wizard_error(self) -> None:
         """Mark it, and take the next key as an answer to what kind of error it was."""
         self._error_id = self._mark("", "wizard_error")
-        self._hold.ask_next_key("".join(letter for letter, *_ in ERROR_KINDS), self._on_answer)
+        self._hold.ask_next_key("".join(self._error_keys()), self._on_answer)
         self._answer_time.start()
         self.card.show_mark(self._error_id, asks=True)
 
@@ -142,11 +143,15 @@ class Marking(QObject):
 
     def _on_answer(self, letter: str) -> None:
         self._answer_time.stop()
-        label = next((label for key, label, *_words in ERROR_KINDS if key == letter), "")
+        label = self._error_keys().get(letter, "")
         if label:
             self._on_error_kind(label)
         else:
             self.card.close_card()
+
+    def _error_keys(self) -> dict[str, str]:
+        kinds = self._console.scenario.recording.error_kinds
+        return {letter: kind.kind for letter, kind in zip(ERROR_KEYS, kinds, strict=False)}
 
     def _on_error_kind(self, label: str) -> None:
         self._no_question()
@@ -176,11 +181,11 @@ class Marking(QObject):
             self.card.say("The note was not kept", "Nothing is being recorded now.")
             return
         if mark_id:
-            self._console.do(intents.ChangeMark(mark_id, note=text))
+            self._console.do(intents.ChangeNote(mark_id, text))
         else:
-            marked = intents.Mark("", "note", earlier_s=max(0.0, ago_s), note=text)
-            self._console.do(marked)
-            mark_id = marked.mark_id
+            written = intents.AddNote(text, earlier_s=max(0.0, ago_s))
+            self._console.do(written)
+            mark_id = written.note_id
         self.card.show_mark(mark_id)
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:

@@ -1,6 +1,7 @@
-"""The strip under the top bar: what holds until the wizard decides has its place there, and moves nothing."""
+"""The strip under the top bar: four large signs, and what holds until the wizard decides. It moves nothing."""
 
 from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from caris_desktop.domain.events import GoalChanged
@@ -8,10 +9,12 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.bands import Band
+from caris_desktop.ui.glance import GlanceSigns
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.cut_label import CutLabel
 
 HEIGHT_PX = 38
+_ROOM_FOR_WORDS_PX, _ROOM_FOR_BANDS_PX = 1000, 1700
 
 
 class NoticeStrip(QWidget):
@@ -31,6 +34,8 @@ class NoticeStrip(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(8, 4, 8, 0)
         row.setSpacing(tokens.GRID_PX)
+        self._signs = GlanceSigns(theme, console.state)
+        row.addWidget(self._signs)
         row.addWidget(self._now, 1)
         for band, share in bands.items():
             row.addWidget(band, share)
@@ -47,8 +52,14 @@ class NoticeStrip(QWidget):
             self._make_room()
         return super().eventFilter(watched, event)
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._make_room()
+
     def _make_room(self) -> None:
-        self._now.setVisible(all(band.isHidden() for band in self._bands))
+        alone = all(band.isHidden() for band in self._bands)
+        self._now.setVisible(alone)
+        self._signs.use_room(compact=self.width() < (_ROOM_FOR_WORDS_PX if alone else _ROOM_FOR_BANDS_PX))
 
     def _on_changed(self, _value: object) -> None:
         self._say()

@@ -1,6 +1,6 @@
 """What a dock panel is: a title, one live fact, a few controls in its title bar, and a card to draw on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -9,6 +9,7 @@ from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPainterPath, QPaintEve
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
@@ -16,8 +17,8 @@ from caris_desktop.ui.painted_once import PaintedOnce
 from caris_desktop.ui.theme import Theme
 
 TITLE_HEIGHT_PX = 38
-WindowName = Literal["start", "export", "sessions"]
-"""Windows that a panel can ask for: start recording, export the last session, all sessions."""
+WindowName = Literal["start", "export", "sessions", "face"]
+"""Windows that a panel can ask for: start recording, export the last session, all sessions, edit the face."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +40,17 @@ class Panel(QWidget):
 
     title = ""
     drives = False  # bare drive keys work while this panel has the focus
+    reads: tuple[str, ...] | None = None  # of the scenario's fields, where that is known; None: built anew for each
     fact_changed = Signal(str, str)  # text, colour role
     active_changed = Signal(bool)
     title_changed = Signal(str)
     window_wanted = Signal(str)  # WindowName
+    moment_wanted = Signal(object)  # nanoseconds of the session clock: a replay goes there
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__()
         self.console = context.console
+        self._scenario = context.console.scenario
         self.state = context.console.state
         self.theme = context.theme
         self.table = context.actions
@@ -55,6 +59,7 @@ class Panel(QWidget):
         self._in_view = True
         self._ticking: list[QTimer] = []
         self._fact = ("", "")
+        self._fact_lead = 0
         self._shown_title = self.title
         self.setAccessibleName(self.title)
         self.theme.changed.connect(self.update)
@@ -94,6 +99,16 @@ class Panel(QWidget):
     def catch_up(self) -> None:
         """The panel is seen again: show everything as it is now."""
 
+    def follow(self, scenario: Scenario) -> bool:
+        """Whether it goes on with another scenario, as that says the same of all that it was built from.
+
+        The same scenario once more means that something else has changed: the panel is built anew.
+        """
+        before, self._scenario = self._scenario, scenario
+        if self.reads is None or scenario == before:
+            return False
+        return all(getattr(scenario, name) == getattr(before, name) for name in self.reads)
+
     def what_lasts(self) -> Any:
         """What the next panel of this kind takes over, when all are built anew; None for nothing."""
         return None
@@ -101,8 +116,17 @@ class Panel(QWidget):
     def take_over(self, lasting: Any) -> None:
         """Go on from ``what_lasts`` of the panel before."""
 
+    def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
+        """Let the wizard change ``text`` before ``say`` takes it; nothing in a panel without such a field."""
+
+    def focus_list(self) -> None:
+        """Put the focus into the list beside what usually has it."""
+
     def show_person(self, person_id: str, *, rename: bool = False, card: bool = False) -> None:
         """Bring somebody into view where people are listed; open the field for the name, or the card."""
+
+    def open_search(self) -> None:
+        """Put the keys where it is searched in what the panel shows."""
 
     def use_library(self, *, present: bool) -> None:
         """Whether there is a list of all sessions to open."""
@@ -120,11 +144,17 @@ class Panel(QWidget):
     def fact(self) -> tuple[str, str]:
         return self._fact
 
-    def set_fact(self, text: str, role: str = "dim") -> None:
-        """The one live fact on the right of the title bar."""
-        if (text, role) != self._fact:
-            self._fact = (text, role)
-            self.fact_changed.emit(text, role)
+    @property
+    def fact_lead(self) -> int:
+        """How many characters of the fact have its colour; what follows them is dim."""
+        return self._fact_lead
+
+    def set_fact(self, text: str, role: str = "dim", *, rest: str = "") -> None:
+        """The one live fact on the right of the title bar; ``rest`` of it is said less loudly."""
+        whole, self._fact_lead = f"{text} {rest}".strip(), len(text)
+        if (whole, role) != self._fact:
+            self._fact = (whole, role)
+            self.fact_changed.emit(whole, role)
 
     @property
     def active(self) -> bool:
@@ -147,9 +177,12 @@ class Panel(QWidget):
 
 
 class PanelTitleBar(QWidget):
-    """Upper part of a panel's card: title left, live fact and controls right."""
+    """Upper part of a panel's card: title left, live fact and controls right.
 
-    def __init__(self, panel: Panel) -> None:
+    ``more`` are controls of whoever arranges the panels, after the panel's own.
+    """
+
+    def __init__(self, panel: Panel, more: Sequence[QWidget] = ()) -> None:
         super().__init__()
         self._panel = panel
         self._theme = panel.theme
@@ -159,11 +192,11 @@ class PanelTitleBar(QWidget):
         self._fact = _ElidedLabel()
         self._fact.setObjectName("panel_fact")
         row = QHBoxLayout(self)
-        row.setContentsMargins(14, 3, 6 if panel.title_widgets() else 14, 3)
+        row.setContentsMargins(14, 3, 6 if more or panel.title_widgets() else 14, 3)
         row.setSpacing(8)
         row.addWidget(self._title)
         row.addWidget(self._fact, 1)
-        for widget in panel.title_widgets():
+        for widget in (*panel.title_widgets(), *more):
             row.addWidget(widget)
         # Clicks on the words reach the dock, which is dragged by its title.
         for label in (self._title, self._fact):
@@ -192,7 +225,9 @@ class PanelTitleBar(QWidget):
         self.update()
 
     def _show_fact(self, text: str, role: str) -> None:
-        self._fact.set_text(text, self._theme.color(role or "dim"))
+        self._fact.set_text(
+            text, self._theme.color(role or "dim"), lead=self._panel.fact_lead, rest_color=self._theme.color("dim")
+        )
 
     def _on_active_changed(self, _active: bool) -> None:
         self.update()
@@ -207,25 +242,33 @@ class PanelTitleBar(QWidget):
 
 
 class _ElidedLabel(QWidget):
-    """One line, right-aligned, cut short where there is no room."""
+    """One line, right-aligned, cut short where there is no room; its beginning may stand out."""
 
     def __init__(self) -> None:
         super().__init__()
         self._text = ""
+        self._lead = 0
         self._color = QColor()
+        self._rest_color = QColor()
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
 
-    def set_text(self, text: str, color: QColor) -> None:
-        self._text, self._color = text, color
+    def set_text(self, text: str, color: QColor, *, lead: int, rest_color: QColor) -> None:
+        self._text, self._color, self._lead, self._rest_color = text, color, lead, rest_color
         self.setAccessibleName(text)
         self.setToolTip(text)
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
-        painter.setPen(self._color)
-        text = self.fontMetrics().elidedText(self._text, Qt.TextElideMode.ElideRight, self.width())
-        painter.drawText(self.rect(), int(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter), text)
+        metrics = self.fontMetrics()
+        text = metrics.elidedText(self._text, Qt.TextElideMode.ElideRight, self.width())
+        place = self.rect()
+        place.setLeft(place.right() + 1 - metrics.horizontalAdvance(text))
+        middle = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        for part, color in ((text[: self._lead], self._color), (text[self._lead :], self._rest_color)):
+            painter.setPen(color)
+            painter.drawText(place, middle | int(Qt.TextFlag.TextDontClip), part)
+            place.setLeft(place.left() + metrics.horizontalAdvance(part))
 
 
 def show_part(part: QWidget, shown: bool) -> None:

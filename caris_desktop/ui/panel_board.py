@@ -1,29 +1,51 @@
-"""The panels on show: made from the table for each scenario, opened, closed and given the focus."""
+"""The panels on show: made from the table for each scenario, opened, closed and given the focus.
 
+Another scenario's panels are made one in each turn of the event loop, so that keys, the stop among them, and pictures
+get their turns in between. Whoever asks for a panel meanwhile gets it: then the rest is made at once.
+"""
+
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, Scenario
-from caris_desktop.ui.dock_host import DockHost, panels_in, without
+from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
+from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
+from caris_desktop.ui.layout.tree import panels_in, permitted
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
+
+
+@dataclass(frozen=True, slots=True)
+class _Building:
+    """How the panels are arranged once they are made, and who is told then."""
+
+    arrangement: Arrangement
+    arranged: Callable[[], None]
 
 
 class PanelBoard(QObject):
     """Knows every panel by its name and none by its class."""
 
     window_wanted = Signal(str)  # WindowName: a panel asks for a window of its own
+    moment_wanted = Signal(object)  # as of a panel
 
     def __init__(self, context: PanelContext, docks: DockHost) -> None:
         super().__init__(docks)
+        context.hold.escape_pressed.connect(docks.give_up)
         self._context = context
         self._docks = docks
         self._panels: dict[PanelName, Panel] = {}
         self._lasting: dict[PanelName, Any] = {}
         self._has_library = False
+        self._building: _Building | None = None
+        self._missing: deque[PanelName] = deque()
+        self._turn = QTimer(self, interval=0)
+        self._turn.timeout.connect(self._build_next)
         app = QApplication.instance()
         if isinstance(app, QApplication):
             app.focusChanged.connect(self._on_focus_changed)
@@ -31,36 +53,91 @@ class PanelBoard(QObject):
     @property
     def panels(self) -> dict[PanelName, Panel]:
         """The panels of the current scenario."""
+        self.complete()
         return self._panels
 
     def possible(self) -> tuple[PanelName, ...]:
-        """Every panel that this scenario's permissions allow, whether its layout has it or not."""
-        return possible_panels(self._context.console.scenario.permissions)
+        """Every panel that this scenario offers, whether its layout has it or not."""
+        return possible_panels(self._context.console.scenario)
 
     def is_open(self, name: PanelName) -> bool:
         return self._docks.is_open(name)
 
-    def rebuild(self, scenario: Scenario) -> LayoutNode:
-        """Make all panels, actions and shortcuts anew for ``scenario``; gives how the panels are arranged."""
+    def begin(
+        self,
+        scenario: Scenario,
+        arranged: Callable[[LayoutNode], None],
+        arrange: Callable[[LayoutNode], Arrangement] = arrangement_of,
+    ) -> None:
+        """Show the panels of ``scenario`` with its actions and shortcuts, in a few turns of the event loop.
+
+        ``arrange`` makes the arrangement of the tree of its file, without what it does not allow; ``arranged`` gets
+        that tree when all stands. Panels that go on with the scenario stay.
+        """
+        self._stop_building()
         for name in self._panels:
             self._keep(name)
         actions, hold = self._context.actions, self._context.hold
         hold.release_all("The scenario was changed")
-        actions.forget_driving_panels()
+        actions.bind_driving_panels(())
         hold.set_driving_panels(())
-        self._docks.clear()
+        possible = self.possible()
+        for name, panel in tuple(self._panels.items()):
+            if name not in possible or not panel.follow(scenario):
+                del self._panels[name]
+        if self._panels:
+            self._docks.keep_only(self._panels)
+        else:
+            self._docks.clear()
         actions.rebuild(scenario)
-        absent = frozenset(panels_in(scenario.layout)) - frozenset(self.possible())
-        tree = without(scenario.layout, absent) or PanelLeaf("video")
-        self._panels = {}
-        for name in panels_in(tree):
-            self._make(name)
-        self._docks.show_layout(self._panels, tree)
+        tree = permitted(scenario.layout, possible)
+        arrangement = arrange(tree)
+        self._missing.extend(name for name in arrangement.panels if name not in self._panels)
+        self._building = _Building(arrangement, lambda: arranged(tree))
+        self._turn.start()
+
+    @property
+    def building(self) -> bool:
+        """Whether panels are still to come."""
+        return self._building is not None
+
+    def complete(self) -> None:
+        """Make what is still missing, now."""
+        while self._building is not None:
+            self._build_next()
+
+    def _build_next(self) -> None:
+        """One panel, or at last their arrangement."""
+        if self._missing:
+            name = self._missing.popleft()
+            self._docks.make_room(name, self._make(name))
+            return
+        building = self._building
+        self._stop_building()
+        if building is not None:
+            self.show(building.arrangement)
+            building.arranged()
+
+    def _stop_building(self) -> None:
+        self._turn.stop()
+        self._missing.clear()
+        self._building = None
+
+    def show(self, arrangement: Arrangement) -> None:
+        """Arrange the panels like this: those that are there stay, and what is missing is made."""
+        for name in tuple(self._panels):
+            if name not in arrangement.panels:
+                self._keep(name)
+                del self._panels[name]
+        for name in arrangement.panels:
+            if name not in self._panels:
+                self._make(name)
+        self._docks.show_arrangement(self._panels, arrangement)
         self._bind_driving()
-        return tree
 
     def open(self, name: PanelName) -> None:
         """Bring the panel to the front; one that the scenario does not have is added in a tab."""
+        self.complete()
         if name not in self.possible():
             return
         if name not in self._panels:
@@ -70,16 +147,20 @@ class PanelBoard(QObject):
 
     def close(self, name: PanelName) -> None:
         """Close the panel; one that was added goes away altogether."""
+        self.complete()
         if name not in self._panels:
             return
         if name in panels_in(self._context.console.scenario.layout):
             self._docks.close_panel(name)
             return
         self._keep(name)
-        panel = self._panels.pop(name)
-        if panel.drives:
+        if self._docks.remove_panel(name):
+            del self._panels[name]
             self._bind_driving()
-        self._docks.remove_panel(name)
+
+    def fill_panel_menu(self, menu: QMenu, name: PanelName) -> None:
+        """What can be done with where the panel lies."""
+        self._docks.fill_menu(menu, name)
 
     def opener(self, name: PanelName) -> Callable[[], None]:
         """Opens the panel and gives it the focus."""
@@ -87,6 +168,10 @@ class PanelBoard(QObject):
 
     def closer(self, name: PanelName) -> Callable[[], None]:
         return lambda: self.close(name)
+
+    def floater(self, name: PanelName) -> Callable[[], None]:
+        """Gives the panel a window of its own, or puts it back."""
+        return lambda: self._docks.toggle_floating(name)
 
     def toggler(self, name: PanelName) -> Callable[[bool], None]:
         """Opens or closes the panel after the menu has closed, so that it gets its size and the focus can go there."""
@@ -102,7 +187,7 @@ class PanelBoard(QObject):
 
     def focus(self, name: PanelName) -> None:
         """Give the focus to the panel, if it is there."""
-        panel = self._panels.get(name)
+        panel = self.panels.get(name)
         if panel is not None:
             self.open(name)
             panel.focus_target().setFocus(Qt.FocusReason.ShortcutFocusReason)
@@ -112,7 +197,7 @@ class PanelBoard(QObject):
         if self._context.actions.spec("drive_forward") is None:
             return False
         for name in ("video", "drive", "map"):
-            panel = self._panels.get(name)
+            panel = self.panels.get(name)
             if panel is not None:
                 self._docks.show_panel(name)
                 panel.focus_target().setFocus(Qt.FocusReason.ShortcutFocusReason)
@@ -126,8 +211,10 @@ class PanelBoard(QObject):
             panel.use_library(present=True)
 
     def _make(self, name: PanelName) -> Panel:
-        panel = self._panels[name] = PANELS[name].load()(self._context)
+        panel: Panel = PANELS[name].load()(self._context)
+        self._panels[name] = panel
         panel.window_wanted.connect(self.window_wanted)
+        panel.moment_wanted.connect(self.moment_wanted)
         panel.use_library(present=self._has_library)
         if name in self._lasting:
             panel.take_over(self._lasting[name])

@@ -3,10 +3,10 @@
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from caris_desktop.domain.intents import Permission
-from caris_desktop.scenario.model import PanelName, Permissions
-from caris_desktop.ui.panel import Panel
+from caris_desktop.scenario.model import PanelName, Scenario
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +25,9 @@ class PanelSpec:
     neighbours: tuple[PanelName, ...]
     permission: Permission | None = None
 
-    def load(self) -> type[Panel]:
-        """The panel's class, imported when it is first needed."""
-        panel: type[Panel] = getattr(importlib.import_module(f"caris_desktop.ui.panels.{self.module}"), self.class_name)
+    def load(self) -> type[Any]:
+        """The panel's class, a Panel, imported when it is first needed."""
+        panel: type[Any] = getattr(importlib.import_module(f"caris_desktop.ui.panels.{self.module}"), self.class_name)
         return panel
 
 
@@ -36,7 +36,10 @@ PANELS: Mapping[PanelName, PanelSpec] = {
     "map": PanelSpec("Map", "map", "MapPanel", "map-trifold", ("people", "session", "drive")),
     "drive": PanelSpec("Drive", "drive", "DrivePanel", "game-controller", ("map", "people", "session"), "driving"),
     "people": PanelSpec("People", "people", "PeoplePanel", "users", ("session", "drive", "map")),
-    "speak": PanelSpec("Speak", "speak", "SpeakPanel", "chat-text", ("assistant",)),
+    "speak": PanelSpec("Speak", "speak", "SpeakPanel", "chat-text", ("assistant",), "speech"),
+    "conversation": PanelSpec(
+        "Conversation", "conversation", "ConversationPanel", "chats", ("assistant", "people", "session", "map")
+    ),
     "assistant": PanelSpec(
         "Assistant", "assistant", "AssistantPanel", "sparkle", ("people", "session", "map"), "assistant"
     ),
@@ -46,14 +49,21 @@ PANELS: Mapping[PanelName, PanelSpec] = {
     ),
     "motion": PanelSpec("Motion", "motion", "MotionPanel", "chart-line", ("map", "drive", "people", "session")),
     "photos": PanelSpec("Photos", "photos", "PhotosPanel", "image", ("people", "session", "map", "drive"), "photos"),
+    "face": PanelSpec("Robot’s face", "face", "FacePanel", "smiley", ("people", "session", "map"), "face"),
+    "notes": PanelSpec(
+        "Notes", "notes", "NotesPanel", "note-pencil", ("session", "people", "conversation", "map"), "notes"
+    ),
     "diagnostics": PanelSpec(
         "Diagnostics", "diagnostics", "DiagnosticsPanel", "gauge", ("session", "people", "assistant", "drive", "map")
     ),
 }
 
 
-def possible_panels(permissions: Permissions) -> tuple[PanelName, ...]:
-    """Every panel that these permissions allow, whether the layout has it or not."""
+def possible_panels(scenario: Scenario) -> tuple[PanelName, ...]:
+    """Every panel that this scenario offers, whether its layout has it or not."""
     return tuple(
-        name for name, spec in PANELS.items() if spec.permission is None or getattr(permissions, spec.permission)
+        name
+        for name, spec in PANELS.items()
+        if (spec.permission is None or getattr(scenario.permissions, spec.permission))
+        and name not in scenario.panels_off
     )

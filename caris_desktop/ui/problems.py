@@ -1,11 +1,14 @@
-"""Problems as cards in a corner: what happened, what it means, what to do. Never a box in the way."""
+"""What needs somebody, as cards in a corner: what happened, what it means, what to do. Never a box in the way."""
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
-from caris_desktop.domain.events import Problem, ProblemEnd
+from caris_desktop.domain.events import ANSWER, Problem, Severity
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.alarm_causes import cause_among
 from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import Alarm
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
@@ -14,33 +17,20 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 SHOWN_AT_ONCE = 3
 WIDTH_PX = 400
 _GOES_AWAY_AFTER_MS = {"info": 8_000, "warning": 20_000}
-_LOOKS = {
-    "info": ("info", "blue", "Note"),
-    "warning": ("warning", "amber", "Problem"),
-    "error": ("warning-octagon", "red", "Serious problem"),
+LOOKS: dict[Severity, tuple[str, str, str]] = {
+    "info": ("info", "blue", QT_TR_NOOP("Note")),
+    "warning": ("warning", "amber", QT_TR_NOOP("Problem")),
+    "error": ("warning-octagon", "red", QT_TR_NOOP("Serious problem")),
 }
-
-
-def endings(state: LiveState) -> frozenset[ProblemEnd]:
-    """What is so now, of all that can end a problem."""
-    now: dict[ProblemEnd, bool] = {
-        "connected": state.link.value.state == "connected",
-        "released": not state.drive.value.emergency_stop,
-        "picture": state.frame.freshness == "fresh",
-        # From its start on: what goes wrong while it begins is about it. Going on after a pause is the same recording.
-        "recording": state.recording.value.state in ("starting", "recording", "paused"),
-        "voice": state.speech.value.ready and not state.speech.value.detail,
-        "assistant": state.assistant.value.state in ("ready", "answering"),
-        "people": state.perception.value.state == "ready",
-        "microphone": state.microphone.value.state == "on",
-    }
-    return frozenset(end for end, true in now.items() if true)
+"""Icon, colour and word of each severity."""
 
 
 class ProblemCards(QWidget):
-    """The newest few problems over the lower right of the dock area.
+    """Alarms, and answers to what was asked, the newest few over the lower right of the dock area.
 
-    Errors stay until they are dismissed; any problem goes away once ``state`` shows that it is over.
+    The card of an alarm goes with it; dismissed, or a warning after a while, it is in the list of what is wrong all
+    the same, and comes back when something is asked for that it stands in the way of. Of answers only serious ones
+    stay until they are dismissed.
     """
 
     def __init__(self, theme: Theme, over: QWidget, state: LiveState) -> None:
@@ -49,51 +39,58 @@ class ProblemCards(QWidget):
         self._theme = theme
         self._over = over
         self._cards: list[ProblemCard] = []
+        self._seen: dict[str, tuple[int, Severity, int]] = {}
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(0, 0, 0, 0)
         self._column.setSpacing(tokens.GRID_PX)
         over.installEventFilter(self)
         self._state = state
-        self._past = endings(state)
-        for value in (
-            state.link,
-            state.drive,
-            state.recording,
-            state.speech,
-            state.assistant,
-            state.perception,
-            state.microphone,
-        ):
-            value.changed.connect(self._on_state_changed)
-        state.frame.freshness_changed.connect(self._on_state_changed)
+        state.alarms.changed.connect(self._on_alarms_changed)
         self.hide()
+        self._on_alarms_changed(state.alarms.value)
 
     @property
     def cards(self) -> tuple["ProblemCard", ...]:
         return tuple(self._cards)
 
+    def take(self, problem: Problem) -> None:
+        """Show the answer to what was asked, unless an alarm says already why it was not done."""
+        if problem.cause == ANSWER and cause_among(problem, self._state.alarms.value) is None:
+            self.show_problem(problem)
+
     def show_problem(self, problem: Problem) -> None:
         """Add it, or renew the card that says the same."""
-        known = next((card for card in self._cards if card.problem.what == problem.what), None)
+        known = next((card for card in self._cards if not card.alarm_id and card.problem.what == problem.what), None)
         if known is not None:
             known.show_problem(problem, again=True)
+            self._place()
         else:
-            card = ProblemCard(self._theme, problem)
-            card.dismissed.connect(self._dismiss)
-            card.start_going_away()
-            self._cards.append(card)
-            self._column.addWidget(card)
-            card.show()
-            if len(self._cards) > SHOWN_AT_ONCE:
-                self._dismiss(self._cards[0])
+            self._add(ProblemCard(self._theme, problem, self))
+
+    def _on_alarms_changed(self, alarms: tuple[Alarm, ...]) -> None:
+        shown = {alarm.alarm_id: alarm for alarm in alarms}
+        for card in [card for card in self._cards if card.alarm_id and card.alarm_id not in shown]:
+            self._dismiss(card)
+        cards = {card.alarm_id: card for card in self._cards if card.alarm_id}
+        self._seen = {alarm_id: seen for alarm_id, seen in self._seen.items() if alarm_id in shown}
+        for alarm in sorted(alarms, key=lambda alarm: alarm.began_ns):
+            news = (alarm.times, alarm.severity, alarm.asked_ns)
+            if alarm.alarm_id in cards:
+                cards[alarm.alarm_id].show_alarm(alarm)
+            elif self._seen.get(alarm.alarm_id) != news:
+                self._add(ProblemCard(self._theme, _as_problem(alarm), self, alarm))
+            self._seen[alarm.alarm_id] = news
         self._place()
 
-    def _on_state_changed(self, _value: object) -> None:
-        """What has come to be so since the last look ends the problems that waited for it."""
-        present = endings(self._state)
-        begun, self._past = present - self._past, present
-        for card in [card for card in self._cards if card.problem.until in begun]:
-            self._dismiss(card)
+    def _add(self, card: "ProblemCard") -> None:
+        card.dismissed.connect(self._dismiss)
+        card.start_going_away()
+        self._cards.append(card)
+        self._column.addWidget(card)
+        card.show()
+        if len(self._cards) > SHOWN_AT_ONCE:
+            self._dismiss(self._cards[0])
+        self._place()
 
     def _dismiss(self, card: "ProblemCard") -> None:
         if card in self._cards:
@@ -122,31 +119,34 @@ class ProblemCards(QWidget):
 
 
 class ProblemCard(QWidget):
-    """One problem."""
+    """One problem, which ``alarm`` made of it, or somebody's answer."""
 
     dismissed = Signal(object)  # the card itself
 
-    def __init__(self, theme: Theme, problem: Problem) -> None:
-        super().__init__()
+    def __init__(self, theme: Theme, problem: Problem, parent: QWidget, alarm: Alarm | None = None) -> None:
+        super().__init__(parent)
         self.problem = problem
+        self.alarm_id = "" if alarm is None else alarm.alarm_id
         self._theme = theme
-        self._count = 1
+        self._count = 1 if alarm is None else alarm.times
+        self._folded = () if alarm is None else alarm.folded
         self._what = QLabel()
         self._meaning = QLabel()
         self._advice = QLabel()
-        for label in (self._what, self._meaning, self._advice):
+        self._also = QLabel()
+        self._labels = (self._what, self._meaning, self._advice, self._also)
+        for label in self._labels:
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         close = ActionButton(theme, "", icon="x", look="ghost", height_px=28)
         close.setObjectName("problem_dismiss")
-        close.setAccessibleName("Dismiss")
+        close.setAccessibleName(tr("Dismiss"))
         close.clicked.connect(lambda: self.dismissed.emit(self))
         column = QVBoxLayout()
         column.setSpacing(3)
-        column.addWidget(self._what)
-        column.addWidget(self._meaning)
-        column.addWidget(self._advice)
+        for label in self._labels:
+            column.addWidget(label)
         row = QHBoxLayout(self)
         row.setContentsMargins(48, 12, 8, 14)
         row.addLayout(column, 1)
@@ -162,6 +162,13 @@ class ProblemCard(QWidget):
         self._style()
         self.start_going_away()
 
+    def show_alarm(self, alarm: Alarm) -> None:
+        problem = _as_problem(alarm)
+        if (problem, alarm.times, alarm.folded) == (self.problem, self._count, self._folded):
+            return
+        self._count, self._folded = alarm.times, alarm.folded
+        self.show_problem(problem)
+
     def start_going_away(self) -> None:
         after_ms = _GOES_AWAY_AFTER_MS.get(self.problem.severity)
         if after_ms is not None:
@@ -170,23 +177,26 @@ class ProblemCard(QWidget):
             self._timer.stop()
 
     def _style(self) -> None:
-        _, _, word = _LOOKS[self.problem.severity]
-        times = f" ({self._count} times)" if self._count > 1 else ""
-        self._what.setText(f"{self.problem.what}{times}")
-        self._meaning.setText(self.problem.meaning)
-        self._advice.setText(self.problem.advice)
-        self._meaning.setVisible(bool(self.problem.meaning))
-        self._advice.setVisible(bool(self.problem.advice))
-        self.setAccessibleName(f"{word}: {self.problem.what}. {self.problem.meaning} {self.problem.advice}")
-        self._what.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        for label, role in ((self._what, "text"), (self._meaning, "dim"), (self._advice, "text")):
+        word = tr(LOOKS[self.problem.severity][2])
+        what = self.problem.what
+        if self._count > 1:
+            what = tr("{problem} ({number} times)").format(problem=what, number=self._count)
+        also = ""
+        if self._folded:
+            also = tr("Because of it: {what}").format(what=" ".join(self._folded[-2:]))
+        texts = (what, self.problem.meaning, self.problem.advice, also)
+        small = self._theme.font(tokens.STATUS_PX + 1)
+        large = self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
+        for label, text, role in zip(self._labels, texts, ("text", "dim", "text", "dim"), strict=True):
+            label.setText(text)
+            label.setVisible(bool(text))
+            label.setFont(large if label is self._what else small)
             self._theme.color_text(label, role)
-        for label in (self._meaning, self._advice):
-            label.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        self.setAccessibleName(f"{word}: {' '.join(text for text in texts if text)}")
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        icon, role, _ = _LOOKS[self.problem.severity]
+        icon, role, _ = LOOKS[self.problem.severity]
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setPen(QPen(self._theme.color(role), 1.2))
@@ -195,3 +205,9 @@ class ProblemCard(QWidget):
             QRectF(self.rect()).adjusted(1, 1, -1, -1), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
         )
         draw_icon(painter, QRectF(14, 13, 22, 22), icon, self._theme.color(role))
+
+
+def _as_problem(alarm: Alarm) -> Problem:
+    return Problem(
+        alarm.began_ns, alarm.severity, alarm.what, alarm.meaning, alarm.advice, alarm.until, alarm.cause
+    )  # fmt: skip

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from caris_desktop.scenario.model import LayoutNode, Scenario
-from caris_desktop.ui.dock_host import panels_in
+from caris_desktop.ui.layout.tree import panels_in
 
 
 def same_panels(before: Scenario, after: Scenario, arranged: LayoutNode | None) -> bool:
@@ -23,5 +23,14 @@ def _only_saves_the_layout(before: Scenario, after: Scenario, arranged: LayoutNo
     return (
         arranged is not None
         and set(panels_in(after.layout)) == set(panels_in(arranged))
-        and replace(after, layout=before.layout, path=before.path, sha256=before.sha256, places=before.places) == before
+        and replace(
+            after,
+            layout=before.layout,
+            layout_compact=before.layout_compact,
+            layout_large=before.layout_large,
+            path=before.path,
+            sha256=before.sha256,
+            places=before.places,
+        )
+        == before
     )

@@ -1,6 +1,7 @@
 """The windows about sessions: the dialog before a recording, the list of all sessions, the export."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,32 +10,42 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.status import IN_SESSION, RecordingStatus
+from caris_desktop.live.distant_ear import ear_of
+from caris_desktop.live.status import IN_SESSION, LibraryStatus, RecordingStatus
 from caris_desktop.live.wizard_console import SessionLibrary, WizardConsole
-from caris_desktop.ui.layout_keeper import WINDOW_FRAME
+from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_place import WINDOW_FRAME
+from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 if TYPE_CHECKING:  # imported when they are first opened
     from caris_desktop.ui.export_dialog import ExportDialog
     from caris_desktop.ui.sessions_window import SessionsWindow
     from caris_desktop.ui.start_dialog import StartDialog
 
+RECENT_SESSIONS = 8
+
 
 class SessionWindows(QObject):
     """Opens them beside ``window``, one of each; all but the first need a library."""
 
     begun = Signal(object)  # TrialDetails, of the recording that is being started
+    recent_changed = Signal()
 
-    def __init__(self, theme: Theme, console: WizardConsole, window: QWidget) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, wizards: WizardProfiles, window: QWidget) -> None:
         super().__init__(window)
         self._theme = theme
         self._console = console
+        self._wizards = wizards
         self._window = window
         self._library: SessionLibrary | None = None
         self._start: StartDialog | None = None
         self._sessions: SessionsWindow | None = None
         self._export: ExportDialog | None = None
         self._last: TrialDetails | None = None
+        self._looked = False
+        self.recent: tuple[SessionEntry, ...] = ()
+        """The newest sessions of the study, as far as somebody asked for them."""
         console.state.recording.changed.connect(self._on_recording_changed)
 
     @property
@@ -43,6 +54,26 @@ class SessionWindows(QObject):
 
     def use_library(self, library: SessionLibrary) -> None:
         self._library = library
+        library.found.changed.connect(self._on_found)
+
+    def look_for_recent(self) -> None:
+        """Bring ``recent`` up to date in the background: once after each recording, and never during one."""
+        recording = self._console.state.recording.value.state in IN_SESSION
+        shown = self._sessions is not None and self._sessions.isVisible()
+        if self._library is not None and not (self._looked or recording or shown):
+            self._looked = True
+            self._library.find(SessionQuery())
+
+    def _on_found(self, status: LibraryStatus) -> None:
+        newest = status.sessions[:RECENT_SESSIONS]
+        if status.query == SessionQuery() and not status.updating and newest != self.recent:
+            self.recent = newest
+            self.recent_changed.emit()
+
+    def open_replay(self, folder: Path) -> None:
+        """In a window of its own."""
+        if self._library is not None:
+            self._library.open_replay(folder)
 
     def open(self, name: str) -> None:
         """What a panel asks for, a WindowName."""
@@ -62,20 +93,30 @@ class SessionWindows(QObject):
         from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, last_details
 
         console, suggested = self._console, self._console.suggested_details()
+        suggested = replace(suggested, wizard=self._wizards.current or suggested.wizard)
         offer = RecordingOffer(
             console.scenario.permissions, last_details(suggested, self._last), console.expected_bytes_per_hour(),
             console.free_bytes(), console.microphones(), console.microphone, console.scenario.blur,
+            ear_of(console.scenario, console.state.robot.value) == "computer",
         )  # fmt: skip
-        self._start = StartDialog(self._theme, suggested, self._window, offer)
+        self._start = StartDialog(self._theme, suggested, self._window, offer, console)
         self._start.microphone_chosen.connect(lambda name: console.do(intents.UseMicrophone(name)))
         self._start.begin.connect(self._on_begin)
         self._start.finished.connect(self._on_start_finished)
         self._start.open()
 
-    def _on_begin(self, details: TrialDetails) -> None:
+    def record_next_part(self) -> None:
+        """Ask as before each recording, with the trial of the last one filled in."""
+        self.open_start_dialog()
+        if self._start is not None:
+            self._start.use_last_trial()
+
+    def _on_begin(self, details: TrialDetails, anyway: bool) -> None:
         self._last = details
+        if details.wizard:
+            self._wizards.choose(details.wizard)
         self.begun.emit(details)
-        self._console.do(intents.StartRecording(details))
+        self._console.do(intents.StartRecording(details, anyway))
 
     def _on_start_finished(self, _result: int) -> None:
         self._start = None
@@ -90,7 +131,7 @@ class SessionWindows(QObject):
             self._sessions = SessionsWindow(self._theme, self._library, self._window)
             self._sessions.export_requested.connect(self.open_export)
             self._on_recording_changed(self._console.state.recording.value)
-        _bring_up(self._sessions)
+        bring_up(self._sessions)
 
     def open_export(self, sessions: Sequence[Path]) -> None:
         """Ask in which formats to write these sessions, in a window beside this one."""
@@ -102,7 +143,7 @@ class SessionWindows(QObject):
             self._export = ExportDialog(self._theme, self._library, sessions, self._window)
         else:
             self._export.show_sessions(sessions)
-        _bring_up(self._export)
+        bring_up(self._export)
 
     def export_last_session(self) -> None:
         folder = self._console.state.recording.value.folder
@@ -121,6 +162,8 @@ class SessionWindows(QObject):
                 window.close()
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
+        if status.state in IN_SESSION:
+            self._looked = False
         if self._sessions is None:
             return
         self._sessions.show_recording(status.folder if status.state in IN_SESSION else None)
@@ -128,7 +171,8 @@ class SessionWindows(QObject):
             self._sessions.refresh()  # one more
 
 
-def _bring_up(window: QWidget) -> None:
+def bring_up(window: QWidget) -> None:
+    """Show a window in the middle of the one that it belongs to, with the keys in it."""
     parent = window.parentWidget()
     if parent is not None and not window.isVisible():
         # A window manager would put it into a corner.

@@ -4,15 +4,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtWidgets import QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live.status import PreflightCheck
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import BlurSettings, Permissions
 from caris_desktop.ui import tokens, words
+from caris_desktop.ui.preflight.preflight_list import PreflightList
+from caris_desktop.ui.preflight.preflight_words import open_words, summary
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.scrolled import Scrolled
 
 _FIELDS = (
     ("study", "Study", "for example Lab visit"),
@@ -22,6 +28,9 @@ _FIELDS = (
     ("wizard", "Wizard", "your name or initials"),
 )
 PRACTICE = "practice"
+_FORM_PX, _CHECKS_PX, _SIDE_PX = 560, 400, 24
+_WITH_CHECKS_PX, _CHECKS_BELOW_PX = 660, 320
+_FRAME_PX = QSize(16, 56)  # what the desktop puts around a dialog
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +39,7 @@ class RecordingOffer:
 
     ``last`` are the details of the session before, where there was one. ``microphones`` are names of sound inputs, the
     empty one for the system's default; ``microphone`` is the chosen one, None for none.
+    ``chooses_microphone`` is False where the participant is heard by none of this computer.
     """
 
     permissions: Permissions = field(default_factory=Permissions)
@@ -39,6 +49,7 @@ class RecordingOffer:
     microphones: Sequence[str] = ()
     microphone: str | None = None
     blur: BlurSettings = field(default_factory=BlurSettings)
+    chooses_microphone: bool = True
 
 
 def last_details(suggested: TrialDetails, begun: TrialDetails | None) -> TrialDetails | None:
@@ -71,26 +82,29 @@ def kept_words(permissions: Permissions, microphone: str | None, blur: BlurSetti
     return f"Keeps {_listed(kept, 'and')}.{without}"
 
 
-def microphone_words(name: str) -> str:
-    return name or "System’s default microphone"
-
-
 def _listed(parts: Sequence[str], word: str) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {word} {parts[-1]}"
 
 
 class StartDialog(QDialog):
-    """``begin(TrialDetails)`` once the wizard starts, with empty details after Skip.
+    """``begin(TrialDetails, bool)`` once the wizard starts, with empty details after Skip; True where they were asked
+    about checks that are open, and start nevertheless.
 
     ``microphone_chosen(str | None)`` comes before it where another microphone was chosen.
     """
 
-    begin = Signal(object)
+    begin = Signal(object, bool)
     microphone_chosen = Signal(object)
 
     def __init__(
-        self, theme: Theme, prefilled: TrialDetails, parent: QWidget, offer: RecordingOffer | None = None
+        self,
+        theme: Theme,
+        prefilled: TrialDetails,
+        parent: QWidget,
+        offer: RecordingOffer | None = None,
+        console: WizardConsole | None = None,
     ) -> None:
+        """Without ``console`` nothing is checked before the recording."""
         super().__init__(parent)
         self._theme = theme
         self._prefilled = prefilled
@@ -143,7 +157,9 @@ class StartDialog(QDialog):
         if self._short_of_room():
             self._theme.color_text(self._room, "amber")
             self._room.setText(f"{self._room.text()}. Free some disk space before a long session.")
-        begin = ActionButton(theme, "Start recording", icon="record", key="Enter", look="primary", height_px=38)
+        begin = self._begin_button = ActionButton(
+            theme, tr("Start recording"), icon="record", key="Enter", look="primary", height_px=38
+        )
         begin.setObjectName("start_dialog_begin")
         begin.clicked.connect(self._on_begin)
         skip = ActionButton(theme, "Start without details", height_px=38)
@@ -162,22 +178,84 @@ class StartDialog(QDialog):
         told.setSpacing(4)
         told.addWidget(self._kept)
         told.addWidget(self._room)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(24, 20, 24, 20)
+        self._asked = self._small("")
+        self._asked.setObjectName("start_asked")
+        self._asked.hide()
+        layout = QVBoxLayout()
         layout.setSpacing(14)
+        content = QWidget()
+        self._room_px = parent.screen().availableGeometry().size()
+        beside = self._room_px.width() >= _FORM_PX + _CHECKS_PX + 3 * _SIDE_PX
+        sides = QBoxLayout(QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom, content)
+        sides.setContentsMargins(_SIDE_PX, 20, _SIDE_PX, 8)
+        sides.setSpacing(28)
+        sides.addLayout(layout, 1)
+        self._checks = None if console is None else console.state.preflight
+        if console is not None and console.state.preflight.value:
+            checks = self._make_checks(console)
+            if beside:
+                checks.setFixedWidth(_CHECKS_PX)
+            else:
+                checks.setMinimumHeight(_CHECKS_BELOW_PX)
+            sides.addWidget(checks)
+        foot = QVBoxLayout()
+        foot.setContentsMargins(_SIDE_PX, 8, _SIDE_PX, 20)
+        foot.setSpacing(10)
+        foot.addWidget(self._asked)
+        foot.addLayout(buttons)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(0, 0, 0, 0)
+        whole.setSpacing(0)
+        whole.addWidget(Scrolled(content), 1)
+        whole.addLayout(foot)
         layout.addWidget(heading)
         layout.addWidget(hint)
         layout.addLayout(form)
         layout.addLayout(told)
-        layout.addSpacing(4)
-        layout.addLayout(buttons)
+        layout.addStretch(1)
         self._show_kept()
+        self.resize(self.sizeHint())  # Qt would give it two thirds of the screen at most
         # What changes from session to session.
         self._fields["participant"].setFocus(Qt.FocusReason.OtherFocusReason)
         self._fields["participant"].selectAll()
 
     def sizeHint(self) -> QSize:
-        return QSize(560, super().sizeHint().height())
+        least_px = _WITH_CHECKS_PX if self._checks is not None and self._checks.value else 0
+        wanted = QSize(_FORM_PX, least_px).expandedTo(super().sizeHint())
+        return wanted.boundedTo(self._room_px - _FRAME_PX)
+
+    def _make_checks(self, console: WizardConsole) -> QWidget:
+        """How ready everything is, beside who takes part."""
+        side = QWidget()
+        heading = QLabel(tr("Is everything ready?"))
+        heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        self._summary = self._small("")
+        self._summary.setObjectName("start_summary")
+        column = QVBoxLayout(side)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(8)
+        column.addWidget(heading)
+        column.addWidget(self._summary)
+        column.addWidget(PreflightList(self._theme, console), 1)
+        console.state.preflight.changed.connect(self._show_checks)
+        self._show_checks(console.state.preflight.value)
+        return side
+
+    def _show_checks(self, checks: tuple[PreflightCheck, ...]) -> None:
+        self._summary.setText(summary(checks))
+        if not self._asked.isHidden():
+            self._ask_about_open(checks)
+
+    def _ask_about_open(self, checks: tuple[PreflightCheck, ...]) -> None:
+        """Name what is not ready, as long as anything is not."""
+        waits = any(check.asks_first for check in checks)
+        self._asked.setText(open_words(checks) if waits else "")
+        self._asked.setVisible(waits)
+        self._theme.color_text(self._asked, "amber")
+        if waits:
+            self._begin_button.set_label(tr("Record anyway"), look="amber")
+        else:
+            self._begin_button.set_label(tr("Start recording"), look="primary")
 
     def _small(self, text: str) -> QLabel:
         label = QLabel(text)
@@ -190,7 +268,7 @@ class StartDialog(QDialog):
     def _make_microphones(self) -> DropDown | None:
         """The choice of a microphone, where the scenario records sound at all."""
         offer = self._offer
-        if not offer.permissions.audio_recording:
+        if not (offer.permissions.audio_recording and offer.chooses_microphone):
             return None
         choice = DropDown(self._theme, "start_microphone", "Microphone")
         choice.setMinimumHeight(36)
@@ -201,7 +279,7 @@ class StartDialog(QDialog):
         for name in names:
             # Until the computer's inputs are known, none can be said to be missing.
             gone = " (not plugged in)" if name and offer.microphones and name not in offer.microphones else ""
-            choice.addItem(f"{microphone_words(name)}{gone}", name)
+            choice.addItem(f"{words.microphone(name)}{gone}", name)
         choice.setCurrentIndex(0 if offer.microphone is None else 1 + names.index(offer.microphone))
         choice.currentIndexChanged.connect(self._show_kept)
         return choice
@@ -209,8 +287,13 @@ class StartDialog(QDialog):
     @property
     def microphone(self) -> str | None:
         """The chosen sound input; None for none."""
-        chosen: str | None = None if self._microphone is None else self._microphone.currentData()
+        chosen: str | None = self._offer.microphone if self._microphone is None else self._microphone.currentData()
         return chosen
+
+    def use_last_trial(self) -> None:
+        """The same trial once more, where there was one."""
+        if self._offer.last is not None:
+            self._again.setChecked(True)
 
     def details(self) -> TrialDetails:
         return TrialDetails(
@@ -249,10 +332,15 @@ class StartDialog(QDialog):
             self._again.blockSignals(False)
 
     def _finish(self, details: TrialDetails) -> None:
+        checks = () if self._checks is None else self._checks.value
+        waits = any(check.asks_first for check in checks)
+        if waits and self._asked.isHidden():
+            self._ask_about_open(checks)
+            return
         self.accept()
         if self._microphone is not None and self.microphone != self._offer.microphone:
             self.microphone_chosen.emit(self.microphone)
-        self.begin.emit(details)
+        self.begin.emit(details, waits)
 
     def _on_begin(self) -> None:
         if self.isVisible():

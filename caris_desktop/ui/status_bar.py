@@ -7,10 +7,19 @@ from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
-from caris_desktop.domain.address import is_loopback
+from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.live.state import LiveStream
-from caris_desktop.live.status import LinkStatus, LoadStatus, PerceptionStatus, RecordingStatus
+from caris_desktop.live.status import (
+    AssistantSetup,
+    LinkStatus,
+    ListeningStatus,
+    LoadStatus,
+    MicrophoneStatus,
+    PerceptionStatus,
+    RecordingStatus,
+    SoundStatus,
+)
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
@@ -19,7 +28,7 @@ from caris_desktop.ui.theme import Theme
 HEIGHT_PX = 32
 _SIDE_PX, _GAP_PX, _STEP_PX = 16, 20, 6
 # What gives way first where the window is too narrow for all, as long as it is nothing to worry about.
-_MAY_GO = ("models", "round_trip", "perception", "battery", "lidar")
+_MAY_GO = ("models", "round_trip", "listening", "perception", "battery", "lidar")
 # What is cut short then. What is recorded is neither.
 _MAY_BE_CUT = ("load", "link", "dropped", "perception", "refused", "battery", "disk")
 _LEAST_PX, _NAME_CHARACTERS = 90, 40
@@ -145,8 +154,10 @@ class StatusBar(QWidget):
                 "battery",
                 "refused",
                 "perception",
+                "listening",
                 "load",
                 "models",
+                "microphone",
                 "recording",
                 "dropped",
                 "disk",
@@ -158,7 +169,7 @@ class StatusBar(QWidget):
         for widget in first:
             row.addWidget(widget)
         for name, item in self.items.items():
-            if name == "recording":
+            if name == "microphone":
                 row.addStretch(1)
             row.addWidget(item)
         for name in ("link", "round_trip", "video", "lidar", "pose", "refused"):
@@ -169,7 +180,8 @@ class StatusBar(QWidget):
         self._timer.start()
         theme.changed.connect(self.update)
         state = console.state
-        for value in (state.link, state.recording, state.perception, state.load):
+        microphones = (state.microphone, state.wizard_microphone, state.sound)
+        for value in (state.link, state.recording, state.perception, state.load, state.listening, *microphones):
             value.changed.connect(self._on_changed)
         self.refresh()
 
@@ -184,7 +196,11 @@ class StatusBar(QWidget):
         recording: RecordingStatus = state.recording.value
         perception: PerceptionStatus = state.perception.value
         lost = tuple(recording.dropped)
-        return link.state, link.robot, recording.state, lost, perception.state, perception.detail, state.load.value.step
+        open_ = (state.microphone.value.state, state.wizard_microphone.value.state, state.sound.value)
+        return (
+            link.state, link.robot, recording.state, lost, perception.state, perception.detail, state.load.value.step,
+            open_, state.listening.value.state,
+        )  # fmt: skip
 
     def refresh(self) -> None:
         state, items = self._console.state, self.items
@@ -228,6 +244,8 @@ class StatusBar(QWidget):
             tip="The computer does not keep up. Driving, stopping, sound and the recording go on as before.",
         )  # fmt: skip
         self._say_models(state.perception.value)
+        self._say_microphones(state.microphone.value, state.wizard_microphone.value, state.sound.value)
+        self._say_listening(state.listening.value, state.microphone.value)
         self._say_recording(state.recording.value)
         self._fit()
 
@@ -304,20 +322,66 @@ class StatusBar(QWidget):
             case _:
                 self.items["perception"].say("")
         scenario = self._console.scenario
-        local = not scenario.permissions.assistant or scenario.assistant.model == "embedded"
+        setup: AssistantSetup = self._console.state.assistant_setup.value
+        local = not scenario.permissions.assistant or not setup.server
         text, tip = "local models only", "Nothing that is said or asked leaves this computer."
         if not local:
-            text = f"language model: {words.shortened(scenario.assistant.model, _NAME_CHARACTERS)}"
-            tip = scenario.assistant.model
+            text = f"language model: {words.shortened(setup.model, _NAME_CHARACTERS)}"
+            tip = f"What is asked goes to {setup.server}."
         if perception.server and not is_loopback(perception.server):
             text = "pictures leave this computer" if local else f"{text}, pictures leave too"
             tip = f"{tip}\nPeople are found by {perception.server}, which gets the pictures."
+            local = False
+        ear = scenario.listening
+        if scenario.permissions.transcription and ear.engine == "server" and not is_loopback(ear.server):
+            text = "sound leaves this computer" if local else f"{text}, sound leaves too"
+            tip = f"{tip}\nWhat is said is turned into text by {without_credentials(ear.server)}, which gets the sound."
         self.items["models"].say(text, tip=tip)
 
+    def _say_listening(self, listening: ListeningStatus, microphone: MicrophoneStatus) -> None:
+        """Whether what is said becomes text, where the scenario wants it to."""
+        item = self.items["listening"]
+        if not self._console.scenario.permissions.transcription:
+            item.say("")
+            return
+        match listening.state:
+            case "ready" if microphone.state in ("starting", "on"):
+                language = f" ({listening.language})" if listening.language else ""
+                tip = f"What is said near the robot becomes text{language}.\n{listening.model}\n{listening.detail}"
+                item.say("listening", tip=tip.strip())
+            case "loading":
+                item.say("listening: loading model")
+            case "failed":
+                item.say("no transcription", "amber", icon="warning", tip=listening.detail)
+            case _:
+                item.say("no transcription", tip="No microphone hears the participant.")
+
+    def _say_microphones(self, participant: MicrophoneStatus, wizard: MicrophoneStatus, sound: SoundStatus) -> None:
+        """Whoever looks sees that a microphone is open, and whose."""
+        if self._in_replay:
+            return
+        tips = [words.microphone_facts(each) for each in (participant, wizard) if each.state != "off"]
+        talks = sound.talking and wizard.state in ("starting", "on")
+        if sound.hearing:
+            tips.append("You hear along what it hears")
+        if talks and wizard.state == "starting":
+            text, role, icon = "your microphone opens…", "amber", "microphone"
+        elif talks:
+            whom = "the participant hears you" if sound.talking == "robot" else "you are dictating"
+            text, role, icon = whom, "green", "microphone"
+        elif "failed" in (participant.state, wizard.state):
+            text, role, icon = "microphone not heard", "amber", "microphone-slash"
+        elif participant.state == "off" and wizard.state == "off":
+            text, role, icon = "", "dim", ""
+        else:
+            text = "microphone open" if participant.state != "off" else "your microphone is open"
+            role, icon = "text", "microphone"
+        self.items["microphone"].say(text, role, icon=icon, tip="\n".join(tips))
+
     def show_replay(self) -> None:
-        """What was recorded then is no news of this computer's disk now."""
+        """What was recorded then is no news of this computer's disk and microphones now."""
         self._in_replay = True
-        for name in ("recording", "disk"):
+        for name in ("microphone", "recording", "disk"):
             self.items[name].say("")
         self._fit()
 

@@ -11,6 +11,11 @@ from caris_desktop.ui.tokens import DARK, LIGHT, Colors
 
 ThemeChoice = Literal["system", "dark", "light"]
 CHOICES: tuple[ThemeChoice, ...] = ("system", "dark", "light")
+THEME_KEY = "appearance/theme"
+SCALE_KEY = "appearance/scale"
+SCALES = ("", "1.25", "1.5", "1.75", "2")
+"""How much larger everything is than the system has it; the empty one: as the system has it."""
+"""Where the choice stands in the user's settings."""
 
 # Used only where the system has no font of its own to speak of, as a bare Debian with DejaVu alone.
 _GOOD_FAMILIES = ("Inter", "Inter Variable", "Noto Sans", "Cantarell", "Ubuntu", "Liberation Sans", "DejaVu Sans")
@@ -119,9 +124,13 @@ def make_style_sheet(colors: Colors) -> str:
     """What the palette cannot say: corners, borders, spacing."""
     radius, status = tokens.CONTROL_RADIUS_PX, tokens.STATUS_PX
     return f"""
-QMainWindow#dock_host {{ background: {colors.window}; }}
-QMainWindow#dock_host::separator {{ width: 8px; height: 8px; background: transparent; }}
-QMainWindow#dock_host::separator:hover {{ background: {colors.line_strong}; }}
+QWidget#split_handle {{ background: transparent; }}
+QWidget#split_handle:hover:enabled {{ background: {colors.line_strong}; }}
+QPushButton#more_tabs {{ background: transparent; color: {colors.dim}; border: 0; border-radius: {radius}px; }}
+QPushButton#more_tabs:hover, QPushButton#more_tabs:focus {{ color: {colors.text}; background: {colors.raised}; }}
+QLabel#drag_words {{
+    background: {colors.raised}; color: {colors.text}; border: 1px solid {colors.blue}; padding: 5px 10px;
+}}
 QLineEdit, QPlainTextEdit, QComboBox {{
     background: {colors.field}; color: {colors.text}; border: 1px solid {colors.line_strong};
     border-radius: {radius}px; padding: 5px 10px; selection-background-color: {colors.blue};
@@ -129,8 +138,7 @@ QLineEdit, QPlainTextEdit, QComboBox {{
 }}
 QLineEdit:focus, QPlainTextEdit:focus, QComboBox:focus {{ border: 2px solid {colors.blue}; padding: 4px 9px; }}
 QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {colors.dim}; background: {colors.panel}; }}
-QLineEdit#speak_field {{ font-size: {tokens.SPEECH_PX}px; padding: 5px 12px; }}
-QLineEdit#speak_field:focus {{ padding: 4px 11px; }}
+QPlainTextEdit#speak_field, QPlainTextEdit#speak_field:focus {{ font-size: {tokens.SPEECH_PX}px; padding: 0; }}
 QPlainTextEdit#assistant_answer {{ font-size: {tokens.SPEECH_PX - 1}px; }}
 QPlainTextEdit#assistant_answer[readOnly="true"] {{
     background: transparent; border-color: transparent; padding: 2px 0;

@@ -6,6 +6,7 @@ from PySide6.QtWidgets import QHBoxLayout, QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, RecordingPaused
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import IN_SESSION, DriveStatus, LiveRobotsStatus, MarksStatus, RecordingStatus
@@ -20,7 +21,7 @@ from caris_desktop.ui.widgets.cut_label import CutLabel
 HEIGHT_PX = 56
 ROOMY_PX = 1500
 _SIDE_PX, _GAP_PX = 8, 10
-_LEAST_PX = 900
+_LEAST_PX = 640
 # Of each name in a narrow and in a roomy window; the tip has the rest.
 _PART_CHARACTERS, _TIP_CHARACTERS = (24, 40), 1000
 _SCENARIO_PX, _STRETCH_PX = 120, 110
@@ -192,6 +193,17 @@ class TopBar(QWidget):
             + "\n".join(live.robots)
             + "\nAlso Pause. Esc stops it too. It is released in the live window."
         )
+
+    def show_layout(self, *, changed: bool, locked: bool) -> None:
+        """Whether the arrangement of the panels has anything unsaved, or cannot be changed."""
+        name = tr("Panels and appearance")
+        if locked:
+            name = tr("Panels and appearance. The layout is locked.")
+        elif changed:
+            name = tr("Panels and appearance. The layout was changed and is not saved.")
+        self.window_button.set_badge("lock" if locked else "dot" if changed else "")
+        self.window_button.setAccessibleName(name)
+        self.window_button.setToolTip(name)
 
     def show_scenario(self) -> None:
         title = words.shortened(self._console.scenario.title, _TIP_CHARACTERS)

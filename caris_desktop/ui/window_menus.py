@@ -6,8 +6,13 @@ from pathlib import Path
 from PySide6.QtGui import QActionGroup
 from PySide6.QtWidgets import QMenu, QWidget
 
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui.appearance import scale_words
+from caris_desktop.ui.layout_menu import LayoutMenu
+from caris_desktop.ui.observer.observer_window import SEES, sees_words
 from caris_desktop.ui.panel_table import PANELS
-from caris_desktop.ui.theme import CHOICES, ThemeChoice
+from caris_desktop.ui.sound_menu import SoundMenu
+from caris_desktop.ui.theme import CHOICES, SCALES, ThemeChoice
 from caris_desktop.ui.top_bar import TopBar, as_menu
 from caris_desktop.ui.window_parts import THEME_WORDS, WindowParts
 
@@ -21,6 +26,9 @@ class WindowMenus:
         self._parts = parts
         self._top_bar = top_bar
         self._show_shortcuts = show_shortcuts
+        self._sound = SoundMenu(parts.console)
+        self._layout = LayoutMenu(parts.layout, parts.panels, parts.theme, window)
+        parts.layout.changed.connect(self._show_layout_state)
         self._scenario_menu = as_menu(parts.theme, window, "scenario_menu")
         self._window_menu = as_menu(parts.theme, window, "window_menu")
         self._robot_menu = as_menu(parts.theme, window, "robot_menu")
@@ -37,24 +45,31 @@ class WindowMenus:
             action.setActionGroup(group)
             action.triggered.connect(self._scenario_opener(choice.path))
         menu.addSeparator()
-        menu.addAction("Save this panel layout").triggered.connect(parts.layout.save)
+        menu.addAction(tr("Edit this scenario…")).triggered.connect(parts.editor.open)
+        menu.addAction(tr("Import a scenario…")).triggered.connect(parts.scenario_files.choose_import)
+        menu.addAction(tr("Write this scenario as one file…")).triggered.connect(parts.scenario_files.choose_share)
         self._top_bar.popup_below(menu, self._top_bar.scenario_button)
 
     def open_window_menu(self) -> None:
         menu, parts = self._window_menu, self._parts
         menu.clear()
-        menu.addSection("Panels")
+        for submenu in menu.findChildren(QMenu):  # those of the last time
+            submenu.deleteLater()
+        # Below one another all panels would be taller than a small screen.
+        panels = menu.addMenu(tr("Panels"))
+        panels.setObjectName("panels_menu")
         for name in parts.panels.possible():
-            action = menu.addAction(PANELS[name].title)
+            action = panels.addAction(PANELS[name].title)
             action.setCheckable(True)
             action.setChecked(parts.panels.is_open(name))
             action.triggered.connect(parts.panels.toggler(name))
-        menu.addAction("Put the panels back").triggered.connect(parts.layout.put_back_soon)
+        self._layout.fill(menu.addMenu(self._layout.title()))
         if parts.sessions.has_library:
             self._add_sessions(menu)
         menu.addSection("Robot")
         present = parts.console.state.link.value.robot
         parts.robots.fill_menu(menu.addMenu(f"Robot: {present}" if present else "Choose a robot"))
+        self._sound.fill(menu)
         menu.addSection("Appearance")
         group = QActionGroup(menu)
         for choice in CHOICES:
@@ -63,11 +78,22 @@ class WindowMenus:
             action.setChecked(choice == parts.theme.choice)
             action.setActionGroup(group)
             action.triggered.connect(self._theme_chooser(choice))
+        self._add_sizes(menu)
+        self._add_wizards(menu)
         menu.addSeparator()
         if parts.gamepad.offered:
             menu.addAction("Gamepad…").triggered.connect(parts.gamepad.open)
+        menu.addAction(tr("Practise on the simulated robot")).triggered.connect(parts.practise)
+        for sees in SEES:
+            menu.addAction(sees_words(sees)).triggered.connect(parts.observers.opener(sees))
+        set_up = menu.addAction(tr("Set up…"))
+        set_up.setEnabled(parts.actions.available("set_up"))
+        set_up.triggered.connect(lambda: parts.actions.run("set_up"))
         menu.addAction("All shortcuts").triggered.connect(self._show_shortcuts)
         self._top_bar.popup_below(menu, self._top_bar.window_button)
+
+    def _show_layout_state(self) -> None:
+        self._top_bar.show_layout(changed=self._parts.layout.is_unsaved, locked=self._parts.layout.locked)
 
     def open_robot_menu(self) -> None:
         self._parts.robots.fill_menu(self._robot_menu)
@@ -82,8 +108,40 @@ class WindowMenus:
         last.setEnabled(status.folder is not None and status.state in ("idle", "failed"))
         last.triggered.connect(windows.export_last_session)
 
+    def _add_sizes(self, menu: QMenu) -> None:
+        appearance = self._parts.appearance
+        group = QActionGroup(menu)
+        sizes = menu.addMenu(scale_words(appearance.scale))
+        for scale in SCALES:
+            action = sizes.addAction(scale_words(scale))
+            action.setCheckable(True)
+            action.setChecked(scale == appearance.scale)
+            action.setActionGroup(group)
+            action.triggered.connect(self._scale_chooser(scale))
+
+    def _scale_chooser(self, scale: str) -> Callable[[], None]:
+        return lambda: self._parts.appearance.choose_scale(scale)
+
+    def _add_wizards(self, menu: QMenu) -> None:
+        """Who is at the console."""
+        wizards = self._parts.wizards
+        group = QActionGroup(menu)
+        current = wizards.current
+        names = menu.addMenu(tr("Wizard: {name}").format(name=current) if current else tr("Who is the wizard?"))
+        for name in (*wizards.names, ""):
+            action = names.addAction(name.replace("&", "&&") or tr("Nobody in particular"))
+            action.setCheckable(True)
+            action.setChecked(name == current)
+            action.setActionGroup(group)
+            action.triggered.connect(self._wizard_chooser(name))
+        names.addSeparator()
+        names.addAction(tr("Another wizard…")).triggered.connect(lambda: self._parts.actions.run("choose_wizard"))
+
+    def _wizard_chooser(self, name: str) -> Callable[[], None]:
+        return lambda: self._parts.wizards.choose(name)
+
     def _scenario_opener(self, path: Path) -> Callable[[], None]:
         return lambda: self._parts.open_scenario(path)
 
     def _theme_chooser(self, choice: ThemeChoice) -> Callable[[], None]:
-        return lambda: self._parts.choose_theme(choice)
+        return lambda: self._parts.appearance.choose_theme(choice)

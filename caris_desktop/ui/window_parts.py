@@ -7,12 +7,17 @@ from pathlib import Path
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.appearance import Appearance
 from caris_desktop.ui.gamepad_window import GamepadWindow
 from caris_desktop.ui.layout_keeper import LayoutKeeper
+from caris_desktop.ui.observer.observer_window import ObserverWindows
 from caris_desktop.ui.panel_board import PanelBoard
 from caris_desktop.ui.robot_choice import RobotChooser
+from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
+from caris_desktop.ui.scenario_files import ScenarioFiles
 from caris_desktop.ui.session_windows import SessionWindows
 from caris_desktop.ui.theme import Theme, ThemeChoice
+from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 THEME_WORDS: dict[ThemeChoice, str] = {"system": "Like the system", "dark": "Dark", "light": "Light"}
 
@@ -29,6 +34,11 @@ class WindowParts:
     sessions: SessionWindows
     robots: RobotChooser
     gamepad: GamepadWindow
+    editor: ScenarioEditorWindow
+    wizards: WizardProfiles
     scenarios: Callable[[], Sequence[ScenarioChoice]]
     open_scenario: Callable[[Path], None]
-    choose_theme: Callable[[ThemeChoice], None]
+    appearance: Appearance
+    practise: Callable[[], None]
+    scenario_files: ScenarioFiles
+    observers: ObserverWindows

@@ -4,18 +4,15 @@ import math
 from collections.abc import Callable, Mapping
 from datetime import datetime
 
-from caris_desktop.domain import clock, events
-from caris_desktop.domain.actor import CONSOLE, OTHER_WIZARD, WIZARD, Actor, in_words
+from caris_desktop.domain import clock, events, person_marks
 from caris_desktop.domain.sensing import CameraState, PersonBox
-from caris_desktop.live.status import DriveStatus, LinkStatus
+from caris_desktop.domain.sound import ROBOT_MICROPHONE
+from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
 from caris_desktop.robot.profile import RobotProfile
 
-Category = str  # one of CATEGORIES
 UNDER_WAY = ("requested", "active")
 """States of a goal that the robot drives to."""
-
-CATEGORIES = ("Said", "Moved", "People", "Session", "Problems")
 
 
 def clock_time(stamp_ns: int, anchor: clock.ClockAnchor) -> str:
@@ -137,6 +134,7 @@ def stretch(seconds: float) -> str:
 
 _MISSING = {"frame": ("frame", "frames"), "audio": ("piece of sound", "pieces of sound"), "scan": ("scan", "scans")}
 _MISSING["audio_chunk"] = _MISSING["audio"]
+_MISSING["transcription"] = ("piece of sound for the transcript", "pieces of sound for the transcript")
 
 
 def missing(stream: str, count: int) -> str:
@@ -170,12 +168,14 @@ def expectation(bytes_per_hour: float | None, free_bytes: int | None) -> str:
     return f"{rate}; {free}: room for {long_duration(free_bytes / bytes_per_hour * 3600)}"
 
 
+def with_detail(sentence: str, detail: str) -> str:
+    return f"{sentence}: {detail}" if detail else sentence
+
+
 def mark_sentence(mark: events.Marked) -> str:
     """What a mark says, in the state it has now."""
     if mark.kind == "note":
-        return (
-            "Note taken back" if mark.state == "withdrawn" else _with_detail("Note", f"“{shortened(mark.note, 120)}”")
-        )
+        return "Note taken back" if mark.state == "withdrawn" else with_detail("Note", f"“{shortened(mark.note, 120)}”")
     what = "Wizard error marked" if mark.kind == "wizard_error" else "Marked"
     label = mark.label
     match mark.state:
@@ -186,7 +186,7 @@ def mark_sentence(mark: events.Marked) -> str:
     if mark.end_ns is not None and mark.start_ns is not None:
         label = f"{label or 'a stretch'}, {age((mark.end_ns - mark.start_ns) / 1e9)}"
     note = f" “{shortened(mark.note, 80)}”" if mark.note else ""
-    return _with_detail(what, label) + note
+    return with_detail(what, label) + note
 
 
 def shortened(text: str, length: int = 48) -> str:
@@ -325,194 +325,21 @@ NameOf = Callable[[str], str]
 """Gives the words for a person id."""
 
 
-def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | None:
-    """Category and sentence for the log; None for what only the recording needs."""
-    told = _event_sentence(event, name_of)
-    by = _by_whom(event)
-    return told if told is None or not by else (told[0], f"{told[1]} · by {by}")
+def with_names(text: str, name_of: NameOf) -> str:
+    """What was said, as it is shown: with names where the record has ids."""
+    return person_marks.with_names(text, name_of)
 
 
-def _by_whom(event: object) -> str:
-    """Who did it, where that is not this wizard, and no sentence about the console says why already."""
-    actor: Actor = getattr(event, "actor", "")
-    if actor.startswith(OTHER_WIZARD):
-        return f"wizard {actor.removeprefix(OTHER_WIZARD)}"
-    told = isinstance(event, events.DriveEnded | events.GuardChanged) or bool(getattr(event, "detail", ""))
-    return "" if actor in ("", WIZARD) or (actor == CONSOLE and told) else in_words(actor)
+def microphone_facts(microphone: MicrophoneStatus) -> str:
+    """Whom an open microphone hears, which one it is, and what is wrong with it."""
+    whom = "You are heard" if microphone.role == "wizard" else "The participant is heard"
+    if microphone.state == "failed":
+        return f"{whom} by no microphone: {microphone.detail}"
+    if microphone.source == ROBOT_MICROPHONE:
+        return f"{whom} by the robot's microphone"
+    return f"{whom} by {microphone.name or 'the system’s default microphone'}"
 
 
-def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | None:
-    match event:
-        case events.LinkChanged(link="media", state=state):
-            return ("Problems", "Camera and map are out of reach") if state == "lost" else None
-        case events.LinkChanged(state="connected"):
-            return "Session", "The robot is connected"
-        case events.LinkChanged(state="connecting"):
-            return "Session", "Looking for the robot"
-        case events.LinkChanged(state="trouble", detail=detail):
-            return "Problems", _with_detail("The connection to the robot is unsteady", detail)
-        case events.LinkChanged(state="lost", detail=detail):
-            return "Problems", _with_detail("The robot is out of reach", detail)
-        case events.LinkChanged(state="closed"):
-            return "Session", "The connection to the robot was closed"
-        case events.DriveEnded(reason=reason):
-            return "Moved", _with_detail("Driving ended", reason)
-        case events.StopRequested():
-            return "Moved", "Stop"
-        case events.EmergencyStopChanged(latched=latched, by=by):
-            whose = "" if by == "wizard" else " by the robot"
-            return "Moved", f"Emergency stop {'on' if latched else 'released'}{whose}"
-        case events.GoalChanged(state=state, place=place, detail=detail):
-            where = place or "the chosen point"
-            words = {
-                "requested": f"Going to {where}", "reached": f"Arrived at {where}",
-                "cancelled": f"No longer going to {where}", "failed": f"Could not get to {where}",
-            }  # fmt: skip
-            if state not in words:
-                return None
-            return ("Problems" if state == "failed" else "Moved"), _with_detail(words[state], detail)
-        case events.GuardChanged() | events.InitialPoseSet() | events.MapRequestChanged() | events.MappingChanged():
-            return _navigation_sentence(event)
-        case events.PlacesChanged(name=name, pose_in_map=pose):
-            return "Session", f"Place {name} {'removed' if pose is None else 'saved'}"
-        case events.ControlUsed():
-            return _control_sentence(event)
-        case events.GamepadChanged(name=name, connected=connected):
-            return "Session", f"{name or 'The gamepad'} was {'plugged in' if connected else 'unplugged'}"
-        case events.UtteranceChanged(speaker="robot", state="started", text=text):
-            return "Said", f"Robot: “{shortened(text, 120)}”"
-        case events.UtteranceChanged(speaker="robot", state="interrupted", text=text):
-            return "Said", f"Cut short: “{shortened(text, 60)}”"
-        case events.UtteranceChanged(speaker="robot", state="failed", text=text, detail=detail):
-            return "Problems", _with_detail(f"Not said: “{shortened(text, 60)}”", detail)
-        case events.UtteranceChanged(speaker="participant", state="finished", text=text):
-            return "Said", f"Participant: “{shortened(text, 120)}”"
-        case events.LlmExchange(outcome="answered", model=model):
-            return "Said", f"The assistant answered ({model})"
-        case events.LlmExchange(outcome="cancelled"):
-            return "Said", "Question to the assistant cancelled"
-        case events.LlmExchange(detail=detail):
-            return "Problems", _with_detail("The assistant gave no answer", detail)
-        case events.PersonAppeared(person_id=person_id):
-            return "People", f"{name_of(person_id)} came into view"
-        case events.PersonLeft(person_id=person_id):
-            return "People", f"{name_of(person_id)} left"
-        case events.PersonRenamed(person_id=person_id):
-            return "People", f"Named {name_of(person_id)}"
-        case (
-            events.PersonSuggested() | events.PersonIdentified() | events.PersonRejected() | events.PersonDescribed()
-            | events.PeopleMerged() | events.PersonSplit() | events.ConsentNoted() | events.PeopleUndone()
-            | events.PersonForgotten()
-        ):  # fmt: skip
-            return "People", _about_people(event, name_of)
-        case events.PhotoTaken(file_name=file_name):
-            return "Session", f"Photo taken ({file_name.rsplit('/', 1)[-1]})"
-        case events.PhotoTagged(file_name=file_name, tags=tags):
-            return "Session", f"Photo tagged ({file_name.rsplit('/', 1)[-1]}: {', '.join(tags) or 'no tags'})"
-        case events.PhotoDeleted(file_name=file_name, restored=restored):
-            return "Session", f"Photo {'brought back' if restored else 'deleted'} ({file_name.rsplit('/', 1)[-1]})"
-        case events.Marked():
-            return "Session", mark_sentence(event)
-        case events.RecordingPaused(paused=paused):
-            return "Session", "Recording paused" if paused else "Recording goes on"
-        case events.RobotChosen(title=title):
-            return "Session", f"Robot: {title}"
-        case events.ScenarioOpened(title=title):
-            return "Session", f"Scenario: {title}"
-        case events.Gap(reason=events.OVERTAKEN):
-            return None  # every second on a crowded machine
-        case events.Gap(stream=stream, count=count, reason=reason):
-            return "Problems", _with_detail(missing(stream, count), reason)
-        case events.Problem(severity=severity, what=what, meaning=meaning):
-            return ("Session" if severity == "info" else "Problems"), f"{_sentence(what)} {meaning}".strip()
-        case events.SessionStarted(folder=folder):
-            return "Session", f"Recording started ({folder})"
-        case events.SessionEnded(folder=folder):
-            return "Session", f"Recording ended ({folder})"
-        case _:
-            return None
-
-
-_DETAILS = {"group": "The group of", "tags": "The tags of", "note": "The note about"}
-CONSENTS: dict[events.ConsentKind, str] = {
-    "face": "being recognised by face",
-    "photo": "photos",
-    "video": "video recording",
-    "sound": "sound recording",
-}
-_UNDONE = {
-    "named": "a name", "group": "a group", "tags": "tags", "note": "a note", "identified": "who somebody is",
-    "rejected": "who somebody is not", "merged": "two people being one", "split": "one person being two",
-    "consent": "a consent",
-}  # fmt: skip
-DECISIONS_ABOUT_PEOPLE = (
-    events.PersonRenamed, events.PersonIdentified, events.PersonRejected, events.PersonDescribed, events.PeopleMerged,
-    events.PersonSplit, events.ConsentNoted,
-)  # fmt: skip
-"""What can be taken back."""
-
-
-def _about_people(event: object, name_of: NameOf) -> str:
-    match event:
-        case events.PersonSuggested(person_id=person_id, is_person_id=other, confidence=confidence):
-            return f"{name_of(person_id)} may be {name_of(other)} ({percent(confidence)})"
-        case events.PersonIdentified(is_person_id=other, by="console", confidence=confidence):
-            return f"{name_of(other)} recognised ({percent(confidence)})"
-        case events.PersonIdentified(is_person_id=other):
-            return f"{name_of(other)} confirmed"
-        case events.PersonRejected(is_person_id=other):
-            return f"Not {name_of(other)}: somebody else"
-        case events.PersonDescribed(person_id=person_id, detail=detail):
-            return f"{_DETAILS[detail]} {name_of(person_id)} changed"
-        case events.PeopleMerged(into_person_id=into):
-            return f"Two people were one: {name_of(into)}"
-        case events.PersonSplit(person_id=person_id, from_person_id=other):
-            return f"{name_of(person_id)} was not {name_of(other)}: two people now"
-        case events.ConsentNoted(person_id=person_id, kind=kind, given=given):
-            return f"{name_of(person_id)} {'agrees' if given else 'no longer agrees'} to {CONSENTS[kind]}"
-        case events.PeopleUndone(decision=decision):
-            return f"Taken back: {_UNDONE[decision]}"
-        case _:
-            return "Somebody was forgotten"
-
-
-def _navigation_sentence(
-    event: events.GuardChanged | events.InitialPoseSet | events.MapRequestChanged | events.MappingChanged,
-) -> tuple[Category, str] | None:
-    match event:
-        case events.GuardChanged(state="overridden"):
-            return "Moved", "Obstacle guard switched off"
-        case events.GuardChanged(state="blind", detail=detail):
-            return "Problems", _with_detail("The obstacle guard lets the robot crawl only", detail)
-        case events.InitialPoseSet():
-            return "Moved", "The robot was told where it is"
-        case events.MapRequestChanged(operation="save" | "load" as operation, name=name, state=state, detail=detail):
-            done = "saved" if operation == "save" else "loaded"
-            if state == "failed":
-                return "Problems", _with_detail(f"The map {name} was not {done}", detail)
-            return ("Session", f"The map {name} was {done}") if state == "succeeded" else None
-        case events.MapRequestChanged(state="failed", detail=detail):
-            return "Problems", _with_detail("Mapping was not switched", detail)
-        case events.MappingChanged(mapping=mapping) if mapping is not None:
-            return "Session", "The robot builds the map" if mapping else "The robot keeps the map as it is"
-        case _:
-            return None
-
-
-def _control_sentence(event: events.ControlUsed) -> tuple[Category, str] | None:
-    """What a control did; of a slider, which is dragged, only what went wrong."""
-    title = event.control.replace("_", " ")
-    if event.state == "failed":
-        return "Problems", _with_detail(f"Robot: {title} did not work", event.detail)
-    if event.state != "succeeded" or (isinstance(event.value, float) and not isinstance(event.value, bool)):
-        return None
-    value = "" if event.value is True else " off" if event.value is False else f" “{shortened(str(event.value))}”"
-    return "Session", f"Robot: {title}{value}"
-
-
-def _with_detail(sentence: str, detail: str) -> str:
-    return f"{sentence}: {detail}" if detail else sentence
-
-
-def _sentence(text: str) -> str:
-    return text if text.endswith((".", "!", "?")) else f"{text}."
+def microphone(name: str) -> str:
+    """One of this computer's, by its name; empty: the system's own choice."""
+    return name or "System’s default microphone"

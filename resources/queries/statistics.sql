@@ -44,7 +44,7 @@ FROM utterances
 WHERE said AND speaker IN ('participant', 'robot')
 WINDOW following AS (PARTITION BY session ORDER BY start_ns, speaker = 'robot');
 
-CREATE TABLE responses AS
+CREATE TABLE response_times AS
 SELECT session, next_start_ns AS at_ns, (next_start_ns - end_ns) / 1e9 AS delay_s
 FROM turns
 WHERE speaker = 'participant' AND next_speaker = 'robot' AND next_start_ns - end_ns BETWEEN 0 AND 30 * 1e9
@@ -79,7 +79,8 @@ WITH happened AS (
     SELECT session, end_ns AS at_ns, 0 AS request
     FROM utterances WHERE speaker = 'participant' AND end_ns IS NOT NULL
     UNION ALL
-    SELECT session, stamp_ns, 0 FROM event_llm_exchange WHERE outcome = 'answered'
+    SELECT session, stamp_ns, 0 FROM event_llm_exchange
+    WHERE outcome = 'answered' AND coalesce(purpose, 'question') = 'question'
     UNION ALL
     SELECT session, requested_ns, 1 FROM utterances WHERE speaker = 'robot' AND requested_ns IS NOT NULL
 )
@@ -156,9 +157,19 @@ GROUP BY one.session, one.stamp_ns, one.person_id;
 CREATE TABLE measures AS
 WITH
 paused AS (SELECT session, sum(end_ns - start_ns) / 1e9 AS seconds FROM pauses GROUP BY session),
-response AS (SELECT session, count(*) AS n, median(delay_s) AS middle_s FROM responses GROUP BY session),
+response AS (SELECT session, count(*) AS n, median(delay_s) AS middle_s FROM response_times GROUP BY session),
 content AS (SELECT session, median(delay_s) AS middle_s FROM content_responses GROUP BY session),
 reaction AS (SELECT session, median(delay_s) AS middle_s FROM reactions GROUP BY session),
+gap AS (
+    SELECT
+        session,
+        median(gap_s) AS middle_s,
+        quantile_cont(gap_s, 0.25) AS lower_s,
+        quantile_cont(gap_s, 0.75) AS upper_s,
+        count(*) FILTER (gap_s < 1.0) / count(*) AS at_once,
+        count(*) FILTER (gap_s < 0.0) AS overlaps
+    FROM responses WHERE first GROUP BY session
+),
 talk AS (
     SELECT
         session,
@@ -170,7 +181,9 @@ talk AS (
         count(*) FILTER (speaker = 'robot' AND origin = 'phrase') AS phrase,
         count(*) FILTER (speaker = 'robot' AND origin = 'filler') AS filler,
         count(*) FILTER (speaker = 'robot' AND origin = 'assistant') AS assistant,
-        count(*) FILTER (speaker = 'robot' AND origin = 'suggestion') AS suggestion
+        count(*) FILTER (speaker = 'robot' AND origin = 'suggestion') AS suggestion,
+        count(*) FILTER (speaker = 'robot' AND origin = 'dictated') AS dictated,
+        count(*) FILTER (speaker = 'robot' AND origin = 'own_voice') AS own_voice
     FROM utterances WHERE said GROUP BY session
 ),
 llm AS (
@@ -203,6 +216,16 @@ guard AS (
     )
     GROUP BY session
 ),
+step AS (
+    SELECT
+        session,
+        count(*) AS planned,
+        count(*) FILTER (visits > 0) AS visited,
+        count(*) FILTER (skipped > 0) AS skipped,
+        count(*) FILTER (late_s >= 1.0) AS late,
+        sum(late_s) AS late_s
+    FROM protocol GROUP BY session
+),
 marked AS (
     SELECT
         session,
@@ -227,6 +250,11 @@ SELECT
     response.middle_s AS response_time_s,
     content.middle_s AS content_response_time_s,
     reaction.middle_s AS reaction_time_s,
+    gap.middle_s AS gap_s,
+    gap.lower_s AS gap_lower_quartile_s,
+    gap.upper_s AS gap_upper_quartile_s,
+    gap.at_once AS gaps_under_1_s_fraction,
+    gap.overlaps AS overlaps,
     CASE WHEN talk.participant_n > 0 THEN coalesce(talk.participant_s, 0) END AS participant_talk_s,
     coalesce(talk.robot_s, 0) AS robot_talk_s,
     nullif(talk.participant_n, 0) AS participant_utterances,
@@ -236,6 +264,8 @@ SELECT
     coalesce(talk.filler, 0) AS filler_utterances,
     coalesce(talk.assistant, 0) AS assistant_utterances,
     coalesce(talk.suggestion, 0) AS suggestion_utterances,
+    coalesce(talk.dictated, 0) AS dictated_utterances,
+    coalesce(talk.own_voice, 0) AS own_voice_utterances,
     coalesce(llm.n, 0) AS llm_exchanges,
     llm.accepted AS llm_accepted_fraction,
     ways.distance_m AS distance_m,
@@ -246,6 +276,12 @@ SELECT
     coalesce(goal.n, 0) AS goals,
     coalesce(goal.reached, 0) AS goals_reached,
     coalesce(guard.n, 0) AS guard_interventions,
+    -- Nothing, rather than none, where there was no protocol.
+    step.planned AS protocol_steps,
+    step.visited AS steps_visited,
+    step.skipped AS steps_skipped,
+    step.late AS steps_late,
+    step.late_s AS steps_late_s,
     coalesce(marked.marks, 0) AS marks,
     coalesce(marked.errors, 0) AS wizard_errors,
     coalesce(marked.errors, 0) * 600.0 / nullif(greatest(0, lasts_s - coalesce(paused.seconds, 0)), 0)
@@ -262,6 +298,7 @@ LEFT JOIN paused USING (session)
 LEFT JOIN response USING (session)
 LEFT JOIN content USING (session)
 LEFT JOIN reaction USING (session)
+LEFT JOIN gap USING (session)
 LEFT JOIN talk USING (session)
 LEFT JOIN llm USING (session)
 LEFT JOIN ways USING (session)
@@ -270,6 +307,7 @@ LEFT JOIN stopped USING (session)
 LEFT JOIN emergency USING (session)
 LEFT JOIN goal USING (session)
 LEFT JOIN guard USING (session)
+LEFT JOIN step USING (session)
 LEFT JOIN marked USING (session)
 LEFT JOIN link USING (session)
 LEFT JOIN lost USING (session)
@@ -288,10 +326,14 @@ UNPIVOT counting ON COLUMNS(* EXCLUDE (session, condition)) INTO NAME measure VA
 
 CREATE VIEW each_response AS
 SELECT session, condition, 'each_response_time_s' AS measure, delay_s AS value
-FROM responses JOIN sessions USING (session) WHERE lower(purpose) != 'practice'
+FROM response_times JOIN sessions USING (session) WHERE lower(purpose) != 'practice'
 UNION ALL
 SELECT session, condition, 'each_reaction_time_s', delay_s
-FROM reactions JOIN sessions USING (session) WHERE lower(purpose) != 'practice';
+FROM reactions JOIN sessions USING (session) WHERE lower(purpose) != 'practice'
+UNION ALL
+SELECT session, condition, 'each_gap_s', gap_s
+FROM (SELECT session, first, gap_s FROM responses) JOIN sessions USING (session)
+WHERE first AND lower(purpose) != 'practice';
 
 -- Of the whole study (condition is NULL) and of each condition.
 CREATE VIEW summary AS
@@ -300,14 +342,58 @@ SELECT
     condition,
     measure,
     count(value) AS n,
-    avg(value) AS mean,
-    stddev_samp(value) AS sd,
+    -- In one order, so that the same values have the same sum to the last digit.
+    avg(value ORDER BY value) AS mean,
+    stddev_samp(value ORDER BY value) AS sd,
     median(value) AS median,
     min(value) AS min,
     max(value) AS max
 FROM (FROM each_value UNION ALL FROM each_response)
 GROUP BY GROUPING SETS ((measure), (measure, condition))
 ORDER BY of DESC, condition, measure;
+
+-- How the gaps are distributed, by what the robot said it with: of the whole study (condition is NULL) and of each
+-- condition. A filler and the answer after it count each.
+CREATE VIEW gaps_by_means AS
+SELECT
+    CASE WHEN grouping(condition) = 1 THEN 'study' ELSE 'condition' END AS of,
+    condition,
+    means,
+    count(*) AS n,
+    median(gap_s) AS median_s,
+    quantile_cont(gap_s, 0.25) AS lower_quartile_s,
+    quantile_cont(gap_s, 0.75) AS upper_quartile_s,
+    count(*) FILTER (gap_s < 1.0) / count(*) AS under_1_s_fraction,
+    count(*) FILTER (gap_s < 0.0) AS overlaps
+FROM (SELECT session, means, gap_s FROM responses) JOIN sessions USING (session) WHERE lower(purpose) != 'practice'
+GROUP BY GROUPING SETS ((means), (means, condition))
+ORDER BY of DESC, condition, means;
+
+-- Each step of the protocol, planned against actual: of the whole study (condition is NULL) and of each condition.
+-- Times are those of the sessions in which it was begun.
+CREATE VIEW steps AS
+SELECT
+    CASE WHEN grouping(condition) = 1 THEN 'study' ELSE 'condition' END AS of,
+    condition,
+    scenario,
+    step_id,
+    min(title) AS title,
+    min(step_number) AS step_number,
+    count(*) AS sessions,
+    count(*) FILTER (visits > 0) AS visited_in,
+    count(*) FILTER (skipped > 0) AS skipped_in,
+    count(*) FILTER (late_s >= 1.0) AS late_in,
+    CAST(sum(visits) AS BIGINT) AS visits,
+    max(expected_s) AS expected_s,
+    median(time_s) FILTER (visits > 0) AS median_s,
+    avg(time_s ORDER BY time_s) FILTER (visits > 0) AS mean_s,
+    stddev_samp(time_s ORDER BY time_s) FILTER (visits > 0) AS sd_s,
+    min(time_s) FILTER (visits > 0) AS min_s,
+    max(time_s) FILTER (visits > 0) AS max_s
+FROM (SELECT * EXCLUDE (participant, condition, trial) FROM protocol) JOIN sessions USING (session)
+WHERE lower(purpose) != 'practice'
+GROUP BY GROUPING SETS ((scenario, step_id), (scenario, step_id, condition))
+ORDER BY of DESC, condition, scenario, step_number, step_id;
 
 -- How often which label was marked, in which session.
 CREATE VIEW labels AS

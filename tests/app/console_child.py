@@ -1,6 +1,7 @@
 """The real console in a process of its own, told by lines on stdin what keys to press; for tests that stop or kill it.
 
-``python -m tests.app.console_child ADDRESS STUDY_DIR``. Lines: ``press KEY``, ``release KEY``, ``record``,
+``python -m tests.app.console_child ADDRESS STUDY_DIR`` plays the tour guide, and with CARIS_TEST_WHOLE set also its
+language model and recogniser. Lines: ``press KEY``, ``release KEY``, ``record``,
 ``end_recording``, ``pause``, ``go_on``, ``mark LABEL``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``go X_M Y_M``,
 ``place X_M Y_M NAME``, ``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``, ``pad AXIS VALUE``,
 ``unplug`` (the virtual gamepad), ``quit``.
@@ -19,12 +20,14 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import DriveEnded, Problem
+from caris_desktop.domain.events import AlarmChanged, DriveEnded, Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import PersonPlace
+from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile import load_profile, save_profile
+from tests.support.console_process import without_models
 from tests.support.told_by_lines import Reporter, attend
 from tests.support.virtual_gamepad import VirtualGamepad
 
@@ -37,6 +40,7 @@ class Driver(Reporter):
         self._run = run
         self._problems: list[str] = []
         self._pad: VirtualGamepad | None = None
+        self._alarms_raised: list[str] = []
         self._drive_ended: list[str] = []
         run.console.state.event_happened.connect(self._on_event)
 
@@ -92,6 +96,8 @@ class Driver(Reporter):
             self._drive_ended.append(event.reason)
         elif isinstance(event, Problem):
             self._problems.append(f"{event.what} {event.meaning} {event.advice}")
+        elif isinstance(event, AlarmChanged) and event.state == "raised":
+            self._alarms_raised.append(event.what)
 
     def _on_show(self) -> dict[str, object]:
         console, state = self._run.console, self._run.console.state
@@ -119,6 +125,8 @@ class Driver(Reporter):
             "assistant": state.assistant.value.state,
             "drive_ended": list(self._drive_ended),
             "problems": list(self._problems),
+            "alarms": [alarm.what for alarm in state.alarms.value],
+            "alarms_raised": list(self._alarms_raised),
             "exports": [str(folder) for folder in self._run.library.export.value.written],
         }
 
@@ -139,8 +147,11 @@ def main(address: str, study: Path, driver_type: type[Driver] = Driver) -> int:
     settings = QSettings(str(study.parent / "settings.ini"), QSettings.Format.IniFormat)
     camera = os.environ.get("CARIS_TEST_CAMERA")
     robot = _simulated_at(address, study.parent) if "://" in address else address
+    scenario = "tour-guide"
+    if "CARIS_TEST_WHOLE" not in os.environ:
+        scenario = str(without_models(layouts_dir() / "tour-guide.yaml", study.parent))
     run = ConsoleRun(
-        default_arguments(scenario="tour-guide", robot=robot, study=study, camera=camera and [camera]),
+        default_arguments(scenario=scenario, robot=robot, study=study, camera=camera and [camera]),
         settings=settings,
     )
     run.show()

@@ -7,7 +7,7 @@ Prints ``TEXT`` and the Speak field's text whenever it changes,
 import sys
 from pathlib import Path
 
-from PySide6.QtWidgets import QLineEdit
+from PySide6.QtWidgets import QPlainTextEdit
 
 from caris_desktop.app.console_command import ConsoleRun
 from tests.app.console_child import Driver, main
@@ -16,10 +16,10 @@ from tests.app.console_child import Driver, main
 class DesktopDriver(Driver):
     def __init__(self, run: ConsoleRun) -> None:
         super().__init__(run)
-        field = run.window.findChild(QLineEdit, "speak_field")
+        field = run.window.findChild(QPlainTextEdit, "speak_field")
         if field is None:
             raise RuntimeError("the scenario has no Speak panel")
-        field.textChanged.connect(lambda text: print("TEXT", text, flush=True))
+        field.textChanged.connect(lambda: print("TEXT", field.toPlainText(), flush=True))
         run.console.state.gamepad.changed.connect(lambda status: print("GAMEPAD", status.name, flush=True))
         run.window.hold.key_owner_changed.connect(lambda owner: print("KEYS", owner, flush=True))
 

@@ -7,6 +7,7 @@ computer's wizard and the console itself did beside it says so.
 import asyncio
 import csv
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,18 +18,25 @@ from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app import composition
-from caris_desktop.conversation.language_models import ModelEndpoint
-from caris_desktop.domain import events, intents
-from caris_desktop.domain.actor import CONSOLE, WIZARD
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.domain import clock, events, intents
+from caris_desktop.domain.actor import CONSOLE, MODEL, WIZARD
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D
 from caris_desktop.domain.intents import INTENTS, Intent
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
+from caris_desktop.live.services.practice import PracticeParts
+from caris_desktop.live.state import LiveValue
 from caris_desktop.recording.export import ExportContext, export_session
+from caris_desktop.recording.session.protocol import read_protocol
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session.suggestions import shown_replies
 from caris_desktop.robot.profile import load_profile, save_profile
+from caris_desktop.scenario.assistance import AssistanceSettings
+from caris_desktop.study.unfinished import UnfinishedTrial
 from tests.live import bodies
+from tests.support.crashed import leave
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 
@@ -36,8 +44,23 @@ pytestmark = pytest.mark.logs(r"live\.bus: ")
 
 OTHER = "wizard:b"
 HERE = Pose2D(9.0, 5.0, 0.0)
-LEAVES_NOTHING = {intents.UseMicrophone, intents.LookUpPerson}
-"""Of which microphone is used the record has the sound. Who reads about somebody changes nothing."""
+_STAYS_NS = 400_000_000
+LEAVES_NOTHING = {
+    intents.UseMicrophone,
+    intents.TryMicrophone,
+    intents.HearRobot,
+    intents.ShareScenario,
+    intents.LookUpPerson,
+    intents.MoveQueued,
+    intents.LeaveTrial,
+    intents.BeginPractice,
+}
+"""Of which microphone is used the record has the sound. Who reads about somebody, hears along or tries a microphone
+changes nothing. When something is said is on record, however it came about. A trial that nobody goes on with is over.
+What is practised has a recording of its own."""
+
+WRITTEN_ELSEWHERE = {events.PersonForgotten, events.PracticeStepEnded, events.PracticeEnded}
+"""Nobody is forgotten while a file is written, and what is practised goes into a file of its own."""
 
 
 @dataclass
@@ -109,6 +132,10 @@ def tell(story: Story) -> None:
     story.until(lambda: state.recording.value.state == "recording", "the recording")
     story.folder = Path(state.recording.value.folder)
 
+    ask(intents.GoOnWithTrial(), events.TrialResumed, folder="broken-off")
+    ask(intents.ConfirmAsBefore("map"), events.ConfirmedAsBefore, what="map")
+    by_hand = next(check.id for check in state.preflight.value if check.manual)
+    ask(intents.TickCheck(by_hand), events.PreflightChecked, state="passed")
     ask(intents.ReleaseEmergencyStop(), events.EmergencyStopChanged, latched=False)
     story.until(lambda: state.drive.value.allowed, "the robot may be driven")
 
@@ -137,14 +164,43 @@ def tell(story: Story) -> None:
     ask(intents.RemovePlace("Here"), events.PlacesChanged)
 
     ask(intents.Say("Hello, how are you today?", "typed"), events.UtteranceChanged, state="finished")
+    said = state.transcript.value[-1].utterance_id
+    ask(intents.CorrectUtterance(said, tags=("greeting",)), events.UtteranceCorrected, utterance_id=said)
     do(intents.Say("I would like to show you around.", "typed"), events.UtteranceChanged, state="started")
+    for text in ("This is not said.", "Nor is this."):
+        do(intents.Say(text, "typed"), events.UtteranceChanged, state="requested", text=text)
+    later = state.speech.value.waiting[-1].utterance_id
+    assert console.do(intents.MoveQueued(later, 0, actor=OTHER)) == ""
+    ask(intents.EditQueued(later, "Nor that."), events.UtteranceChanged, text="Nor that.")
+    ask(intents.CancelQueued(later), events.UtteranceChanged, state="interrupted", utterance_id=later)
     ask(intents.Silence(), events.UtteranceChanged, state="interrupted")
+    ask(intents.PushToTalk(on=True), events.UtteranceChanged, origin="own_voice", state="requested")
+    console.do(intents.PushToTalk(on=False))
+    ask(intents.SetVoice("robot", rate=1.2), events.VoiceChanged)
+    assert console.do(intents.Say("On {day}.", "typed")) == ""
+    ask(intents.FillGap("Monday"), events.UtteranceChanged, WIZARD, text="On Monday.", state="finished")
     ask(intents.Ask("Short?"), events.LlmExchange, outcome="answered")
     ask(intents.SayAnswer("Yes."), events.AnswerUsed)
     assert console.do(intents.Ask("Endless?")) == ""
     story.until(lambda: state.assistant.value.answer, "the beginning of an answer")
     # The exchange is whose question it was.
     ask(intents.CancelAnswer(), events.LlmExchange, WIZARD, detail="cancelled by another wizard")
+    do(intents.Ask("Short?"), events.LlmExchange, outcome="answered")
+    ask(intents.DismissAnswer(state.assistant.value.exchange_id), events.AnswerUsed, use="dismissed")
+    ask(intents.EditPrompt("notes", "The arm is being repaired."), events.AssistantChanged, setting="notes")
+    ask(intents.ChoosePrompt("style", ""), events.AssistantChanged, setting="style")
+    ask(intents.ChooseModel("openai:other"), events.AssistantChanged, name="openai:other")
+    ask(intents.ResetPrompts(), events.AssistantChanged, setting="reset")
+
+    story.until(lambda: state.face.value.expressions, "the face")
+    ask(intents.UseFace("lively"), events.FaceChanged, expression="friendly")
+    ask(intents.KeepFace("mine", "version: 1\ntitle: Mine\n"), events.FaceChanged, expression="calm")
+    ask(intents.ShowExpression("happy"), events.FaceChanged, expression="happy")
+    ask(intents.ShowOnFace("text", "One moment"), events.FaceChanged, text="One moment")
+    ask(intents.ShowFaceWindow(on=True), events.FaceChanged, screens=1)
+    ask(intents.ServeFace(on=True), events.FaceChanged)
+
+    tell_of_suggestions(story)
 
     persons = story.until(lambda: state.persons.value, "somebody is here")
     here = persons[0].person_id
@@ -175,6 +231,20 @@ def tell(story: Story) -> None:
     ask(intents.ChangeMark("m-2", label="Laughs"), events.Marked)
     ask(intents.WithdrawMark("m-2"), events.Marked)
     ask(intents.BeginMark("Waits"), events.Marked)
+    console.problem("warning", "Something is wrong.", "", "")
+    wrong = story.until(lambda: [each for each in state.alarms.value if "Something" in each.what], "an alarm")
+    ask(intents.DismissAlarm(wrong[0].alarm_id), events.AlarmChanged, state="ended")
+    ask(intents.AddNote("Asks twice", note_id="m-3"), events.Marked)
+    ask(intents.ChangeNote("m-3", "Asks again"), events.Marked)
+    ask(intents.RemoveNote("m-3"), events.Marked)
+    ask(intents.RestoreNote("m-3"), events.Marked)
+
+    ask(intents.TickItem("Visitor knows about the recording"), events.StepTicked, step_id="greet")
+    ask(intents.NextStep(), events.StepEntered, step_id="invite")
+    ask(intents.PreviousStep(), events.StepEntered, step_id="greet")
+    ask(intents.SkipStep(), events.StepEntered, how="skipped")
+    ask(intents.TakeBranch("Has no time for a tour"), events.StepEntered, step_id="farewell")
+    ask(intents.GoToStep("kitchen"), events.StepEntered, how="chosen")
 
     ask(intents.Stop(), events.StopRequested)
     ask(intents.PauseRecording(paused=True), events.RecordingPaused)
@@ -182,15 +252,67 @@ def tell(story: Story) -> None:
     do(intents.PauseRecording(paused=False), events.RecordingPaused)
     story.until(lambda: state.recording.value.state == "recording", "the recording again")
     ask(intents.OpenScenario(Path("another.yaml")), events.ScenarioOpened)
+    ask(intents.ImportScenario(Path("another.caris")), events.ScenarioOpened)
+    ask(intents.SaveScenario("title: Another tour", console.scenario.path), events.ScenarioOpened)
     ask(intents.UseRobot("another"), events.RobotChosen)
     ask(intents.StopRecording(), events.SessionEnded)
     story.until(lambda: state.recording.value.state == "idle", "the end of the recording")
 
+    assert console.do(intents.BeginPractice(actor=OTHER)) == ""
+    story.until(lambda: state.practice.value.state == "running", "the practice")
+    ask(intents.SkipPracticeStep(), events.PracticeStepEnded, done=False)
+    ask(intents.EndPractice(), events.PracticeEnded, done=0)
+    story.until(lambda: state.recording.value.state == "idle", "the end of its recording")
 
-async def answers(_endpoint: object, messages: Any, **_: object) -> AsyncIterator[str]:
+
+def tell_of_suggestions(story: Story) -> None:
+    """What is made of what the language model suggests and proposes, each to another turn of a participant's."""
+    state, ask = story.console.state, story.ask
+
+    def readable(value: LiveValue, of: Callable[[Any], Any]) -> Any:
+        """What stands there once a participant has said something more, and can be read."""
+        number, before = len(story.happened), of(value.value)
+        text = f"Can you show me {number} things?"
+        story.console._bus.publish(
+            events.UtteranceChanged(clock.now_ns(), f"t-{number}", "participant", text, "heard", "finished")
+        )
+
+        def stays() -> Any:
+            stands = of(value.value)
+            # What an earlier turn brought is put aside by this one, perhaps only just now.
+            return stands if stands and stands != before and clock.now_ns() > stands.from_ns + _STAYS_NS else None
+
+        return story.until(stays, "what the model writes, to be read")
+
+    def card() -> str:
+        return str(readable(state.suggestions, lambda status: next(iter(status.cards), None)).suggestion_id)
+
+    def proposal() -> str:
+        return str(readable(state.proposal, lambda status: status if status.proposal_id else None).proposal_id)
+
+    ask(intents.SaySuggestion(1, card()), events.SuggestionChanged, state="taken")
+    ask(intents.SayEditedSuggestion(card(), "Of course."), events.SuggestionChanged, state="edited")
+    card()
+    ask(intents.DismissSuggestions(), events.SuggestionChanged, state="dismissed")
+    ask(intents.ConfirmProposal(proposal()), events.ProposalChanged, state="confirmed")
+    ask(intents.VetoProposal(proposal()), events.ProposalChanged, state="vetoed")
+    ask(intents.SetLevel("actions", "off"), events.LevelChanged)
+
+
+async def answers(
+    _endpoint: object, messages: Any, schema: dict[str, Any] | None = None, **_: object
+) -> AsyncIterator[str]:
+    if schema is not None:
+        asked = "".join(filter(str.isdigit, messages[-1].content))
+        yield '{"action": "photo"}' if "action" in schema["properties"] else f'{{"answer": "Yes, all {asked}."}}'
+        return
     yield "Well"
     if "Endless?" in messages[-1].content:
         await asyncio.sleep(1000.0)
+
+
+async def no_models() -> tuple[str, ...]:
+    return ()
 
 
 @pytest.fixture(scope="module")
@@ -199,15 +321,22 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
     scenario = composition.find_scenario("tour-guide")
     scenario = replace(
         scenario,
-        permissions=replace(scenario.permissions, audio_recording=False),
-        assistant=replace(scenario.assistant, model="openai:small", pictures=True),
+        permissions=replace(scenario.permissions, audio_recording=False, transcription=False),
+        assistance=AssistanceSettings(actions="suggest"),
+        assistant=replace(scenario.assistant, model="openai:small", models=("openai:other",), pictures=True),
     )
     parts = composition.parts(study=composition.open_study(folder / "study"))
     with SimulatedRobot("--empty") as robot:
         profile = replace(load_profile("simulated"), address=robot.address)
         save_profile(replace(profile, title="Another robot"), folder / "another.yaml")
+        headset = replace(
+            parts.microphone.wizard,
+            body=ProcessBody("wizard microphone", bodies.quiet_microphone),
+            chosen=lambda: "Headset",
+        )
         parts = replace(
             parts,
+            microphone=replace(parts.microphone, wizard=headset),
             people=replace(
                 parts.people,
                 inference=ProcessBody("inference", bodies.somebody),
@@ -216,18 +345,25 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
             assistant=replace(
                 parts.assistant,
                 stream_chat=answers,
+                list_models=no_models,
                 resolve_endpoint=lambda _model, _url: ModelEndpoint("openai", "http://127.0.0.1:1/v1", "small"),
             ),
             scenario=replace(
                 parts.scenario,
                 load=lambda _path: replace(scenario, title="Another tour"),
                 save_places=lambda changed: changed,
+                save_text=lambda text, *_where: text,
+                unpack=lambda path: (path, ""),
             ),
+            practice=PracticeParts(scenario.path, lambda: None, lambda _seconds: None),
             robots=replace(
                 parts.robots,
                 connect_to=lambda name: composition.robot_connection(str(folder / f"{name}.yaml")),
             ),
         )
+        broken_off = parts.session.study / "sessions" / "broken-off"
+        broken_off.mkdir(parents=True)
+        leave(parts.going_on.folder, UnfinishedTrial(broken_off))
         console = Console(parts, scenario)
         story = Story(console)
         console.state.event_happened.connect(story.happened.append)
@@ -254,18 +390,49 @@ def test_the_file_has_it_all_and_of_everything_somebody_asked_for(story: Story) 
     recorded = [value for _, value in open_session(story.folder).values() if hasattr(value, "actor")]
     by_other = {type(value) for value in recorded if value.actor == OTHER}
     traced = {type(event) for event in story.traces.values() if event.actor == OTHER}
-    assert by_other >= traced - {events.PersonForgotten}, "nobody is forgotten while a file is written"
-    assert {value.actor for value in recorded} == {OTHER, WIZARD, CONSOLE}
+    assert by_other >= traced - WRITTEN_ELSEWHERE
+    asked_for = [value for value in recorded if getattr(value, "speaker", "") != "participant"]
+    assert {value.actor for value in asked_for} == {OTHER, WIZARD, CONSOLE, MODEL}
     # A velocity is whose key is held, and a mark whose last change it is.
     moving = [command.actor for command in recorded if isinstance(command, events.CommandSent) and command.twist.moving]
     assert {OTHER, WIZARD} <= set(moving)
-    assert [mark.actor for mark in recorded if isinstance(mark, events.Marked)] == [*3 * [OTHER], WIZARD, *4 * [OTHER]]
+    assert [mark.actor for mark in recorded if isinstance(mark, events.Marked)] == [*3 * [OTHER], WIZARD, *8 * [OTHER]]
     # The emergency stop was latched before; each change is there once.
     stops = [value for value in recorded if isinstance(value, events.EmergencyStopChanged)]
     assert [(stop.latched, stop.actor) for stop in stops] == [(True, OTHER), (False, OTHER)]
+    # How everything stood before is at the head of the file, of what waited for somebody too.
+    checked = [value for value in recorded if isinstance(value, events.PreflightChecked) and value.at_start]
+    assert {("robot", "passed"), ("by hand: Consent form signed", "not checked")} <= {
+        (check.check_id, check.state) for check in checked
+    }
     # Everything was in force as the recording began, and nobody had asked for it but this computer's wizard.
     first = {type(value): value for value in reversed(recorded)}
     assert (first[events.ScenarioOpened].actor, first[events.RobotChosen].actor) == (WIZARD, WIZARD)
+
+
+def test_the_file_has_the_protocol_from_its_head_on(story: Story) -> None:
+    session = open_session(story.folder)
+    opened = next(value for _, value in session.values("event/protocol_opened"))
+    assert opened.steps[0].step_id == "greet" and opened.stamp_ns <= session.started_ns + 1_000_000_000
+    visits, steps = read_protocol(session)
+    assert [(visit.step_id, visit.how, visit.left) for visit in visits[:6]] == [
+        ("greet", "started", "next"), ("invite", "next", "back"), ("greet", "back", "skipped"),
+        ("invite", "skipped", "branch"), ("farewell", "branch", "chosen"), ("kitchen", "chosen", ""),
+    ]  # fmt: skip
+    assert visits[0].actor == OTHER, "whoever began the recording"
+    greet = steps[0]
+    assert (greet.visits, greet.skipped, greet.ticked) == (1, 1, 1)
+    assert len(visits) == 6, "the same file with another title leaves the wizard in their step"
+
+
+def test_each_suggestion_that_was_displayed_has_one_fate_in_the_file(story: Story) -> None:
+    session = open_session(story.folder)
+    told = [value for _, value in session.values("event/suggestion_changed")]
+    displayed = Counter(event.suggestion_id for event in told if event.state == "displayed")
+    assert displayed == Counter(event.suggestion_id for event in told if event.state != "displayed")
+    replies = shown_replies(session)
+    assert len(replies) == len(displayed) and all(reply.told for reply in replies)
+    assert {"taken", "edited", "dismissed"} <= {reply.fate for reply in replies}
 
 
 def test_tables_and_tiers_tell_who_it_was_by_name_only_where_names_are_wanted(story: Story, tmp_path: Path) -> None:
@@ -274,16 +441,17 @@ def test_tables_and_tiers_tell_who_it_was_by_name_only_where_names_are_wanted(st
     export_session(story.folder, "eaf", tmp_path / "eaf", ExportContext(with_names=True))
 
     def actors(folder: str, table: str) -> list[str]:
+        """Participants speak unasked, and suggestions are asked for by the console."""
         with (tmp_path / folder / f"{table}.csv").open(encoding="utf-8", newline="") as file:
-            return [row["actor"] for row in csv.DictReader(file)]
+            return [row["actor"] for row in csv.DictReader(file) if row["actor"] not in ("", CONSOLE)]
 
     assert actors("named", "event_stop_requested") == [OTHER]
     assert actors("csv", "event_stop_requested") == ["wizard:another"]
     assert [actors("named", table) for table in ("utterances", "goals", "answers", "marks")] == [
-        [OTHER, WIZARD, OTHER],
+        [OTHER, WIZARD, WIZARD, WIZARD, OTHER, WIZARD, OTHER, OTHER, OTHER],
         [OTHER, OTHER, WIZARD],
-        [OTHER, WIZARD, OTHER],
-        [OTHER, OTHER],
+        [OTHER, WIZARD, WIZARD, OTHER],
+        [OTHER, OTHER, OTHER],
     ]
     for path in (tmp_path / "csv").iterdir():
         assert OTHER not in path.read_text(encoding="utf-8").replace("wizard:another", ""), path.name

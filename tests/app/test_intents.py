@@ -15,6 +15,7 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app import composition
 from caris_desktop.domain import intents
+from caris_desktop.domain.actor import MODEL
 from caris_desktop.domain.controls import CallService, RobotControl
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
@@ -52,10 +53,37 @@ SAMPLES: tuple[Intent, ...] = (
     intents.UseControl("wave", True),
     intents.UseRobot("simulated"),
     intents.Say("Hello", "typed"),
+    intents.FillGap("Ada"),
+    intents.MoveQueued("u-1", 0),
+    intents.EditQueued("u-1", "Hello"),
+    intents.CancelQueued("u-1"),
     intents.Silence(),
+    intents.SetVoice("computer", rate=1.2),
+    intents.PushToTalk(on=True),
+    intents.HearRobot(on=True),
+    intents.UseMicrophone(None),
+    intents.CorrectUtterance("u-1", text="Hello"),
     intents.Ask("What now?"),
     intents.CancelAnswer(),
     intents.SayAnswer("This."),
+    intents.DismissAnswer("x-1"),
+    intents.AskAboutPhoto("photos/0001.png", "What is this?"),
+    intents.ChooseModel("embedded"),
+    intents.ChoosePrompt("style", "Formal"),
+    intents.EditPrompt("notes", "The arm is being repaired."),
+    intents.ResetPrompts(),
+    intents.UseFace("calm"),
+    intents.KeepFace("mine", "version: 1\ntitle: Mine\n"),
+    intents.ShowExpression("calm"),
+    intents.ShowOnFace("text", "Back in a moment"),
+    intents.ShowFaceWindow(on=False),
+    intents.ServeFace(on=False),
+    intents.SaySuggestion(1, "s-1"),
+    intents.SayEditedSuggestion("s-1", "Hello there"),
+    intents.DismissSuggestions(),
+    intents.ConfirmProposal("a-1"),
+    intents.VetoProposal("a-1"),
+    intents.SetLevel("replies", "suggest"),
     intents.NamePerson("p-1", "Ada"),
     intents.AttendPerson("p-1"),
     intents.ConfirmPerson("p-1", "p-2"),
@@ -72,20 +100,40 @@ SAMPLES: tuple[Intent, ...] = (
     intents.StartRecording(TrialDetails()),
     intents.StopRecording(),
     intents.PauseRecording(paused=True),
-    intents.UseMicrophone(None),
     intents.TakePhoto(),
     intents.TagPhoto("photos/0001.png", ("robot arm",)),
     intents.DeletePhoto("photos/0001.png"),
     intents.RestorePhoto("photos/0001.png"),
-    intents.AskAboutPhoto("photos/0001.png", "What is this?"),
     intents.KeepLayout("{}"),
     intents.OpenScenario(Path("tour-guide.yaml")),
+    intents.SaveScenario("title: A", Path("a.yaml")),
+    intents.ImportScenario(Path("a.caris")),
+    intents.ShareScenario(Path("a.caris")),
+    intents.DismissAlarm("a-1"),
+    intents.GoOnWithTrial(),
+    intents.LeaveTrial(),
+    intents.ConfirmAsBefore("people"),
+    intents.TickCheck("by hand: Consent form signed"),
+    intents.TryMicrophone(),
     intents.Mark("Laughs"),
     intents.BeginMark("Laughs"),
     intents.StretchMark("m-1"),
     intents.EndMark("m-1"),
     intents.ChangeMark("m-1", label="Laughs"),
     intents.WithdrawMark("m-1"),
+    intents.AddNote("Asks twice #confused"),
+    intents.ChangeNote("m-1", "Asks twice"),
+    intents.RemoveNote("m-1"),
+    intents.RestoreNote("m-1"),
+    intents.NextStep(),
+    intents.PreviousStep(),
+    intents.SkipStep(),
+    intents.TakeBranch("Wants to leave"),
+    intents.GoToStep("greet"),
+    intents.TickItem("Visitor knows about the recording"),
+    intents.BeginPractice(),
+    intents.SkipPracticeStep(),
+    intents.EndPractice(),
 )
 _NAMES = [type(sample).__name__ for sample in SAMPLES]
 
@@ -171,11 +219,23 @@ def test_without_its_permission_it_is_refused(bench: Bench, asked: Intent) -> No
     for permission in get_args(Permission):
         bench.done.clear()
         bench.permit(**{permission: False})
-        needed = INTENTS[type(asked)].permission == permission and not asked.lets_go
+        needed = permission in INTENTS[type(asked)].permissions and not asked.lets_go
         refused = bench.console.do(asked)
         assert is_a_sentence(refused) if needed else refused == "", permission
         assert bench.done == ([] if needed else [asked]), permission
     assert bench.sent == []
+
+
+@pytest.mark.logs(r"live\.bus: ")
+def test_to_dictate_is_to_turn_speech_into_text_to_be_said_and_the_end_of_either_is_never_refused(bench: Bench) -> None:
+    dictate = intents.PushToTalk(on=True, to="dictation")
+    bench.permit(own_voice=False)
+    assert bench.console.do(dictate) == ""
+    bench.permit(transcription=False)
+    assert bench.console.do(dictate) == "This scenario turns no speech into text."
+    assert bench.console.do(replace(dictate, on=False)) == ""
+    bench.permit(speech=False)
+    assert bench.console.do(dictate) == "In this scenario the robot does not speak."
 
 
 @pytest.mark.logs(r"live\.bus: ")
@@ -189,6 +249,14 @@ def test_under_the_emergency_stop_nothing_that_moves_is_done(bench: Bench, asked
     assert refused == (f"{words_for(asked)} is not possible: the emergency stop is on." if moves else "")
     assert bench.done == ([] if moves else [asked])
     assert bench.sent == []
+
+
+@pytest.mark.logs(r"live\.bus: ")
+def test_a_language_model_asks_for_nothing_by_itself(bench: Bench) -> None:
+    for asked in SAMPLES:
+        refused = bench.console.do(replace(asked, actor=MODEL))
+        assert refused.endswith(" is not possible: a language model asks for nothing by itself."), asked
+    assert bench.done == [] and bench.sent == []
 
 
 def test_a_light_is_no_motion(bench: Bench) -> None:
@@ -243,4 +311,4 @@ def test_the_wizard_is_told_of_a_refusal_but_not_while_a_key_is_held(bench: Benc
 
 def test_a_language_model_may_propose_no_driving_no_release_and_nothing_about_its_own_rights() -> None:
     proposable = {kind.__name__ for kind, spec in INTENTS.items() if spec.proposable}
-    assert proposable == {"LookAt", "Nod", "GoToPlace", "GoToPoint", "UseControl", "Say", "TakePhoto"}
+    assert proposable == {"LookAt", "Nod", "GoToPlace", "GoToPoint", "UseControl", "Say", "TakePhoto", "ShowExpression"}

@@ -10,7 +10,7 @@ from caris_desktop.domain.events import Gap, Marked, RecordingPaused, ScenarioOp
 from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.recording.session.session_reader import open_session
-from tests.support.console_process import ConsoleProcess
+from tests.support.console_process import ConsoleProcess, without_models
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 
@@ -32,9 +32,9 @@ def _sent(log: Path) -> dict[str, list[int]]:
 
 def _other_scenario(folder: Path) -> Path:
     """The tour under another title, opened while nothing is recorded."""
-    path = folder / "second.yaml"
-    text = (layouts_dir() / "tour-guide.yaml").read_text("utf-8")
-    path.write_text(text.replace("title: Tour guide", "title: Second tour"), "utf-8")
+    (folder / "second").mkdir()
+    path = without_models(layouts_dir() / "tour-guide.yaml", folder / "second")
+    path.write_text(path.read_text("utf-8").replace("title: Tour guide", "title: Second tour"), "utf-8")
     return path
 
 
@@ -104,7 +104,7 @@ def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> Non
         [ref.robot_stamp_ns for ref in refs if ref.stamp_ns <= paused_ns],
         [ref.robot_stamp_ns for ref in refs if ref.stamp_ns >= resumed_ns],
     ):
-        assert len(of_part) > 10
+        assert len(of_part) > 3
         delivered = [stamp for stamp in sent[pictures] if of_part[0] <= stamp <= of_part[-1]]
         missing += len(set(delivered) - set(of_part))
     assert missing <= told["frame"], "a frame that is missing is written down as missing"

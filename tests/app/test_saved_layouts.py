@@ -12,7 +12,7 @@ from caris_desktop.domain import intents
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.library import user_scenarios_dir
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode
-from caris_desktop.ui.dock_host import panels_in
+from caris_desktop.ui.layout.tree import panels_in
 
 ARRANGED: LayoutNode = SplitNode("horizontal", (PanelLeaf("video"), PanelLeaf("speak")), (0.7, 0.3))
 
@@ -31,7 +31,7 @@ def run(qtbot: QtBot, tmp_path: Path, settings: QSettings) -> Iterator[ConsoleRu
 
 
 def _save(qtbot: QtBot, run: ConsoleRun, layout: LayoutNode) -> None:
-    run.window.layout_save_requested.emit(layout)
+    run.window.layout_save_requested.emit(layout, "usual")
     qtbot.waitUntil(lambda: run.console.scenario.layout == layout, timeout=20_000)
 
 
@@ -53,11 +53,11 @@ def test_a_saved_arrangement_is_undone_in_the_window_and_in_the_file(run: Consol
 def test_an_arrangement_that_is_saved_while_the_window_closes_is_there_the_next_time(
     run: ConsoleRun, settings: QSettings
 ) -> None:
-    run.window.layout_save_requested.emit(ARRANGED)
+    run.window.layout_save_requested.emit(ARRANGED, "usual")
     run.close()
     own = user_scenarios_dir() / "tour-guide.yaml"
     assert load_scenario(own).layout == ARRANGED
-    assert settings.value("scenario") == str(own)
+    assert settings.value("scenario/last") == str(own)
 
 
 def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun, qtbot: QtBot) -> None:
@@ -76,7 +76,30 @@ def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun, q
 def test_broken_settings_undo_nothing(run: ConsoleRun, settings: QSettings, qtbot: QtBot, kept: str) -> None:
     own = user_scenarios_dir() / "tour-guide.yaml"
     _save(qtbot, run, PanelLeaf("map"))
-    settings.setValue("layouts_before_saving", kept.replace("PATH", str(own)).replace("SAVED", '{"panel": "map"}'))
+    settings.setValue("layout/before_saving", kept.replace("PATH", str(own)).replace("SAVED", '{"panel": "map"}'))
     run.window.layout_keeper.put_back()
     run.close()
     assert load_scenario(own).layout == PanelLeaf("map")
+
+
+def test_what_is_saved_on_a_small_screen_is_for_small_screens_and_undone_with_the_rest(
+    run: ConsoleRun, qtbot: QtBot
+) -> None:
+    shipped = run.console.scenario
+    run.window.layout_save_requested.emit(ARRANGED, "compact")
+    qtbot.waitUntil(lambda: run.console.scenario.layout_compact == ARRANGED, timeout=20_000)
+    own = load_scenario(user_scenarios_dir() / "tour-guide.yaml")
+    assert (own.layout, own.layout_compact) == (shipped.layout, ARRANGED)
+    run.window.layout_keeper.put_back()
+    qtbot.waitUntil(lambda: run.console.scenario.layout_compact is None, timeout=20_000)
+    assert load_scenario(user_scenarios_dir() / "tour-guide.yaml").layout_compact is None
+
+
+def test_saving_as_another_scenario_leaves_this_one_and_writes_over_nothing(run: ConsoleRun, qtbot: QtBot) -> None:
+    before = run.console.scenario
+    for file_name in ("my-tour.yaml", "my-tour-2.yaml"):
+        run.window.layout_save_as_requested.emit(ARRANGED, "usual", "My tour!")
+        qtbot.waitUntil(lambda name=file_name: run.console.scenario.path.name == name, timeout=20_000)  # type: ignore[misc]
+        saved = load_scenario(user_scenarios_dir() / file_name)
+        assert (saved.title, saved.layout, saved.phrases) == ("My tour!", ARRANGED, before.phrases)
+    assert not (user_scenarios_dir() / "tour-guide.yaml").exists()

@@ -1,6 +1,7 @@
 """The rehearsal as ``caris-desktop rehearse`` plays it, watched: twice a second, what the panels can read of LiveState.
 
-``python -m tests.app.watched_rehearsal SAMPLES_FILE SCENARIO --out DIR``; one JSON line for each sample.
+``python -m tests.app.watched_rehearsal SAMPLES_FILE SENTENCES SCENARIO --out DIR``; one JSON line for each sample.
+The participant says the first SENTENCES of theirs.
 """
 
 import json
@@ -40,4 +41,5 @@ class WatchedRehearsal(rehearsal.Rehearsal):
 if __name__ == "__main__":
     WatchedRehearsal.samples_path = Path(sys.argv[1])
     rehearsal.Rehearsal = WatchedRehearsal  # type: ignore[misc]
-    sys.exit(run(["rehearse", *sys.argv[2:]]))
+    rehearsal.SAYS = {name: said[: int(sys.argv[2])] for name, said in rehearsal.SAYS.items()}
+    sys.exit(run(["rehearse", *sys.argv[3:]]))

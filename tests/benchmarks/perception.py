@@ -39,9 +39,10 @@ from caris_desktop.perception.backends.network import NetworkDetector
 from caris_desktop.perception.backends.opening import open_detector
 from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
 from caris_desktop.perception.detector import Detector, person_classes
-from caris_desktop.perception.inference import default_threads
-from caris_desktop.perception.perceiver import LEAST_CONFIDENCE, Perceiver
-from caris_desktop.perception.tracker import Look, PersonTracker
+from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, default_threads
+from caris_desktop.perception.perceiver import Perceiver
+from caris_desktop.perception.tracker import PersonTracker
 from caris_desktop.perception.video_file import VideoFile
 from caris_desktop.perception.weights import Weights
 from tests.perception.shared_data import INT8_WEIGHTS, OSNET_WEIGHTS, TUD_CAMPUS_VIDEO

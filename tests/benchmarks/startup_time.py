@@ -20,7 +20,7 @@ def console_takes_a_key() -> None:
     """Child: the real console; prints the monotonic time at which a typed letter stood in the Speak field."""
     from PySide6.QtCore import QSettings, QTimer
     from PySide6.QtTest import QTest
-    from PySide6.QtWidgets import QLineEdit
+    from PySide6.QtWidgets import QPlainTextEdit
 
     from caris_desktop.app.console_command import ConsoleRun, default_arguments
 
@@ -28,11 +28,11 @@ def console_takes_a_key() -> None:
         settings = QSettings(str(Path(folder) / "settings.ini"), QSettings.Format.IniFormat)
         run = ConsoleRun(default_arguments(scenario="tour-guide", study=Path(folder) / "study"), settings=settings)
         run.show()
-        field = run.window.findChild(QLineEdit, "speak_field")
+        field = run.window.findChild(QPlainTextEdit, "speak_field")
 
         def press() -> None:
             QTest.keyClicks(field, "a")
-            if field.isVisible() and field.text() == "a":
+            if field.isVisible() and field.toPlainText() == "a":
                 print(time.monotonic_ns(), flush=True)
             run.application.exit(0)
 
@@ -45,10 +45,10 @@ def bare_window_takes_a_key() -> None:
     """Child: one line edit and nothing else."""
     from PySide6.QtCore import QTimer
     from PySide6.QtTest import QTest
-    from PySide6.QtWidgets import QApplication, QLineEdit
+    from PySide6.QtWidgets import QApplication, QPlainTextEdit
 
     application = QApplication(sys.argv[:1])
-    field = QLineEdit()
+    field = QPlainTextEdit()
     field.show()
 
     def press() -> None:

@@ -21,7 +21,9 @@ from caris_desktop.conversation.embedded_server import (
     run_embedded_server,
     threads_for,
 )
-from caris_desktop.conversation.language_models import model_version, resolve_endpoint, stream_chat
+from caris_desktop.conversation.models.chat import stream_chat
+from caris_desktop.conversation.models.endpoint import resolve_endpoint
+from caris_desktop.conversation.models.listing import model_version
 from caris_desktop.conversation.preflight import probe_language_model
 from caris_desktop.domain.events import ChatMessage
 from tests.support.polling import wait_for
@@ -65,7 +67,10 @@ def url(server: Server) -> str:
 async def _answer(url: str, *, max_tokens: int) -> list[str]:
     endpoint = resolve_endpoint("embedded", embedded_url=url)
     question = [ChatMessage("system", "Answer in one sentence."), ChatMessage("user", "What is a robot?")]
-    return [piece async for piece in stream_chat(endpoint, question, max_tokens=max_tokens, temperature=0.0)]
+    return [
+        piece
+        async for piece in stream_chat(endpoint, question, local_only=True, max_tokens=max_tokens, temperature=0.0)
+    ]
 
 
 def test_it_answers_piece_by_piece(url: str) -> None:
@@ -82,9 +87,11 @@ def test_it_tells_which_weights_answer(url: str) -> None:
     async def run() -> str:
         endpoint = resolve_endpoint("embedded", embedded_url=url)
         question = [ChatMessage("user", "Hello.")]
-        async for _ in stream_chat(endpoint, question, max_tokens=2, temperature=0.0, told_version=told.append):
+        async for _ in stream_chat(
+            endpoint, question, local_only=True, max_tokens=2, temperature=0.0, told_version=told.append
+        ):
             pass
-        return await model_version(endpoint)
+        return await model_version(endpoint, local_only=True)
 
     listed = asyncio.run(run())
     assert told == [listed], "the same before the first answer and with it"
@@ -96,13 +103,41 @@ def test_it_tells_which_weights_answer(url: str) -> None:
 def test_a_cancelled_question_does_not_hold_up_the_next(url: str) -> None:
     async def run() -> list[str]:
         endpoint = resolve_endpoint("embedded", embedded_url=url)
-        endless = stream_chat(endpoint, [ChatMessage("user", "Count.")], max_tokens=1800, temperature=1.0)
+        endless = stream_chat(
+            endpoint, [ChatMessage("user", "Count.")], local_only=True, max_tokens=1800, temperature=1.0
+        )
         await anext(endless)
         await endless.aclose()
         async with asyncio.timeout(10.0):
             return await _answer(url, max_tokens=4)
 
     assert asyncio.run(run())
+
+
+def test_what_was_read_once_is_kept_beside_another_question(url: str) -> None:
+    """A question and suggestions alternate without either having to be read again, and run beside one another."""
+    background = "The robot arm lifts five kilos and stops as soon as it touches something. " * 12
+
+    async def read_tokens(system: str, question: str) -> int:
+        body = {
+            "messages": [{"role": "system", "content": system}, {"role": "user", "content": question}],
+            "max_tokens": 1,
+            "temperature": 0.0,
+        }
+        async with httpx.AsyncClient(trust_env=False, timeout=60.0) as client:
+            reply = await client.post(f"{url}/v1/chat/completions", json=body)
+        return int(reply.json()["timings"]["prompt_n"])
+
+    async def run() -> None:
+        whole = await read_tokens(f"Guide. {background}", "Where is it?")
+        await read_tokens(f"Suggest. {background}", "Where is it?")
+        assert whole > 150
+        assert await read_tokens(f"Guide. {background}", "Who are you?") < 30
+        assert await read_tokens(f"Suggest. {background}", "Who are you?") < 30
+        together = asyncio.gather(_answer(url, max_tokens=8), _answer(url, max_tokens=8), _answer(url, max_tokens=8))
+        assert all(await together)
+
+    asyncio.run(run())
 
 
 def test_only_this_computer_and_no_web_page_may_ask(server: Server, url: str) -> None:
@@ -124,8 +159,8 @@ def test_it_stands_back_for_the_console() -> None:
 
 
 def test_preflight_asks_it(url: str) -> None:
-    assert probe_language_model("embedded").ok
-    asked = probe_language_model("embedded", embedded_url=url)
+    assert probe_language_model("embedded", local_only=True).ok
+    asked = probe_language_model("embedded", local_only=True, embedded_url=url)
     assert asked.ok, asked
     assert "began to answer" in asked.text
 

@@ -1,27 +1,31 @@
 """The microphone and the robot's voice on one clock: beside the loudspeaker, one hears when the other speaks."""
 
+import contextlib
 import multiprocessing
+import subprocess
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.microphone import (
+from caris_desktop.conversation.microphone import run_microphone
+from caris_desktop.conversation.microphone_messages import (
     CloseMicrophone,
     MicrophoneFailed,
     MicrophoneList,
     MicrophoneOpened,
     OpenMicrophone,
-    run_microphone,
 )
-from caris_desktop.conversation.speech import ROBOT_VOICE, run_speech
-from caris_desktop.conversation.speech_messages import Speak, SpeechReady, SpeechSettings
+from caris_desktop.conversation.speech import run_speech
+from caris_desktop.conversation.speech_messages import Speak, SpeechReady, SpeechSettings, UseVoice
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound import ROBOT_VOICE
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 
 _CONTEXT = multiprocessing.get_context("spawn")
@@ -82,11 +86,12 @@ def _loudness(chunks: list[AudioChunk], *, window_ns: int = 10_000_000) -> tuple
 
 
 def test_what_the_robot_says_is_recorded_when_a_microphone_hears_it(sound: SoundServer) -> None:
-    microphone, speech = Body(run_microphone), Body(run_speech, SpeechSettings(rate_wpm=300))
+    microphone, speech = Body(run_microphone), Body(run_speech)
     try:
         assert microphone.wait_for(MicrophoneList).names
         microphone.connection.send(OpenMicrophone(""))
         microphone.wait_for(MicrophoneOpened)
+        speech.connection.send(UseVoice(SpeechSettings(rate=1.8)))
         assert speech.wait_for(SpeechReady).audible
         microphone.wait_for(AudioChunk)
         speech.connection.send(Speak("u1", "Welcome to the robot laboratory. Please follow me.", "typed"))
@@ -104,12 +109,60 @@ def test_what_the_robot_says_is_recorded_when_a_microphone_hears_it(sound: Sound
     said_from_ns, said_loud = _loudness(said)
     heard = microphone.chunks("microphone")
     gaps_ms = np.diff([chunk.stamp_ns for chunk in heard]) / 1e6
-    assert np.percentile(np.abs(gaps_ms - 100.0), 80) < 20.0, "the microphone's stamps go on evenly"
+    assert np.percentile(np.abs(gaps_ms - 40.0), 80) < 20.0, "the microphone's stamps go on evenly"
     heard_from_ns, heard_loud = _loudness(heard)
     shift = int(np.argmax(np.correlate(heard_loud, said_loud, mode="full"))) - (len(said_loud) - 1)
     late_ms = (heard_from_ns - said_from_ns) / 1e6 + shift * 10.0
     # In steps of 10 ms.
     assert abs(late_ms) <= 30.0, f"heard {late_ms:.0f} ms after it was said"
+
+
+def pactl(*words: str) -> str:
+    return subprocess.run(["pactl", *words], capture_output=True, text=True, check=True, timeout=20).stdout.strip()
+
+
+def test_another_default_input_is_followed_and_one_that_is_unplugged_replaced(sound: SoundServer) -> None:
+    """The tone is at the loudspeaker's monitor alone: what hears it has gone there from another input."""
+    desk = pactl("load-module", "module-null-sink", "sink_name=desk")
+    pactl("set-default-source", "desk.monitor")
+    microphone = Body(run_microphone)
+    tone = subprocess.Popen(
+        ["pacat", "--device=speaker", "--format=s16le", "--rate=16000", "--channels=1"], stdin=subprocess.PIPE
+    )
+    try:
+        microphone.connection.send(OpenMicrophone(""))
+        microphone.wait_for(MicrophoneOpened)
+        assert tone.stdin is not None
+        samples = (np.sin(np.arange(16000 * 60) * 0.3) * 8000).astype("<i2")
+        threading.Thread(target=_feed, args=(tone.stdin, samples.tobytes()), daemon=True).start()
+        microphone.listen_for(0.5)
+        assert max(_peak(chunk) for chunk in microphone.chunks("microphone")) < 100
+        pactl("set-default-source", "speaker.monitor")
+        pactl("unload-module", desk)
+        _until_loud(microphone)
+        told = [message for message in microphone.heard if isinstance(message, MicrophoneFailed)]
+        assert len(told) <= 1, "once at most, whatever the sound server does with its stream"
+    finally:
+        tone.kill()
+        tone.wait()
+        microphone.close()
+
+
+def _feed(stdin: IO[bytes], content: bytes) -> None:
+    with contextlib.suppress(OSError):
+        stdin.write(content)
+
+
+def _peak(chunk: AudioChunk) -> int:
+    return int(np.abs(chunk.samples.astype(np.int32)).max())
+
+
+def _until_loud(microphone: Body) -> None:
+    until_s = time.monotonic() + 30.0
+    while time.monotonic() < until_s:
+        if _peak(microphone.wait_for(AudioChunk)) > 3000:
+            return
+    raise AssertionError("the tone was not heard")
 
 
 def test_without_a_microphone_the_session_goes_on_quietly(monkeypatch: pytest.MonkeyPatch) -> None:

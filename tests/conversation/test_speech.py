@@ -1,6 +1,7 @@
 """Speech on this computer, end to end: real voice, real sound server, real processes that hang and die."""
 
 import multiprocessing
+import queue
 import signal
 import subprocess
 import sys
@@ -15,7 +16,13 @@ import psutil
 import pytest
 
 from caris_desktop.conversation.preflight import probe_sound
-from caris_desktop.conversation.speech import MAX_UTTERANCE_CHARACTERS, SpeechDeadlines, run_speech, speakable
+from caris_desktop.conversation.speech import (
+    MAX_UTTERANCE_CHARACTERS,
+    SpeechDeadlines,
+    _SpeechDesk,
+    run_speech,
+    speakable,
+)
 from caris_desktop.conversation.speech_messages import (
     CloseSpeech,
     SilenceSpeech,
@@ -23,9 +30,12 @@ from caris_desktop.conversation.speech_messages import (
     SpeechFailed,
     SpeechReady,
     SpeechSettings,
+    UseVoice,
+    VoicesFound,
 )
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
+from caris_desktop.domain.sound import PlayedSound, PlayedSoundEnded
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 from tests.support.polling import wait_for
 
@@ -42,10 +52,10 @@ class Speech:
 
     def __init__(self, deadlines: SpeechDeadlines) -> None:
         self._connection, theirs = _CONTEXT.Pipe()
-        settings = SpeechSettings(rate_wpm=300)
-        self.process = _CONTEXT.Process(target=run_speech, args=(theirs, settings, deadlines), daemon=True)
+        self.process = _CONTEXT.Process(target=run_speech, args=(theirs, deadlines), daemon=True)
         self.process.start()
         theirs.close()
+        self._connection.send(UseVoice(SpeechSettings(rate=1.8, at_hand=True)))
         self.heard: list[Any] = []
 
     @property
@@ -200,6 +210,94 @@ def test_silence_is_heard_at_once_and_drops_what_waits(sound: SoundServer, start
     assert 0.8 < _seconds(start, end) < 4.0
     speech.say("u4")
     speech.wait_state("u4", "finished")
+
+
+def test_what_is_played_is_told_as_it_begins_and_when_it_is_cut_off(
+    sound: SoundServer, start_speech: StartSpeech
+) -> None:
+    speech = start_speech(sound)
+    speech.wait_ready()
+    speech.connection.send(Speak("u1", "Yes, Ada.", "typed", "wizard:a", recorded="Yes, {p-1}."))
+    start = speech.wait_state("u1", "started")
+    end = speech.wait_state("u1", "finished")
+    assert (start.text, end.text) == ("Yes, {p-1}.",) * 2, "a name is spoken and its id recorded"
+    played: list[PlayedSound] = [message for message in speech.heard if isinstance(message, PlayedSound)]
+    assert {(one.utterance_id, one.text) for one in played} == {("u1", "Yes, Ada.")}
+    assert played[0].stamp_ns == start.stamp_ns
+    length_s = sum(len(one.samples) / one.sample_rate_hz for one in played)
+    assert length_s == pytest.approx(_seconds(start, end), abs=0.02)
+    assert not [message for message in speech.heard if isinstance(message, PlayedSoundEnded)]
+    speech.say("u2", LONG_SENTENCE)
+    speech.wait(lambda message: isinstance(message, PlayedSound), "the second one")
+    speech.silence()
+    ended = speech.wait(lambda message: isinstance(message, PlayedSoundEnded), "it is cut off")
+    assert (ended.utterance_id, ended.stamp_ns) == ("u2", speech.wait_state("u2", "interrupted").stamp_ns)
+
+
+def test_a_voice_that_is_not_here_is_replaced_by_one_that_is_and_the_wizard_is_told(start_speech: StartSpeech) -> None:
+    speech = start_speech(None)
+    speech.wait_ready()
+    speech.connection.send(UseVoice(SpeechSettings("piper:de_DE-nobody-low", rate=1.8, at_hand=True)))
+    told = speech.wait(lambda message: isinstance(message, Problem) and "another voice" in message.what, "a warning")
+    assert "the voice de_DE-nobody-low is not on this computer" in told.what
+    assert (told.severity, "models folder" in told.advice) == ("warning", True)
+    assert speech.wait_ready().voice == "espeak:gmw/de", "of the same language"
+    found: VoicesFound = speech.wait(lambda message: isinstance(message, VoicesFound), "the voices that there are")
+    assert ("espeak:gmw/de", "de") in found.voices
+    assert not [name for name, _ in found.voices if name.startswith("espeak:") and name != "espeak:gmw/de"]
+    speech.say("u1", "Ja, das ist gut.")
+    engine, usual_s = (
+        speech.engine().pid,
+        _seconds(speech.wait_state("u1", "started"), speech.wait_state("u1", "finished")),
+    )
+    speech.connection.send(UseVoice(SpeechSettings("piper:de_DE-nobody-low", rate=0.9, at_hand=True)))
+    speech.say("u2", "Ja, das ist gut.")
+    slow_s = _seconds(speech.wait_state("u2", "started"), speech.wait_state("u2", "finished"))
+    assert slow_s > 1.4 * usual_s, "it is tuned without a word"
+    assert speech.engine().pid == engine
+
+
+class ToldEngine:
+    """An engine of which the test tells what it says."""
+
+    number = 1
+
+    def say(self, text: str, number: int) -> None: ...
+
+    def close(self, *, grace_s: float) -> None: ...
+
+
+@pytest.mark.parametrize("order", [("part", "started"), ("started", "part")])
+def test_a_start_that_is_told_before_its_sound_is_a_start(order: tuple[str, ...]) -> None:
+    ours, theirs = _CONTEXT.Pipe()
+    desk = _SpeechDesk(theirs, SpeechDeadlines(open_s=0.0, heartbeat_s=60.0), queue.SimpleQueue())
+    desk._engine = ToldEngine()  # type: ignore[assignment]
+    desk._enter("idle", None)
+    desk._on_command(Speak("u1", "Yes.", "typed"))
+    desk._go_on()
+    events = {
+        "part": {"event": "part", "number": 1, "at": 0, "rate_hz": 1000, "sound": bytes(2000)},
+        "started": {"event": "started", "at_ns": 5},
+    }
+    desk._on_engine({**events["part"], "number": 0})
+    for name in order:
+        desk._on_engine(events[name])
+    assert desk._seconds_left() > 10.0, "it plays, and nobody waits for it to begin any more"  # type: ignore[operator]
+    told = [ours.recv() for _ in range(2)]
+    assert {type(message) for message in told} == {UtteranceChanged, PlayedSound}
+    assert {message.stamp_ns for message in told} == {5}
+    ours.close()
+    theirs.close()
+
+
+def test_another_voice_waits_for_the_end_of_the_sentence_and_is_then_loaded_at_once(start_speech: StartSpeech) -> None:
+    speech = start_speech(None)
+    speech.wait_ready()
+    speech.say("u1")
+    speech.wait_state("u1", "started")
+    speech.connection.send(UseVoice(SpeechSettings("espeak:gmw/de", rate=1.8, at_hand=True)))
+    assert speech.wait_ready().voice == "espeak:gmw/de"
+    assert speech.states == [("u1", "started"), ("u1", "finished")]
 
 
 def test_without_an_output_utterances_take_their_time_and_one_warning_says_so(start_speech: StartSpeech) -> None:
@@ -368,11 +466,13 @@ def test_a_voice_that_cancels_itself_is_asked_again(tmp_path: Path) -> None:
     # What pyttsx3 does by chance when espeak has not quite ended the last utterance, made certain.
     script = (
         "import pathlib, sys\n"
-        "from caris_desktop.conversation.voice_engine import _Renderer\n"
-        "renderer = _Renderer({'voice': '', 'rate_wpm': 300, 'volume': 1.0}, pathlib.Path(sys.argv[1]))\n"
+        "from caris_desktop.conversation.voices.espeak import EspeakVoice\n"
+        "from caris_desktop.conversation.voices.sound import Stop\n"
+        "voice = EspeakVoice('', '', rate=1.8, volume=1.0, folder=pathlib.Path(sys.argv[1]))\n"
         "for _ in range(4):\n"
-        "    renderer._engine.proxy._driver._stopping = True\n"
-        "    print('rendered', renderer.render('Welcome to the robot laboratory.').duration_s)\n"
+        "    voice._engine.proxy._driver._stopping = True\n"
+        "    (sound,) = voice.parts('Welcome to the robot laboratory.', Stop())\n"
+        "    print('rendered', len(sound) / voice.rate_hz)\n"
     )
     ran = subprocess.run(
         [sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True, timeout=60, check=True

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from caris_desktop.domain.yaml_source import YamlSourceError, know_scalars, parse_yaml
+from tests.support.examples import examples
 
 
 @pytest.mark.parametrize(
@@ -91,7 +92,7 @@ def test_lines_are_those_of_keys_and_items() -> None:
     assert [found.line_of(path) for path in (("a",), ("a", "b"), ("a", "c", 1), ("a", "c", 1, "none"))] == [1, 2, 5, 5]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.text(max_size=80))
 def test_no_text_raises_anything_else(text: str) -> None:
     for head in ("", "a: 1\n", "a: !!int "):
@@ -108,7 +109,7 @@ class _Dumper(yaml.SafeDumper):
 know_scalars(_Dumper)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.one_of(st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=12), st.sampled_from(
     ["1e3", "017", "yes", "12:30", "0x1F", ".inf", "~", "null", "=", "<<", "1_000", "-.5", "+7"]
 )))  # fmt: skip

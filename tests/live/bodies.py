@@ -1,12 +1,15 @@
 """Process bodies for tests of what starts and ends them."""
 
+import contextlib
 import os
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from caris_desktop.conversation.microphone_messages import MicrophoneAlive
 from caris_desktop.conversation.speech_messages import Speak
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import Say
@@ -14,7 +17,7 @@ from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
 from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import FrameReader, FrameWriter
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.perception.inference import DetectorAway, FrameSkipped, InferenceReady
+from caris_desktop.perception.inference_messages import DetectorAway, FrameSkipped, InferenceReady
 
 
 def echo(connection: Connection) -> None:
@@ -112,6 +115,7 @@ def voice(connection: Connection) -> None:
                         asked.text,
                         asked.origin,
                         state,  # type: ignore[arg-type]
+                        voice="computer" if isinstance(asked, Speak) else "robot",
                         actor=asked.actor,
                     )
                 )
@@ -146,3 +150,12 @@ def somebody(connection: Connection, _frames: FrameReader) -> None:
             return
         boxes = (PersonBox(1, "", 0.0, 0.0, 8.0, 8.0, 0.9),)
         connection.send(People(ref.stamp_ns, ref.camera, ref.sequence, ref.width_px, ref.height_px, boxes, 1.0))
+
+
+def quiet_microphone(connection: Connection, *_arguments: Any) -> None:
+    """Says that it is well, and hears nothing."""
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            if connection.poll(0.5):
+                connection.recv()
+            connection.send(MicrophoneAlive())

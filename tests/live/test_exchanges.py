@@ -8,10 +8,13 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.exchanges import Exchanges
+from caris_desktop.live.exchanges import MOST_SHOWN, MOST_UNDER_WAY, Exchanges
+from caris_desktop.live.model_client import ModelClient
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantStatus
 
@@ -33,10 +36,9 @@ class Desk:
         self.published: list[Any] = []
         self.closed = threading.Event()
         self.state = LiveState()
-        self.asking = Exchanges(
-            self.state, asyncio_thread, self._stream_chat, self._publish, ask_version=self._ask_version
-        )
-        self.asking.use_endpoint(MODEL, shown_as="Small")
+        client = ModelClient(asyncio_thread, self._stream_chat, self._publish, ask_version=self._ask_version)
+        self.asking = Exchanges(self.state, client, self._publish)
+        self.use(MODEL, "Small")
 
     def _publish(self, value: Any) -> None:
         self.published.append(value)
@@ -48,7 +50,7 @@ class Desk:
         *,
         told_version: Callable[[str], None],
         seed: int | None,
-        **_limits: float,
+        **_more: object,
     ) -> AsyncIterator[str]:
         self.seeds.append(seed)
         try:
@@ -63,11 +65,21 @@ class Desk:
         finally:
             self.closed.set()
 
-    async def _ask_version(self, _endpoint: ModelEndpoint) -> str:
+    def use(self, endpoint: ModelEndpoint, shown_as: str) -> None:
+        self.asking.use_endpoint(endpoint, shown_as=shown_as, local_only=False)
+
+    async def _ask_version(self, endpoint: ModelEndpoint, *, local_only: bool) -> str:
         return await asyncio.to_thread(self.looks_up)
 
-    def ask(self) -> None:
-        assert self.asking.ask("Where?", PROMPT, max_tokens=20, temperature=0.5)
+    def ask(self, question: str = "Where?") -> str:
+        exchange_id = self.asking.prepare(question)
+        self.asking.ask(exchange_id, PROMPT, max_tokens=20, temperature=0.5)
+        return exchange_id
+
+    @property
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Question, state and use of each, the newest first."""
+        return [(row.question, row.state, row.use) for row in self.shown.exchanges]
 
     @property
     def shown(self) -> AssistantStatus:
@@ -125,9 +137,7 @@ def test_each_question_has_a_seed_of_its_own_where_the_server_takes_one(desk: De
     seeds = [_answered(desk, qtbot).seed for _ in range(3)]
     assert seeds == desk.seeds
     assert len(set(seeds)) == 3
-    desk.asking.use_endpoint(
-        ModelEndpoint("openai", "https://somebody:secret@models.example.org:8443/v1", "big"), shown_as="Big"
-    )
+    desk.use(ModelEndpoint("openai", "https://somebody:secret@models.example.org:8443/v1", "big"), "Big")
     exchange = _answered(desk, qtbot)
     assert (exchange.server, exchange.seed) == ("models.example.org:8443", None)
 
@@ -143,7 +153,7 @@ def test_the_version_is_asked_once_beside_the_first_answer_and_never_holds_it_up
 
     desk.has_run()
     desk.looks_up = look_up
-    desk.asking.use_endpoint(MODEL, shown_as="Small")
+    desk.use(MODEL, "Small")
     assert _answered(desk, qtbot).model_version == ""
     told.set()
     qtbot.waitUntil(lambda: _answered(desk, qtbot).model_version == "sha256:0123456789ab")
@@ -158,15 +168,57 @@ def test_a_version_that_was_not_to_be_had_is_asked_for_with_the_next_question(de
 
 def test_an_answer_that_nobody_used_is_dismissed_once(desk: Desk, qtbot: QtBot) -> None:
     first = _answered(desk, qtbot)
-    assert desk.uses == []
     second = _answered(desk, qtbot)
+    assert desk.uses == [], "both can still be said"
+    desk.asking.dismiss(first.exchange_id, "", "wizard")
+    desk.asking.dismiss(first.exchange_id, "", "wizard")
     assert desk.uses == [(first.exchange_id, "dismissed", "Straight on.")]
-    assert desk.outline == ["answered", "dismissed", "answered"]
     desk.asking.show_status(AssistantStatus(state="off"))
-    desk.asking.use_endpoint(MODEL, shown_as="Small")
+    desk.use(MODEL, "Small")
     desk.asking.forget()
     desk.asking.forget()
     assert desk.uses[1:] == [(second.exchange_id, "dismissed", "Straight on.")]
+
+
+def test_several_questions_are_under_way_and_each_ends_as_it_ends(desk: Desk, qtbot: QtBot) -> None:
+    answered = desk.ask("First?")
+    qtbot.waitUntil(lambda: desk.shown.state == "ready")
+    desk.waits = True
+    cancelled, waiting = desk.ask("Second?"), desk.ask("Third?")
+    qtbot.waitUntil(lambda: all(row.answer for row in desk.shown.exchanges))
+    assert desk.shown.state == "answering"
+    desk.asking.cancel("cancelled by the wizard", cancelled)
+    assert desk.rows == [("Third?", "answering", ""), ("Second?", "cancelled", ""), ("First?", "answered", "")]
+    desk.asking.note_use("Straight on!", "u-1", answered)
+    desk.asking.note_use("Straight on.", "u-2", answered)
+    assert desk.uses == [(answered, "edited", "Straight on!")], "each has one fate, whatever is said of it again"
+    desk.asking.dismiss(waiting, "cancelled by the wizard")
+    assert desk.rows == [("Second?", "cancelled", ""), ("First?", "answered", "edited")]
+    desk.asking.forget()
+    assert (desk.rows, desk.outline) == ([], ["answered", "cancelled", "edited", "cancelled"])
+
+
+def test_no_more_than_a_few_are_asked_at_once_and_the_oldest_answers_make_room(desk: Desk, qtbot: QtBot) -> None:
+    for _ in range(MOST_SHOWN + 1):
+        _answered(desk, qtbot)
+    assert len(desk.rows) == MOST_SHOWN
+    assert desk.uses == [(desk.exchanges[0].exchange_id, "dismissed", "Straight on.")]
+    desk.waits = True
+    for _ in range(MOST_UNDER_WAY):
+        desk.ask()
+    with pytest.raises(ToldFailure, match="kept in the field"):
+        desk.asking.prepare("One more?")
+    desk.asking.cancel("enough")
+    assert desk.shown.state == "ready"
+
+
+def test_what_is_cancelled_before_its_pictures_are_read_is_never_asked(desk: Desk) -> None:
+    exchange_id = desk.asking.prepare("What is this?")
+    assert desk.rows == [("What is this?", "preparing", "")]
+    desk.asking.cancel("cancelled by the wizard", exchange_id)
+    desk.asking.ask(exchange_id, PROMPT, max_tokens=20, temperature=0.5)
+    assert desk.rows == [("What is this?", "cancelled", "")]
+    assert desk.seeds == [] and desk.published == []
 
 
 @pytest.mark.parametrize(
@@ -180,7 +232,7 @@ def test_an_answer_that_nobody_used_is_dismissed_once(desk: Desk, qtbot: QtBot) 
 def test_an_answer_that_was_used_is_not_dismissed(desk: Desk, qtbot: QtBot, answer: str, text: str, use: str) -> None:
     desk.pieces = [answer]
     exchange = _answered(desk, qtbot)
-    desk.asking.note_use(text, "u-1")
+    desk.asking.note_use(text, "u-1", exchange.exchange_id)
     desk.asking.forget()
     assert desk.uses == [(exchange.exchange_id, use, text)]
 
@@ -191,7 +243,7 @@ def test_what_failed_or_was_cancelled_is_not_dismissed(desk: Desk, qtbot: QtBot)
     desk.failure, desk.waits = None, True
     desk.ask()
     qtbot.waitUntil(lambda: desk.shown.answer != "")
-    desk.asking.cancel()
+    desk.asking.cancel("cancelled by the wizard")
     desk.asking.forget()
     assert desk.outline == ["failed", "cancelled"]
 
@@ -227,9 +279,17 @@ def test_an_answer_that_came_as_all_was_forgotten_is_recorded_as_answered_and_di
 def test_another_model_ends_the_question_to_the_last_one(desk: Desk, qtbot: QtBot) -> None:
     desk.waits = True
     desk.ask()
-    desk.asking.use_endpoint(ModelEndpoint("openai", "http://127.0.0.1:1/v1", "other"), shown_as="Other")
+    desk.use(ModelEndpoint("openai", "http://127.0.0.1:1/v1", "other"), "Other")
     assert [(exchange.model, exchange.outcome) for exchange in desk.exchanges] == [("Small", "cancelled")]
-    assert desk.shown == AssistantStatus(state="ready", model="Other")
+    assert (desk.shown.state, desk.shown.model) == ("ready", "Other")
+
+
+def test_what_another_model_answered_before_can_still_be_said(desk: Desk, qtbot: QtBot) -> None:
+    exchange = _answered(desk, qtbot)
+    desk.use(ModelEndpoint("openai", "http://127.0.0.1:1/v1", "other"), "Other")
+    assert [(row.model, row.answer) for row in desk.shown.exchanges] == [("Small", "Straight on.")]
+    desk.asking.note_use("Straight on.", "u-1", exchange.exchange_id)
+    assert desk.uses == [(exchange.exchange_id, "said", "Straight on.")]
 
 
 def test_forgetting_keeps_why_there_is_no_model(desk: Desk, qtbot: QtBot) -> None:
@@ -241,4 +301,4 @@ def test_forgetting_keeps_why_there_is_no_model(desk: Desk, qtbot: QtBot) -> Non
 
 def test_a_model_that_is_ready_after_the_console_has_closed_harms_nobody(desk: Desk) -> None:
     desk.asyncio.stop()
-    desk.asking.use_endpoint(MODEL, shown_as="Small")
+    desk.use(MODEL, "Small")

@@ -13,16 +13,20 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.domain import intents, streams
+from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, StatusShown
 from caris_desktop.live.playback_clock import PlaybackClock
+from caris_desktop.live.protocol_walk import ProtocolWalk
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
+from caris_desktop.live.status_tap import content_of
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.overview_of import build_overview
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording import minute
+from tests.recording.told_session import at, tell
 from tests.support.recorded_session import MadeSession, make_session, number_in
 
 SECOND_NS = 1_000_000_000
@@ -188,6 +192,12 @@ def _newest_of(console: ReplayConsole, camera: str) -> int | None:
     """The stamp of the camera's frame that can be seen."""
     ref: FrameRef | None = console.state.frame.value
     return ref.stamp_ns if ref is not None and ref.camera == camera else None
+
+
+@pytest.mark.logs("of the session is not shown")
+def test_what_was_said_has_names_where_the_record_has_ids(open_replay: Replay) -> None:
+    console = open_replay()
+    assert console.with_names("Hello, {p-01}! And {p-02}.") == "Hello, Ada! And somebody."
 
 
 @pytest.mark.logs("of the session is not shown")
@@ -366,3 +376,25 @@ def test_an_event_type_that_is_declared_later_is_replayed_and_becomes_a_tier(
     tiers = build_overview(console.session).tiers  # here, as other processes do not know what only this test declares
     assert "Mood asked" in [tier.name for tier in tiers.tiers]
     assert any("calm" in annotation.value for annotation in tiers.annotations)
+
+
+@pytest.mark.logs("of the session is not shown")
+def test_where_the_wizard_was_in_the_protocol_is_shown_again(open_replay: Replay, tmp_path: Path, qtbot: QtBot) -> None:
+    """As the console told it, at any moment and with the time that the step had taken by then."""
+    steps = find_scenario("tour-guide").protocol.steps
+    walk = ProtocolWalk(steps)
+    values: list[Any] = []
+    moves = {0.0: walk.start, 4.0: walk.next, 7.0: walk.skip, 9.0: walk.back}
+    for at_s, move in moves.items():
+        values += [move(at(at_s), WIZARD), StatusShown(at(at_s), "protocol", content_of("protocol", walk.status()))]
+    console = open_replay(folder=tell(tmp_path / "told", values, lasts_s=12.0))
+    seen = []
+    for at_s in (1.0, 8.0, 5.0, 11.0):
+        console.seek(at(at_s))
+        qtbot.waitUntil(lambda: console.settled, timeout=10_000)
+        status = console.state.protocol.value
+        seen.append((status.number, status.elapsed_s(console.state.present.now_ns()), status.done, status.skipped))
+    first, second = steps[0].step_id, steps[1].step_id
+    assert seen == [
+        (1, 1.0, (), ()), (3, 1.0, (first,), (second,)), (2, 1.0, (first,), ()), (2, 5.0, (first,), ()),
+    ]  # fmt: skip

@@ -74,3 +74,17 @@ def test_who_agreed_is_shown(qapp: QApplication) -> None:
     frames.take(People(SECOND_NS, "front", 1, 320, 240, (ADA, BEN), 50.0))
     shown = frames.read(frame(1.1))
     assert kept(shown, BEN) == 1.0 and kept(shown, ADA) < 0.02
+
+
+def test_what_is_given_away_is_covered_as_what_is_kept_whatever_the_window_shows(qapp: QApplication) -> None:
+    state, frames = showing(BlurSettings("without_consent"))
+    state.persons.set(
+        (PersonRow("p-ben", 2, "Ben", True, 0, 0, consents=("photo",)), PersonRow("p-ada", 1, "Ada", True, 0, 0))
+    )
+    frames.take(People(SECOND_NS, "front", 1, 320, 240, (ADA, BEN), 50.0))
+    given = frames.read_to_give(frame(1.1))
+    assert kept(given, BEN) == 1.0 and kept(given, ADA) < 0.02
+    assert kept(frames.read(frame(1.1)), ADA) == 1.0
+    assert kept(frames.read_to_give(frame(3.0)), BEN) < 0.02, "nobody was looked for lately"
+    nobody = showing(BlurSettings("nobody", shown=True))[1]
+    assert kept(nobody.read_to_give(frame(1.1)), ADA) == 1.0

@@ -1,13 +1,18 @@
 """One queue in front of the voices."""
 
+import random
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.sound import PlayedSound
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
@@ -20,11 +25,13 @@ class TestVoice:
         self.available = True
         self.held_up = False
         self.said: list[UtteranceChanged] = []
+        self.spoken: list[str] = []
         self.silenced: list[str] = []
 
-    def say(self, utterance: UtteranceChanged) -> bool:
+    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
         if self.available:
             self.said.append(utterance)
+            self.spoken.append(spoken)
         return self.available
 
     def silence(self, actor: Actor) -> bool:
@@ -179,3 +186,125 @@ def test_what_is_said_names_to_whom(qtbot: QtBot) -> None:
     assert addressed("p-1") == "p-1"
     state.persons.set((_row("p-1", 4.0), _row("p-3", here=False), _row("p-4", 5.0)))
     assert addressed() == "", "who is meant has left, and nobody else is near"
+
+
+def test_a_name_is_spoken_and_its_id_is_recorded(qtbot: QtBot) -> None:
+    queue, voice, published, state = _setup()
+    queue.say("Hello, Ada!", "phrase", recorded="Hello, {p-12}!", gesture="wave")
+    assert voice.spoken == ["Hello, Ada!"]
+    assert [(event.text, event.gesture) for event in published] == [("Hello, {p-12}!", "wave")]
+    assert state.speech.value.now.text == "Hello, {p-12}!"
+
+
+def _waiting(state: LiveState) -> list[str]:
+    return [utterance.text for utterance in state.speech.value.waiting]
+
+
+def _ids(state: LiveState) -> dict[str, str]:
+    return {utterance.text: utterance.utterance_id for utterance in state.speech.value.waiting}
+
+
+def test_what_waits_can_be_moved_changed_and_taken_back(qtbot: QtBot) -> None:
+    queue, voice, published, state = _setup()
+    for text in ("One", "Two", "Three", "Four"):
+        queue.say(text, "typed")
+    ids = _ids(state)
+    assert queue.move(ids["Four"], 0) and queue.move(ids["Two"], 9)
+    assert _waiting(state) == ["Four", "Three", "Two"]
+    assert queue.edit(ids["Three"], "Hello Ada", "wizard:b", recorded="Hello {p-1}")
+    assert queue.cancel(ids["Two"], "wizard:b")
+    assert _waiting(state) == ["Four", "Hello {p-1}"]
+    assert [(event.utterance_id, event.text, event.state, event.actor) for event in published[-2:]] == [
+        (ids["Three"], "Hello {p-1}", "requested", "wizard:b"),
+        (ids["Two"], "Two", "interrupted", "wizard:b"),
+    ]
+    for _ in range(3):
+        _report(queue, voice.said[-1], "finished")
+    assert voice.spoken == ["One", "Four", "Hello Ada"]
+
+
+def test_emptied_it_is_taken_back(qtbot: QtBot) -> None:
+    queue, _voice, published, state = _setup()
+    queue.say("One", "typed")
+    queue.say("Two", "typed")
+    assert queue.edit(_ids(state)["Two"], "  ")
+    assert (published[-1].text, published[-1].state) == ("Two", "interrupted")
+
+
+def test_what_is_being_said_waits_no_more(qtbot: QtBot) -> None:
+    queue, voice, published, _state = _setup()
+    spoken = queue.say("One", "typed")
+    before = list(published)
+    assert not queue.move(spoken, 0) and not queue.edit(spoken, "Two") and not queue.cancel(spoken)
+    assert published == before and voice.spoken == ["One"]
+
+
+def test_a_gap_is_never_spoken(qtbot: QtBot) -> None:
+    queue, voice, published, state = _setup()
+    queue.say("Hello, {name}!", "suggestion")
+    assert [(event.state, event.detail) for event in published] == [
+        ("requested", ""), ("failed", "nobody said what stands for {name}"),
+    ]  # fmt: skip
+    assert voice.spoken == [] and state.speech.value.waiting == ()
+
+
+def test_when_it_ends_is_reckoned_and_then_told_to_the_sample(qtbot: QtBot) -> None:
+    queue, voice, _published, state = _setup()
+    queue.say("Hello there, how are you?", "typed")
+    assert state.speech.value.ends_ns is None
+    _report(queue, voice.said[0], "started")
+    started_ns = state.speech.value.now.stamp_ns
+    assert 1.0 < (state.speech.value.ends_ns - started_ns) / 1e9 < 4.0
+    sound = PlayedSound(started_ns, voice.said[0].utterance_id, "", 16_000, np.zeros((24_000, 1), np.int16))
+    queue.on_played(sound)
+    qtbot.waitUntil(lambda: state.speech.value.ends_ns == started_ns + 1_500_000_000)
+    _report(queue, voice.said[0], "finished")
+    assert state.speech.value.ends_ns is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_however_it_is_changed_each_is_said_once_or_taken_back_once(qtbot: QtBot, seed: int) -> None:
+    """500 sentences in all, queued, moved, changed, taken back, interrupted and lost at random."""
+    queue, voice, published, state = _setup()
+    chance = random.Random(seed)  # noqa: S311 - a test that can be repeated
+    asked: list[str] = []
+
+    def over(what: str) -> None:
+        now = state.speech.value.now
+        if now is not None:
+            _report(queue, now, what)
+
+    while len(asked) < 100 or state.speech.value.now is not None:
+        ids = [utterance.utterance_id for utterance in state.speech.value.waiting]
+        act = chance.choice(("say", "say", "say", "finish", "move", "edit", "cancel", "silence", "lose", "hold"))
+        if act == "say" and len(asked) < 100:
+            asked.append(queue.say(f"Sentence {len(asked)}", "typed"))
+        elif act == "silence":
+            queue.silence()
+            over("interrupted")
+        elif act == "lose":
+            queue.on_voice_lost("robot", "lost")
+        elif act == "hold":
+            voice.held_up = not voice.held_up
+            queue.on_voice_changed()
+        elif act == "move" and ids:
+            assert queue.move(chance.choice(ids), chance.randrange(9))
+        elif act == "edit" and ids:
+            assert queue.edit(chance.choice(ids), "Other")
+        elif act == "cancel" and ids:
+            assert queue.cancel(chance.choice(ids))
+        elif act == "finish":
+            over("started")
+            over("finished")
+    voice.held_up = False
+    queue.silence()
+    ends = Counter(event.utterance_id for event in published if event.state in ("finished", "interrupted", "failed"))
+    assert ends == Counter(asked)
+    assert len(voice.said) == len({utterance.utterance_id for utterance in voice.said}), "nothing is said twice"
+    speaking = ""
+    for event in published:
+        if event.state == "started":
+            assert speaking == "", "one at a time"
+            speaking = event.utterance_id
+        elif event.utterance_id == speaking and event.state in ("finished", "interrupted", "failed"):
+            speaking = ""

@@ -10,7 +10,14 @@ from caris_desktop.domain.events import GoalChanged, Marked, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import ControlStatus, DriveStatus, MarksStatus, RecordingStatus, SpeechStatus
+from caris_desktop.live.status import (
+    ControlStatus,
+    DriveStatus,
+    MarksStatus,
+    PreflightCheck,
+    RecordingStatus,
+    SpeechStatus,
+)
 from caris_desktop.live.status_tap import STATUS_TYPES, StatusTap, show_status
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.scenario.model import Place
@@ -36,6 +43,7 @@ def test_everything_that_changed_comes_back() -> None:
     state.places.set((Place("Kitchen", Pose2D(1.0, 2.0, 0.5)),))
     state.controls.set((RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {})),))
     state.control_states.set({"wave": ControlStatus("succeeded", True)})
+    state.preflight.set((PreflightCheck("by hand: Form", "Form", "passed", manual=True, actor="wizard", checked_ns=5),))
     state.marks.set(MarksStatus(Marked(7, "Laughs", mark_id="m1"), ()))
     del tap
     back = _put_back(shown, names={})

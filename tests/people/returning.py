@@ -17,8 +17,8 @@ from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.presence import Presence, RecognitionSettings
 from caris_desktop.perception.appearance import AppearanceModel
 from caris_desktop.perception.following import overlaps, view_qualities
+from caris_desktop.perception.inference_messages import Look
 from caris_desktop.perception.perceiver import Perceiver
-from caris_desktop.perception.tracker import Look
 from caris_desktop.simulator.people import Visit
 from tests.support.walkers import FilmedFrame, TrueBox
 

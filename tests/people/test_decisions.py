@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,6 +24,7 @@ from caris_desktop.domain.events import (
     Problem,
     SessionStarted,
     UtteranceChanged,
+    UtteranceCorrected,
 )
 from caris_desktop.domain.people import PersonPortrait
 from caris_desktop.people.decisions import MOST_UNDONE, PeopleIntent
@@ -260,6 +262,32 @@ def test_what_happens_with_somebody_is_their_history(room: Room) -> None:
     }  # fmt: skip
     assert {entry.session for entry in history} == {"2026-11-23_P1"}
     assert [entry.text for entry in store.history(ada, "real")] == ["Is it real?"]
+
+
+def test_what_is_corrected_is_in_the_right_history(room: Room) -> None:
+    ada, bo = room.visit(ADA, BO, leaves=False)
+
+    def heard() -> dict[str, list[str]]:
+        store = room.knowing.store
+        assert store is not None
+        return {
+            name: [entry.text for entry in store.history(person_id) if entry.kind == "heard"]
+            for name, person_id in (("ada", ada), ("bo", bo))
+        }
+
+    def correct(actor: str = "wizard", **made: Any) -> None:
+        room.presence.note(UtteranceCorrected(room.now_ns, "u2", actor=actor, **made))
+
+    said = UtteranceChanged(room.now_ns, "u2", "participant", "Is it reel?", "heard", "finished", person_id=ada)
+    room.presence.note(said)
+    correct(text="Is it real?")
+    assert heard() == {"ada": ["Is it real?"], "bo": []}
+    correct(person_id=bo)
+    assert heard() == {"ada": [], "bo": ["Is it real?"]}
+    correct("console", person_id=ada)
+    assert heard() == {"ada": [], "bo": ["Is it real?"]}, "the wizard knows better"
+    correct(speaker="robot")
+    assert heard() == {"ada": [], "bo": []}
 
 
 def test_notes_are_history_also_when_another_one_has_taken_their_place(room: Room) -> None:

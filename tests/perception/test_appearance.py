@@ -12,8 +12,9 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.appearance import AppearanceError, AppearanceModel, find_appearance
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.following import LOST_S
+from caris_desktop.perception.inference_messages import Look
 from caris_desktop.perception.portraits import Portraits
-from caris_desktop.perception.tracker import Look, PersonTracker, TrackedBox
+from caris_desktop.perception.tracker import PersonTracker, TrackedBox
 from tests.perception.networks import colours_of_places
 
 Image = NDArray[np.uint8]

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.faces import FaceModel, FaceModelError, Faces, StudyFaces, face_of
-from caris_desktop.perception.tracker import Look, TrackedBox
+from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.tracker import TrackedBox
 from tests.perception.networks import colours_of_places
 
 SECOND_NS = 1_000_000_000

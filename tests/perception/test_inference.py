@@ -19,16 +19,9 @@ from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
 from caris_desktop.live.frame_ring import SLOT_COUNT, FrameRing
-from caris_desktop.perception.inference import (
-    FrameSkipped,
-    InferenceFailed,
-    InferenceReady,
-    InferenceSettings,
-    newest,
-    rest_s,
-    run_inference,
-)
-from caris_desktop.perception.tracker import Look
+from caris_desktop.perception.inference import newest, rest_s, run_inference
+from caris_desktop.perception.inference_messages import FrameSkipped, InferenceFailed, InferenceReady, Look
+from caris_desktop.perception.inference_settings import InferenceSettings
 from caris_desktop.perception.weights import offline_package_weights
 from tests.perception.networks import colours_of_places
 from tests.perception.shared_data import (
@@ -217,7 +210,8 @@ def test_a_picture_that_was_overwritten_meanwhile_is_skipped(
 
 
 @pytest.mark.parametrize(
-    ("name", "content"), [("missing.onnx", None), ("broken.onnx", b"no model"), ("broken.pt", b"")]
+    ("name", "content"),
+    [("missing.onnx", None), ("broken.onnx", b"no model"), pytest.param("broken.pt", b"", marks=pytest.mark.long)],
 )
 def test_weights_that_cannot_be_used_are_a_problem(tmp_path: Path, name: str, content: bytes | None) -> None:
     if content is not None:

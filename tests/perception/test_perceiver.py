@@ -6,8 +6,9 @@ from numpy.typing import NDArray
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.backends.chosen import Chosen
 from caris_desktop.perception.detector import Detections
+from caris_desktop.perception.inference_messages import Look
 from caris_desktop.perception.perceiver import Perceiver
-from caris_desktop.perception.tracker import Look, PersonTracker
+from caris_desktop.perception.tracker import PersonTracker
 
 PICTURE = np.zeros((480, 640, 3), np.uint8)
 

@@ -14,15 +14,9 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import FrameRef, People, ThingBox
 from caris_desktop.perception import inference
 from caris_desktop.perception.backends import remote
-from caris_desktop.perception.backends.chosen import DetectorSettings
-from caris_desktop.perception.inference import (
-    DetectorAway,
-    FrameSkipped,
-    InferenceReady,
-    InferenceSettings,
-    run_inference,
-)
-from caris_desktop.perception.tracker import Look
+from caris_desktop.perception.inference import run_inference
+from caris_desktop.perception.inference_messages import DetectorAway, FrameSkipped, InferenceReady, Look
+from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
 from tests.perception.served import Serving, picture
 
 

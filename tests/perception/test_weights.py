@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from caris_desktop.domain.model_files import models_dirs
 from caris_desktop.perception import weights
 from caris_desktop.perception.weights import (
     ModelChoice,
     WeightsError,
     download_default,
     find_weights,
-    models_dirs,
     offline_package_weights,
 )
 

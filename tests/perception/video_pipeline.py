@@ -18,14 +18,9 @@ from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToR
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.perception.cameras.camera_process import PlayVideo, run_camera
 from caris_desktop.perception.cameras.chosen_camera import parse_camera
-from caris_desktop.perception.inference import (
-    FrameSkipped,
-    InferenceFailed,
-    InferenceReady,
-    InferenceSettings,
-    run_inference,
-)
-from caris_desktop.perception.tracker import Look
+from caris_desktop.perception.inference import run_inference
+from caris_desktop.perception.inference_messages import FrameSkipped, InferenceFailed, InferenceReady, Look
+from caris_desktop.perception.inference_settings import InferenceSettings
 
 _PATIENCE_S = 60.0
 

@@ -27,12 +27,16 @@ from caris_desktop.domain.events import (
     Marked,
     PersonAppeared,
     PersonLeft,
+    PlannedStep,
     Problem,
+    ProtocolOpened,
     RecordingPaused,
     RobotChosen,
     ScenarioOpened,
     SessionEnded,
     SessionStarted,
+    StepEntered,
+    StepHow,
     StopRequested,
     UtteranceChanged,
     UtteranceOrigin,
@@ -165,6 +169,26 @@ def exchange(number: int, asked_s: float, answered_s: float, answer: str, **fiel
         "parameters": {"temperature": 0.3, "max_tokens": 48},
     }
     return LlmExchange(**{**values, **fields})
+
+
+STEPS = (
+    PlannedStep("greet", "Greet", 10.0, ("Consent", "Coat")),
+    PlannedStep("ask", "Ask", 5.0),
+    PlannedStep("show", "Show"),
+    PlannedStep("close", "Close", 20.0),
+)
+
+
+def stepped(*moves: tuple[float, str, StepHow]) -> list[Any]:
+    """Through a protocol of STEPS: at which second which step was entered, and how."""
+    titles = {step.step_id: (number, step.title) for number, step in enumerate(STEPS, start=1)}
+    told: list[Any] = [ProtocolOpened(at(0.0), STEPS)]
+    left = ""
+    for second, step_id, how in moves:
+        number, title = titles[step_id]
+        told.append(StepEntered(at(second), step_id, title, number, how, left, actor="wizard"))
+        left = step_id
+    return told
 
 
 def drive(

@@ -18,6 +18,7 @@ from caris_desktop.robot.explore import (
     value_at,
 )
 from caris_desktop.robot.profile import (
+    AudioInterface,
     ProfileError,
     RobotProfile,
     SecuritySettings,
@@ -61,6 +62,22 @@ def test_the_usual_names_are_proposed_and_what_is_not_there_is_left_empty() -> N
     assert (values["map"], values["speech"], values["navigation"]) == ("", "", "")
     assert why(proposal, "map") == "The robot offers nothing of this kind."
     assert why(proposal, "scan") == "Carries sensor_msgs/LaserScan, is named 'scan'."
+
+
+def test_a_microphone_and_a_loudspeaker_are_told_apart() -> None:
+    topics = {
+        "/audio/audio": "audio_common_msgs/AudioData",
+        "/audio/audio_info": "audio_common_msgs/AudioInfo",
+        "/speaker/audio": "audio_common_msgs/AudioData",
+    }
+    counts = {"publishers": {"/audio/audio": 1, "/audio/audio_info": 1}, "subscribers": {"/speaker/audio": 1}}
+    found = offer(ROS1 | topics, **counts)
+    robot = profile_of(found, propose(found).chosen, name="r", title="R", address="ws://r:9090")
+    assert robot.audio == AudioInterface("/audio/audio", info="/audio/audio_info", speaker="/speaker/audio")
+    stamped = offer(ROS1 | {"/mic": "audio_common_msgs/AudioDataStamped"})
+    robot = profile_of(stamped, propose(stamped).chosen, name="r", title="R", address="ws://r:9090")
+    assert robot.audio == AudioInterface("/mic", "AudioDataStamped")
+    assert profile_of(offer(ROS1), chosen(ROS1), name="r", title="R", address="ws://r:9090").audio is None
 
 
 def test_the_type_counts_before_the_name() -> None:

@@ -34,6 +34,7 @@ from caris_desktop.ros import actions, joint_messages, messages, navigation_mess
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.rosbridge import encode_cbor, encode_json
 from tests.robot.loop_bench import Bridge, LoopBench, NoFrames, Outbox
+from tests.support.examples import examples
 
 ROBOT = RobotProfile(
     "test",
@@ -318,7 +319,7 @@ fuzzing = settings(
 
 
 @pytest.mark.logs(r"robot\.transport: ")
-@settings(fuzzing, max_examples=700)
+@settings(fuzzing, max_examples=examples(700))
 @given(PAYLOADS)
 @example((as_json, {"op": "publish", "topic": "/scan", "msg": None}))
 def test_the_control_link_survives(control: Target, payload: tuple[Any, Any]) -> None:
@@ -334,7 +335,7 @@ def test_the_wizard_is_told_of_it_in_words(control: Target) -> None:
         assert len(problem.what) < 2_000
 
 
-@settings(fuzzing, max_examples=300)
+@settings(fuzzing, max_examples=examples(300))
 @given(PAYLOADS)
 def test_the_media_link_survives(media: Target, payload: tuple[Any, Any]) -> None:
     media.hit(encoded(payload))

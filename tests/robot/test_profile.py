@@ -33,6 +33,7 @@ from caris_desktop.robot.profile import (
 from caris_desktop.robot.profile_content import polygon_mistake, profile_data
 from caris_desktop.robot.profile_file import ProfileText, profile_yaml
 from caris_desktop.robot.profile_model import ProfileFile
+from tests.support.examples import examples
 
 GOOD = "version: 1\nros: 1\nvelocity:\n  topic: /cmd_vel\n"
 GOOD2 = "version: 1\nros: 2\nvelocity: {topic: cmd_vel}\n"
@@ -245,7 +246,11 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + CAMERA % "fx_px: 9, heading_deg: 1, heading_rad: 1", 6, ["heading_rad", "keep one"]),
         (GOOD + CAMERA % "fx_px: 9, on_head: true", 6, ["no head"]),
         (GOOD + "navigation: {kind: navigate_to_pose, name: /n}\n", 5, ["ros: 1", "move_base"]),
-        (GOOD + "speech: {speaking: /s}\n", 5, ["speech", "either a topic or an action"]),
+        (GOOD + "speech: {speaking: /s}\n", 5, ["speech", "a topic, an action, a service or a web interface"]),
+        (GOOD + "speech: {service: {name: /s, type: a/B, request: {text: hi}}}\n", 5, ["service.request", "$value"]),
+        (GOOD + "speech: {web: {url: http://robot/say}}\n", 5, ["speech.web.url", "$value"]),
+        (GOOD + "speech: {web: {url: 'ftp://robot/$value'}}\n", 5, ["speech.web.url", "http://HOST:PORT/PATH"]),
+        (GOOD + "speech: {web: {url: 'http://me:secret@robot/$value'}}\n", 5, ["speech.web.url", "without a password"]),
         (GOOD + "speech: {action: {name: /s, type: a/B, goal: {text: hi}}}\n", 5, ["speech.action.goal", "$value"]),
         (GOOD + "emergency_stop: {set_service: /s}\n", 5, ["set_service", "needs clear_service", "never released"]),
         (GOOD + "emergency_stop: {service: /s, command_topic: /c}\n", 5, ["command_topic' does not", "keep one"]),
@@ -308,7 +313,7 @@ def test_a_bomb_of_references_and_a_tower_of_brackets_are_refused_at_once() -> N
     assert "larger" in message_of("#" * 2_000_000)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.text(max_size=60) | st.binary(max_size=60).map(lambda data: data.decode("latin-1")))
 def test_nothing_but_a_profile_error_comes_of_any_text(text: str) -> None:
     for head in ("", GOOD):
@@ -521,6 +526,11 @@ PROFILES = st.fixed_dictionaries(
         ),
         "speech": st.fixed_dictionaries({"topic": NAMES}, optional={"stop": NAMES, "speaking": NAMES})
         | st.just({"action": {"name": "say", "type": "a/SayAction", "goal": {"text": ["$value", 1, None, True, 0.5]}}}),
+        "audio": st.fixed_dictionaries(
+            {"topic": NAMES},
+            optional={"speaker": NAMES, "rate_hz": st.integers(4000, 192_000), "format": st.sampled_from(["mp3"])},
+        )
+        | st.fixed_dictionaries({"speaker": NAMES}),
         "emergency_stop": st.fixed_dictionaries(
             {"topic": NAMES}, optional={"inverted": st.booleans(), "command_topic": NAMES}
         )
@@ -562,7 +572,7 @@ PROFILES = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(PROFILES)
 def test_any_profile_reads_back_as_it_was_written(data: dict[str, Any]) -> None:
     profile = parsed(profile_yaml(data))
@@ -570,7 +580,7 @@ def test_any_profile_reads_back_as_it_was_written(data: dict[str, Any]) -> None:
     assert parsed(written) == profile, written
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(st.dictionaries(WORDS, VALUES | st.lists(VALUES, max_size=3) | st.dictionaries(WORDS, VALUES, max_size=3)))
 def test_any_data_is_the_same_data_after_writing_and_reading(data: dict[str, Any]) -> None:
     assert ProfileText(profile_yaml({"a": 1, **data}), "f").data == {"a": 1, **data}
@@ -632,7 +642,9 @@ navigation:
   {kind: move_base, name: move_base, max_mps: 0.5, speed_limit: {reconfigure: planner, parameters: [max_vel]}}
 initial_pose: initialpose
 maps: {slam_toolbox: slam, map_server: maps, map_saver: saver, folder: /maps}
-speech: {topic: say, speaking: saying, stop: hush}
+speech: {topic: say, speaking: saying, stop: hush, says: own_words}
+audio:
+  {topic: ears, type: AudioDataStamped, format: mp3, rate_hz: 44100, channels: 2, info: ears/form, speaker: mouth}
 emergency_stop: {topic: stopped, inverted: true, service: stop, service_field: on, service_stop_value: false}
 head:
   kind: joint_angles
@@ -665,7 +677,10 @@ navigation: {kind: navigate_to_pose, name: navigate, speed_limit: {topic: speed_
 speech: {action: {name: say, type: a/action/Say, goal: {text: $value}}}
 emergency_stop: {set_service: s, clear_service: c, service_type: std_srvs/srv/Empty}
 """,
-    "version: 1\nros: 2\nvelocity: {topic: v}\nfootprint_radius_m: 0.3\nemergency_stop: {command_topic: stop}\n",
+    "version: 1\nros: 2\nvelocity: {topic: v}\nfootprint_radius_m: 0.3\nemergency_stop: {command_topic: stop}\n"
+    "speech: {service: {name: say, type: a/Say, request: {text: $value}, answers_at_end: true, stop: hush}}\n",
+    "version: 1\nros: 2\nvelocity: {topic: v}\nfootprint_radius_m: 0.3\nspeech:\n"
+    "  web: {url: http://robot/say, body: {text: $value}, answers_at_end: true, stop: http://robot/hush}\n",
 )
 
 

@@ -16,6 +16,7 @@ from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid,
 from caris_desktop.ros import actions, joint_messages, map_services, messages, navigation_messages, rosbridge
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.fields import MessageError, decode_heading, encode_heading
+from tests.support.examples import examples
 
 STAMP_NS = 1_700_000_000_000_000_005
 NOW_NS = 77
@@ -389,7 +390,7 @@ def paths_in(message: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 
 @pytest.mark.parametrize("name", list(DECODERS))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(data=st.data())
 def test_one_field_turned_into_anything_is_decoded_or_refused(name: str, data: st.DataObject) -> None:
     decode, good = DECODERS[name]

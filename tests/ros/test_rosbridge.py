@@ -21,6 +21,7 @@ from caris_desktop.ros.rosbridge import (
     encode_json,
     fragments_of,
 )
+from tests.support.examples import examples
 
 DTYPES = ("uint8", "uint16", "uint32", "uint64", "int8", "int16", "int32", "int64", "float16", "float32", "float64")
 
@@ -105,14 +106,14 @@ def test_what_has_no_form_is_refused_when_writing() -> None:
             encode({"op": "x", "a": object()})
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.binary(max_size=200))
 def test_any_bytes_are_an_operation_or_refused(content: bytes) -> None:
     with contextlib.suppress(ProtocolError):
         assert isinstance(decode_cbor(content)["op"], str)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.data())
 def test_damaged_cbor_is_an_operation_or_refused(data: st.DataObject) -> None:
     content = bytearray(

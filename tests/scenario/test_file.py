@@ -22,6 +22,9 @@ from caris_desktop.domain.declared import is_group, item_of, keys_of
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario import model
+from caris_desktop.scenario.assistance import AssistanceSettings
+from caris_desktop.scenario.assistant import AssistantSettings, NamedText
+from caris_desktop.scenario.face import FaceSettings
 from caris_desktop.scenario.file import (
     MAX_FILE_BYTES,
     ScenarioError,
@@ -32,7 +35,14 @@ from caris_desktop.scenario.file import (
     scenario_text,
     schema_path,
 )
+from caris_desktop.scenario.listening import ListeningSettings
 from caris_desktop.scenario.model import PanelLeaf, Place, Scenario, SplitNode, TabNode
+from caris_desktop.scenario.preflight import ManualCheck
+from caris_desktop.scenario.protocol import Branch, ProtocolSettings, ProtocolStep
+from caris_desktop.scenario.recording import ErrorKind, RecordingSettings
+from caris_desktop.scenario.sound import SoundSettings
+from caris_desktop.scenario.voice import VoiceSettings
+from tests.support.examples import examples
 
 TOUR = (layouts_dir() / "tour-guide.yaml").read_text(encoding="utf-8")
 SMALL = "version: 1\ntitle: Small\nlayout: {panel: video}\n"
@@ -102,8 +112,7 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
             "panel: video",
             "panel: vidoe",
             "vidoe",
-            "unknown panel 'vidoe'. Allowed: video, map, drive, people, speak, assistant, session, "
-            "robot, motion, diagnostics, photos. Did you mean 'video'?",
+            f"unknown panel 'vidoe'. Allowed: {', '.join(get_args(model.PanelName))}. Did you mean 'video'?",
         ),
         ("phrases:", "phrase:", "phrase:", "unknown key 'phrase'. Allowed: "),
         ("phrases:", "phrase:", "phrase:", "Did you mean 'phrases'?"),
@@ -121,19 +130,19 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
         ),
         ("max_forward_mps: 0.5", "max_forward_mps: .inf", "max_f", ".inf is not a usable number"),
         ("photos: true", "photos: maybe", "maybe", "'permissions.photos' must be true or false, found 'maybe'."),
-        ("voice: robot", "voice: loud", "loud", "unknown voice 'loud'. Allowed: robot, computer."),
-        ("model: embedded", "model: embeded", "embeded", "Allowed: embedded, ollama:NAME or openai:NAME."),
+        ("voice: robot", "voice: loud", "loud", "unknown voice 'loud'. Allowed: robot, computer, both."),
+        ("model: embedded", "model: embeded", "embeded", "Allowed: embedded, ollama:NAME, openai:NAME or gemini:NAME."),
         ("title: Tour guide", "title: ''", "title", "'title' is empty."),
         ("title: Tour guide\n", "", "version", "'title' is missing."),
         ("version: 1", "version: 2", "version", "has version 2, this program reads up to version 1. Update"),
         ("version: 1", "version: one", "version", "the version must be a whole number, found 'one'"),
-        ("weights: [67, 33]", "weights: [70]", "[70]", "1 weights for 2 children. Allowed: one weight for each child."),
+        ("weights: [62, 38]", "weights: [70]", "[70]", "1 weights for 2 children. Allowed: one weight for each child."),
         ("panel: speak", "panel: video", "panel: video", "the panel 'video' is placed twice."),
         (
             "current: people",
             "current: map",
             "current",
-            "'map' is not one of these tabs. Allowed: people, drive, robot, session.",
+            "'map' is not one of these tabs. Allowed: people, assistant, notes, drive, robot, session.",
         ),
         ("- panel: speak", "- {}", "- {}", "a layout part needs 'panel: NAME', 'tabs: [NAMES]', or 'split' with"),
         ("voice: robot", "voice: robot\nvoice: computer", "voice: computer", "'voice' is given twice (first in line "),
@@ -223,13 +232,20 @@ def scenarios(draw: st.DrawFn) -> Scenario:
         layout=draw(layouts()),
         description=draw(plain_text),
         robot=draw(labels),
-        voice=draw(st.sampled_from(["robot", "computer"])),
+        voice=draw(st.sampled_from(["robot", "computer", "both"])),
+        speech=VoiceSettings(
+            draw(st.sampled_from(["", "piper:en_US-joe-medium", "espeak:de"])),
+            draw(st.sampled_from(["", "en", "de-AT"])),
+            draw(st.floats(0.5, 2)),
+            draw(st.floats(0, 1)),
+            draw(plain_text.map(lambda text: text[:200])),
+        ),
         phrases=tuple(draw(st.lists(labels, max_size=8))),
         filler=draw(plain_text),
         places=tuple(Place(name, draw(poses)) for name in draw(names)),
         controls=CONTROLS[: draw(st.integers(0, 2))],
         permissions=model.Permissions(**{each.name: draw(st.booleans()) for each in fields(model.Permissions)}),
-        recording=model.RecordingSettings(
+        recording=RecordingSettings(
             labels=tuple(draw(st.lists(labels.map(lambda text: text[:40]), max_size=8, unique=True))),
             lsl=draw(st.booleans()),
             lsl_words=draw(st.booleans()),
@@ -258,7 +274,7 @@ def assert_same(loaded: Scenario, expected: Scenario) -> None:
 
 
 @given(scenario=scenarios(), other=scenarios())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 def test_what_is_saved_loads_again(
     tmp_path_factory: pytest.TempPathFactory, scenario: Scenario, other: Scenario
 ) -> None:
@@ -279,10 +295,30 @@ FROM_DATA_SHEET = CameraModel.from_field_of_view(width_px=640, height_px=480, ho
 COMPLETE = Scenario(
     title="Complete",
     layout=SplitNode("horizontal", (PanelLeaf("video"), TabNode(("map", "speak"), "map")), (2.0, 1.0)),
+    layout_compact=TabNode(("video", "map", "speak"), "video"),
+    layout_large=SplitNode("vertical", (PanelLeaf("video"), PanelLeaf("map"), PanelLeaf("speak"))),
     description="Every key",
     phrases=("Hello",),
     filler="Well",
+    fillers=("So",),
+    preflight=("Consent form signed", ManualCheck("Lights on", "Switch them on.", needed=False)),
     places=(Place("Door", Pose2D(1.0, 2.0, 0.5)),),
+    protocol=ProtocolSettings(
+        (
+            ProtocolStep(
+                "Greet",
+                "hello",
+                "Hello",
+                "Door",
+                0.5,
+                ("Coat off",),
+                (Branch("Leaves again", "hello"),),
+                "end",
+                "Wait a little.",
+            ),
+        ),
+        "by_hand",
+    ),
     controls=CONTROLS,
     cameras=(
         model.CameraSettings("robot"),
@@ -294,7 +330,10 @@ COMPLETE = Scenario(
             "oak", "mast", replace(FROM_DATA_SHEET, fx_px=501.0, heading_rad=0.1, tilt_rad=0.3, on_head=True)
         ),
     ),
-    recording=model.RecordingSettings(("Laughs",), lsl=True, lsl_words=True),
+    recording=RecordingSettings(
+        ("Laughs",), ("Slip", ErrorKind("Too close", "Nearer than a metre.")), lsl=True, lsl_words=True
+    ),
+    sound=SoundSettings("robot", hear=True, own_voice="both"),
     perception=model.PerceptionSettings(
         model="other.onnx",
         sha256="0" * 64,
@@ -306,8 +345,24 @@ COMPLETE = Scenario(
         recognise="faces",
         confirm_at=0.9,
     ),
+    speech=VoiceSettings("piper:en_US-joe-medium", "en-US", 1.2, 0.8, "USB"),
+    listening=ListeningSettings("es", "server", "whisper-1", "0" * 64, "https://lab/v1", 0.4, 2.0),
     blur=model.BlurSettings("without_consent", "faces", shown=True),
-    assistant=model.AssistantSettings(system_prompt="Be kind", people="names", pictures=True),
+    assistant=AssistantSettings(
+        models=("embedded",),
+        system_prompt="Be kind",
+        people="names",
+        pictures=True,
+        roles=(NamedText("Expert", "You know it all."),),
+        styles=(NamedText("Short", "Be brief."),),
+        templates=(NamedText("Meaning", "What is meant by {said}?"),),
+        notes="The arm rests.",
+    ),
+    assistance=AssistanceSettings("act", "suggest", "suggest", 5.0, 2.0),
+    face=FaceSettings(live_picture=True, page="network"),
+    permissions=model.Permissions(transcription=True, own_voice=True, cloud_models=False, face=True, notes=False),
+    panels_off=("diagnostics",),
+    notes="Offer a glass of water first.",
 )
 
 
@@ -332,7 +387,7 @@ def test_the_complete_file_has_every_key(complete: str) -> None:
 
 
 @given(data=st.data())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 def test_a_misspelled_key_is_told_with_its_line_and_what_was_meant(complete: str, data: st.DataObject) -> None:
     lines = complete.splitlines()
     # Of two letters nobody can tell which word they were.
@@ -381,10 +436,13 @@ def test_saving_places_leaves_every_other_line_as_it_was(tmp_path: Path) -> None
     text = (layouts_dir() / "tour-guide.yaml").read_text(encoding="utf-8")
     path.write_text("# my own notes\n" + text, encoding="utf-8")
     scenario = load_scenario(path)
-    places = (*scenario.places[:2], Place("It's: here", Pose2D(1.25, -2.0, math.pi / 2)))
+    needed = {step.go_to for step in scenario.protocol.steps}
+    kept = [place for place in scenario.places if place.name in needed]
+    assert kept and len(kept) < len(scenario.places)
+    places = (*kept, Place("It's: here", Pose2D(1.25, -2.0, math.pi / 2)))
     saved = save_places(dataclasses.replace(scenario, places=places), path)
-    assert saved.places[2].name == "It's: here"
-    assert saved.places[2].pose_in_map.heading_rad == pytest.approx(math.pi / 2)
+    assert saved.places[-1].name == "It's: here"
+    assert saved.places[-1].pose_in_map.heading_rad == pytest.approx(math.pi / 2)
     assert dataclasses.replace(saved, places=(), sha256="") == dataclasses.replace(scenario, places=(), sha256="")
     before, after = text.splitlines(), path.read_text(encoding="utf-8").splitlines()
     assert after[0] == "# my own notes"

@@ -6,7 +6,7 @@ import pytest
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.file import ScenarioError
-from caris_desktop.scenario.library import find_scenario, list_scenarios
+from caris_desktop.scenario.library import find_scenario, list_scenarios, title_of
 
 
 def test_the_library_lists_shipped_and_own_scenarios(tmp_path: Path) -> None:
@@ -15,7 +15,10 @@ def test_the_library_lists_shipped_and_own_scenarios(tmp_path: Path) -> None:
     (tmp_path / "tour-guide.yaml").write_text("title: My tour\nlayout: {panel: video}\n")
     (tmp_path / "notes.txt").write_text("not a scenario")
     assert {choice.path: choice.title for choice in list_scenarios(user_dir=tmp_path)} == {
+        layouts_dir() / "blank.yaml": "Blank",
         layouts_dir() / "mental-health-check.yaml": "Mental health check",
+        layouts_dir() / "practice.yaml": "Practice",
+        layouts_dir() / "reception.yaml": "Reception",
         tmp_path / "tour-guide.yaml": "My tour",
         tmp_path / "mine.yaml": "Mine",
         tmp_path / "broken.yaml": "broken",
@@ -28,7 +31,16 @@ def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:
     assert find_scenario("tour-guide", user_dir=tmp_path) == layouts_dir() / "tour-guide.yaml"
     assert find_scenario("mine.yaml", user_dir=tmp_path) == own
     assert find_scenario(own, user_dir=tmp_path / "empty") == own
-    with pytest.raises(ScenarioError, match=r"There is no scenario 'tuor'.*mental-health-check, mine, tour-guide"):
+    with pytest.raises(ScenarioError, match=r"There is no scenario 'tuor'.*mental-health-check, mine, .*tour-guide"):
         find_scenario("tuor", user_dir=tmp_path)
     with pytest.raises(ScenarioError):
         find_scenario("../mine", user_dir=tmp_path)
+
+
+def test_a_title_is_read_anew_where_the_file_changed(tmp_path: Path) -> None:
+    own = tmp_path / "mine.yaml"
+    for title in ("Mine", "Still mine"):
+        own.write_text(f"title: {title}\nlayout: {{panel: video}}\n")
+        assert title_of(own) == title
+    own.unlink()
+    assert title_of(own) == "mine"

@@ -22,14 +22,15 @@ def test_editors_and_the_program_refuse_the_same() -> None:
     validator = schema_validator("scenario.schema.json")
     chance = random.Random(9)  # noqa: S311 - which of many mistakes is tried
     refused = 0
-    for data in shipped():
+    files = list(shipped())
+    for data in files:
         assert validator.is_valid(data)
-        for _ in range(200):
+        for _ in range(80):
             tried = changed(data, chance, ["unknown", "panel", "tabs", "weights", "name"])
             wrong = list(problems(Scenario, tried))
             assert validator.is_valid(tried) == (not wrong), (tried, wrong)
             refused += bool(wrong)
-    assert 100 < refused < 400
+    assert 20 < refused / len(files) < 80
 
 
 def test_an_editor_explains_each_key() -> None:

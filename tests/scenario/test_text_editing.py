@@ -17,10 +17,12 @@ from caris_desktop.scenario.file import (
     save_layout,
     save_places,
     save_scenario,
+    save_text,
     schema_path,
 )
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, Place, Scenario, SplitNode, TabNode
 from caris_desktop.scenario.text_editing import UnusualLayoutError, edited
+from tests.support.examples import examples
 
 WRITTEN = """\
 # Written by Anna for the second study.
@@ -191,7 +193,7 @@ def test_every_setting_can_change_in_its_place(path: Path) -> None:
         "- filler: >-   # folded",
         "-   Let me",
         "-   # think",
-        "+ filler: Hm",
+        "+ filler: Hm   # folded",
         "-   photos: false     # no consent",
         "+   photos: true     # no consent",
         "+   driving: false",
@@ -283,7 +285,7 @@ placed = st.builds(
 @given(
     places=st.lists(st.lists(placed, max_size=4, unique_by=lambda place: place.name.casefold()), min_size=1, max_size=2)
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 def test_whatever_is_saved_no_comment_outside_is_lost(
     tmp_path_factory: pytest.TempPathFactory, places: list[list[Place]]
 ) -> None:
@@ -302,6 +304,30 @@ def test_whatever_is_saved_no_comment_outside_is_lost(
 def test_a_text_that_is_no_list_of_keys_cannot_be_edited() -> None:
     with pytest.raises(UnusualLayoutError):
         edited("- a\n", {}, {"title": "A"})
+
+
+def test_a_text_is_written_only_over_what_it_was_made_from(path: Path, tmp_path: Path) -> None:
+    known = load_scenario(path).sha256
+    text = WRITTEN.replace("Café", "Bar")
+    assert save_text(text, path, replaces=known) == text
+    assert path.read_text(encoding="utf-8") == text
+    with pytest.raises(ScenarioError, match="was changed by somebody else"):
+        save_text(WRITTEN, path, replaces=known)
+    with pytest.raises(ScenarioError, match="line 33: unknown panel 'vidoe'"):
+        save_text(text.replace("panel: video", "panel: vidoe"), tmp_path / "new.yaml")
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.yaml"]
+    assert path.read_text(encoding="utf-8") == text
+
+
+def test_a_text_that_goes_to_another_folder_leads_editors_to_the_schema_from_there(tmp_path: Path) -> None:
+    shipped = layouts_dir() / "tour-guide.yaml"
+    text = shipped.read_text(encoding="utf-8")
+    written = save_text(text, tmp_path / "own" / "tour-guide.yaml", came_from=shipped)
+    assert changes(text, written) == [
+        "- # yaml-language-server: $schema=../resources/schemas/scenario.schema.json",
+        f"+ # yaml-language-server: $schema={schema_path().as_uri()}",
+    ]
+    assert (tmp_path / "own" / "tour-guide.yaml").read_text(encoding="utf-8") == written
 
 
 def test_a_scenario_whose_own_file_is_gone_is_written_whole(path: Path, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D
 from caris_desktop.simulator import base
 from caris_desktop.simulator.base import STEP_S, BaseState
 from caris_desktop.simulator.floor_plan import FURNITURE, PLACES, START, WALLS
+from tests.support.examples import examples
 
 NOBODY = np.zeros((0, 3))
 CORRIDOR = BaseState(Pose2D(3.0, 5.0, 0.0))
@@ -64,7 +65,7 @@ def test_it_never_enters_a_person() -> None:
         assert math.dist((state.pose_in_map.x_m, state.pose_in_map.y_m), (5.0, 5.0)) > base.RADIUS_M + 0.21
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(
     st.sampled_from(PLACES),
     st.lists(st.tuples(st.floats(-1, 1), st.floats(-2, 2), st.integers(5, 60)), min_size=1, max_size=6),

@@ -122,7 +122,7 @@ def test_an_unmodified_detector_finds_the_people_and_nobody_else(painter: Painte
         for distance_m in (1.2, 2.0, 3.2)
     ] + [
         View(CAMERA, (figure(CAMERA, person, turned_rad),))
-        for person in range(0, 20, 3)
+        for person in range(0, 20, 5)
         for turned_rad in (0.0, 1.6, 3.1)
     ]
     pictures = np.stack([painter.paint(view) for view in views + peopled])

@@ -15,10 +15,29 @@ from typing import Any
 from tests.support.polling import wait_for
 
 
-class ConsoleProcess:
-    """The console in a process that may be stopped and killed."""
+def without_models(scenario: Path, folder: Path) -> Path:
+    """A copy of it that asks no language model and writes down nothing that is said, which costs six processes less."""
+    text = scenario.read_text("utf-8")
+    for permission in ("assistant", "transcription"):
+        assert text.count(f"\n  {permission}: true\n") == 1
+        text = text.replace(f"\n  {permission}: true\n", f"\n  {permission}: false\n")
+    copy = folder / scenario.name
+    copy.write_text(text, "utf-8")
+    return copy
 
-    def __init__(self, *arguments: str | Path, module: str = "tests.app.console_child", **environment: str) -> None:
+
+class ConsoleProcess:
+    """The console in a process that may be stopped and killed. ``whole``: with its language model and recogniser."""
+
+    def __init__(
+        self,
+        *arguments: str | Path,
+        module: str = "tests.app.console_child",
+        whole: bool = False,
+        **environment: str,
+    ) -> None:
+        if whole:
+            environment["CARIS_TEST_WHOLE"] = "1"
         # Of its own, as children that are killed leave files behind.
         self._folder = Path(tempfile.mkdtemp(prefix="console-"))
         self._process = subprocess.Popen(

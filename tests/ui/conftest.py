@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import shiboken6
 from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
@@ -38,7 +39,8 @@ class _WindowsShown(QObject):
         self.seen: list[QWidget] = []
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        shown = event.type() == QEvent.Type.Show and isinstance(watched, QWidget)
+        # By its class: each of ten thousand events of a new window would have to be asked for its type.
+        shown = type(event) is QShowEvent and isinstance(watched, QWidget)
         if shown and watched.isWindow() and watched.parent() is None:
             self.seen.append(watched)
         return False
@@ -82,6 +84,8 @@ def open_window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, th
         return [ScenarioChoice(scenario.title, scenario.path or Path()) for scenario in (samples.TOUR, samples.MENTAL)]
 
     samples.fill_console(console)
+    # The tests look for panels where the samples have them, whatever the size of the window.
+    settings.setValue("wizards/*/layout/adapts", "no")
     window = MainWindow(console, settings=settings, scenarios=choices, theme=theme)
     qtbot.addWidget(window)
     window.resize(1366, 768)
@@ -97,7 +101,7 @@ def open_window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, th
 
 def freshen(console: FakeConsole) -> None:
     """New values on every fast stream."""
-    image_bgr, boxes = next(samples.video_frames())
+    image_bgr, boxes = samples.first_frames()[0]
     samples.show_frame(console, image_bgr, boxes)
     samples.refresh_streams(console, Pose2D(6.6, 3.4, 0.55))
 

@@ -11,7 +11,10 @@ from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
 
 from caris_desktop.live.gamepad import Gamepads
+from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.layout.tree import groups_in, panels_in, without
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.speak.field import SpeakField
 from tests.support.told_by_lines import ToldByLines
 from tests.support.virtual_gamepad import VirtualGamepad
 from tests.ui import samples
@@ -29,13 +32,18 @@ class Subject(ToldByLines):
         self.gamepads = Gamepads(self.console.state, lambda event: print("GAMEPAD", event.connected, flush=True))
         self.window = MainWindow(self.console, gamepads=self.gamepads)
         self.window.closed.connect(lambda: print("CLOSED", flush=True))
+        self.window.layout_keeper.set_adapts(False)
         self.window.resize(1200, 700)
-        field = self.window.findChild(QLineEdit, "speak_field")
+        field = self.window.findChild(SpeakField, "speak_field")
         assert field is not None
-        self.field: QLineEdit = field
+        self.field: SpeakField = field
         self.combo = QComboBox(self.window)
         self.combo.addItems(["one", "two", "three"])
         self.combo.setGeometry(500, 300, 120, 30)
+        self.line = QLineEdit(self.window)
+        self.line.setCompleter(QCompleter(["hello", "help"], self.line))
+        self.line.setGeometry(500, 340, 120, 30)
+        self.line.hide()
         self.pad: VirtualGamepad | None = None
         self._told = 0
         self._shown: dict[str, object] = {}
@@ -51,18 +59,33 @@ class Subject(ToldByLines):
         popup, dialog = QApplication.activePopupWidget(), QApplication.activeModalWidget()
         shown = {
             "READY": self.window.isActiveWindow(),
-            "TEXT": (self.field.text(), self.field.cursorPosition()),
+            "TEXT": self._text(),
             "POPUP": popup is not None,
             "DIALOG": dialog is not None,
             "ACTIVE": type(QApplication.activeWindow()).__name__,
             "KEYS": self.window.hold.key_owner,
             "QUESTION": self._question(),
             "CAP": self.window.actions_table.key_text("drive_forward"),
+            "LAYOUT": self._layout(),
         }
         for name, value in shown.items():
             if self._shown.get(name) != value:
                 print(name, value, flush=True)
         self._shown = shown
+
+    def _text(self) -> tuple[str, int]:
+        if self.line.isVisible():
+            return self.line.text(), self.line.cursorPosition()
+        return self.field.toPlainText(), self.field.textCursor().position()
+
+    def _layout(self) -> str:
+        """Groups from left and top, tabs joined by +, windows of their own behind a ~."""
+        arrangement = self.window.dock_host.arrangement
+        if arrangement is None:
+            return ""
+        main = without(arrangement.tree, arrangement.hidden | arrangement.afloat)
+        trees = [*([main] if main is not None else []), *(window.tree for window in arrangement.floating)]
+        return " ~ ".join(" ".join("+".join(panels_in(group)) for group in groups_in(tree)) for tree in trees)
 
     def _question(self) -> str | None:
         band = self.window.findChild(QWidget, "question_band")
@@ -82,10 +105,10 @@ class Subject(ToldByLines):
                 isinstance(widget, QDialog) or widget.windowType() == Qt.WindowType.Popup
             ):
                 widget.close()
-        for dock in self.window.dock_host.docks.values():
-            if dock.isFloating():
-                dock.setFloating(False)
-        self.field.setCompleter(None)  # type: ignore[arg-type]  # the stubs do not know that None takes it away
+        if self.window.layout_keeper.is_own:
+            self.window.layout_keeper.revert()
+        self.line.hide()
+        self.line.clear()
         self.field.clear()
         self.console.clear_emergency_stop()
         self.window.hold.release_all("reset")
@@ -114,15 +137,12 @@ class Subject(ToldByLines):
         self.combo.showPopup()
 
     def do_completer(self) -> None:
-        self.field.setFocus()
-        self.field.setCompleter(QCompleter(["hello", "help"], self.field))
+        self.line.show()
+        self.line.raise_()
+        self.line.setFocus()
 
     def do_float(self, name: str, x: str, y: str) -> None:
-        dock = self.window.dock_host.docks[name]  # type: ignore[index]
-        dock.setFloating(True)
-        dock.resize(420, 300)
-        dock.move(int(x), int(y))
-        dock.show()
+        self.window.dock_host.float_panel(name, Rect(int(x), int(y), 420, 300))  # type: ignore[arg-type]
 
     def do_focus(self, name: str) -> None:
         widget = self.window.findChild(QWidget, name)
@@ -133,6 +153,26 @@ class Subject(ToldByLines):
         widget = next(widget for widget in QApplication.allWidgets() if widget.objectName() == name)
         center = widget.mapToGlobal(QPoint(widget.width() // 2, widget.height() // 2))
         print("WHERE", name, center.x(), center.y(), flush=True)
+
+    def do_title(self, name: str) -> None:
+        """Where the panel can be taken by its title: that of its dock, or of its tab."""
+        host = self.window.dock_host
+        bar = next((bar for bar in host.bars if name in bar.panels), None)
+        if bar is None:
+            place = host.docks[name].mapToGlobal(QPoint(60, 12))  # type: ignore[index]
+        else:
+            place = bar.mapToGlobal(bar.tabRect(bar.panels.index(name)).center())  # type: ignore[arg-type]
+        print("TITLE", name, place.x(), place.y(), flush=True)
+
+    def do_float_button(self, name: str) -> None:
+        button = self.window.dock_host.docks[name].findChild(QWidget, "float_button")  # type: ignore[index]
+        assert button is not None
+        place = button.mapToGlobal(button.rect().center())
+        print("FLOAT_BUTTON", name, place.x(), place.y(), flush=True)
+
+    def do_lock(self, word: str) -> None:
+        self.window.layout_keeper.set_locked(word == "on")
+        print("LOCKED", word, flush=True)
 
     def do_plug(self) -> None:
         self._when_sdl_is_up(lambda: setattr(self, "pad", VirtualGamepad()))

@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.conversation.transcript import Transcript, UtteranceReport
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.events import (
+    AssistanceLevel,
+    AssistedFunction,
     CommandSource,
     ConsentKind,
     ConsentNoted,
@@ -30,15 +33,22 @@ from caris_desktop.domain.events import (
     PersonRejected,
     PersonRenamed,
     PersonSplit,
+    Problem,
     RecordingPaused,
     StopRequested,
     UtteranceChanged,
+    UtteranceCorrected,
     UtteranceOrigin,
+    VoiceOutput,
 )
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.sound import Role, TalkTo
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live.services.alarms import AlarmsService
+from caris_desktop.live.services.protocol import ProtocolService
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -49,10 +59,12 @@ from caris_desktop.live.status import (
     MarksStatus,
     PersonHistory,
     RecordingStatus,
+    VoiceStatus,
 )
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.people.store import HistoryEntry
+from caris_desktop.recording.session.marks import final_marks_of, notes_among
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.layout import layout_from_data
 from caris_desktop.scenario.model import Place, Scenario
@@ -84,7 +96,7 @@ class FakeFrames:
 
 
 class FakeConsole:
-    """Implements WizardConsole; ``calls`` holds (name, arguments) of every intent in order.
+    """Implements WizardConsole; ``calls`` holds (name, arguments) of every intent in order, else (type's name, intent).
 
     Its methods do what the services of the console do; tests may call them for what happens without the window.
     """
@@ -101,10 +113,31 @@ class FakeConsole:
         self.free: int | None = None
         self.inputs: tuple[str, ...] = ()
         self.input: str | None = None
+        self.wizard_input: str | None = ""
         self.marks: dict[str, Marked] = {}
+        self._told_marks: list[Marked] = []
+        self.transcript = Transcript()
         self.history: dict[str, tuple[HistoryEntry, ...]] = {}
+        self.protocol = ProtocolService(self.state, self.state.take)
+        self.protocol.use_scenario(scenario)
         self.calls: list[tuple[str, Any]] = []
+        self.refuses_speech = self.began_anyway = False
+        self.asked_with: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
         self._others = other_scenarios or {}
+        self.is_replay = False
+        self.ahead_ns = 0  # how much later it is than the clock says, for alarms
+        self.alarms = AlarmsService(
+            self.state, self.state.event_happened.emit, now_ns=lambda: clock.now_ns() + self.ahead_ns
+        )
+        self.state.event_happened.connect(self._on_event)
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, Problem) and not self.is_replay:
+            self.alarms.take(event)
+
+    def dismiss_alarm(self, alarm_id: str) -> None:
+        self.calls.append(("dismiss_alarm", alarm_id))
+        self.alarms.dismiss(intents.DismissAlarm(alarm_id))
 
     def named(self, name: str) -> list[Any]:
         """Arguments of every call of ``name``."""
@@ -113,7 +146,17 @@ class FakeConsole:
     def do(self, intent: Intent) -> str:
         values = {each.name: getattr(intent, each.name) for each in dataclasses.fields(intent)}
         del values["actor"]
-        name = _METHODS[type(intent)]
+        if type(intent) in self.protocol.handlers():
+            self.calls.append(("protocol", intent))
+            try:
+                self.protocol.handlers()[type(intent)](intent)
+            except ToldFailure as failure:
+                return failure.what
+            return ""
+        name = _METHODS.get(type(intent))
+        if name is None:  # nothing in the window follows from it but through the state
+            self.calls.append((type(intent).__name__, intent))
+            return ""
         return "refused" if getattr(self, name)(**values) is False else ""
 
     def drive(self, forward: float, left: float, turn: float, source: CommandSource) -> None:
@@ -205,23 +248,105 @@ class FakeConsole:
         self.calls.append(("cancel_goal", None))
         self.state.goal.set(None)
 
-    def say(self, text: str, origin: UtteranceOrigin, person_id: str = "") -> None:
+    def say(self, text: str, origin: UtteranceOrigin, person_id: str = "", gesture: str = "", face: str = "") -> bool:
         self.calls.append(("say", (text, origin)))
+        if self.refuses_speech:
+            return False
+        if origin == "typed":
+            self.state.said_before.set((*self.state.said_before.value, text))
         self.state.take(UtteranceChanged(clock.now_ns(), f"u{len(self.calls)}", "robot", text, origin, "started"))
+        return True
+
+    def fill_gap(self, words: str) -> None:
+        self.calls.append(("fill_gap", words))
+        self.state.speech.set(dataclasses.replace(self.state.speech.value, gap=None))
+
+    def set_voice(self, output: VoiceOutput, name: str, language: str, rate: float, volume: float) -> None:
+        self.calls.append(("set_voice", (output, name, language, rate, volume)))
+        voice = self.state.voice.value
+        self.state.voice.set(VoiceStatus(output, name, language, rate, volume, voice.used, voice.choices))
+
+    def move_queued(self, utterance_id: str, place: int) -> None:
+        self.calls.append(("move_queued", (utterance_id, place)))
+        waiting = list(self.state.speech.value.waiting)
+        moved = next(each for each in waiting if each.utterance_id == utterance_id)
+        waiting.remove(moved)
+        waiting.insert(place, moved)
+        self.state.speech.set(dataclasses.replace(self.state.speech.value, waiting=tuple(waiting)))
+
+    def edit_queued(self, utterance_id: str, text: str) -> bool:
+        self.calls.append(("edit_queued", (utterance_id, text)))
+        waiting = self.state.speech.value.waiting
+        changed = tuple(
+            dataclasses.replace(each, text=text) if each.utterance_id == utterance_id else each for each in waiting
+        )
+        self.state.speech.set(dataclasses.replace(self.state.speech.value, waiting=changed))
+        return changed != waiting
+
+    def cancel_queued(self, utterance_id: str) -> None:
+        self.calls.append(("cancel_queued", utterance_id))
+        left = tuple(each for each in self.state.speech.value.waiting if each.utterance_id != utterance_id)
+        self.state.speech.set(dataclasses.replace(self.state.speech.value, waiting=left))
 
     def silence(self) -> None:
         self.calls.append(("silence", None))
 
-    def ask_assistant(self, question: str) -> None:
+    def say_suggestion(self, rank: int, suggestion_id: str) -> None:
+        self.calls.append(("say_suggestion", (rank, suggestion_id)))
+
+    def say_edited_suggestion(self, suggestion_id: str, text: str) -> None:
+        self.calls.append(("say_edited_suggestion", (suggestion_id, text)))
+
+    def dismiss_suggestions(self) -> None:
+        self.calls.append(("dismiss_suggestions", None))
+
+    def confirm_proposal(self, proposal_id: str) -> None:
+        self.calls.append(("confirm_proposal", proposal_id))
+
+    def veto_proposal(self, proposal_id: str) -> None:
+        self.calls.append(("veto_proposal", proposal_id))
+
+    def set_level(self, function: AssistedFunction, level: AssistanceLevel) -> None:
+        self.calls.append(("set_level", (function, level)))
+
+    def correct_utterance(self, utterance_id: str, **corrected: Any) -> None:
+        made = {name: value for name, value in corrected.items() if value is not None}
+        self.calls.append(("correct_utterance", (utterance_id, made)))
+        self.say_turn(UtteranceCorrected(clock.now_ns(), utterance_id, **corrected))
+
+    def say_turn(self, *events: UtteranceReport) -> None:
+        """Something is said, or turns out otherwise: what the transcript is then."""
+        for event in events:
+            self.transcript.take(event)
+            self.state.take(event)
+        self.state.transcript.set_anew(self.transcript.turns)
+
+    def ask_assistant(self, question: str, leave_out: tuple[str, ...] = (), pictures: tuple[str, ...] = ()) -> None:
         self.calls.append(("ask_assistant", question))
+        self.asked_with = (leave_out, pictures)
         self.state.assistant.set(AssistantStatus("answering", "SmolLM2", f"x{len(self.calls)}", question))
 
-    def cancel_assistant(self) -> None:
-        self.calls.append(("cancel_assistant", None))
+    def cancel_assistant(self, exchange_id: str = "") -> None:
+        self.calls.append(("cancel_assistant", exchange_id))
         self.state.assistant.set(dataclasses.replace(self.state.assistant.value, state="ready"))
 
-    def say_answer(self, text: str) -> None:
+    def say_answer(self, text: str, exchange_id: str = "") -> None:
         self.calls.append(("say_answer", text))
+
+    def dismiss_answer(self, exchange_id: str) -> None:
+        self.calls.append(("dismiss_answer", exchange_id))
+
+    def choose_model(self, model: str) -> None:
+        self.calls.append(("choose_model", model))
+
+    def choose_prompt(self, kind: str, name: str) -> None:
+        self.calls.append(("choose_prompt", (kind, name)))
+
+    def edit_prompt(self, kind: str, text: str, name: str = "") -> None:
+        self.calls.append(("edit_prompt", (kind, name, text)))
+
+    def reset_prompts(self) -> None:
+        self.calls.append(("reset_prompts", None))
 
     def rename_person(self, person_id: str, name: str) -> None:
         self.calls.append(("rename_person", (person_id, name)))
@@ -313,14 +438,12 @@ class FakeConsole:
     def take_photo(self) -> None:
         self.calls.append(("take_photo", None))
 
-    def mark(
-        self, label: str, kind: MarkKind = "mark", earlier_s: float = 0.0, note: str = "", mark_id: str = ""
-    ) -> str:
+    def mark(self, label: str, kind: MarkKind = "mark", earlier_s: float = 0.0, mark_id: str = "") -> str:
         self.calls.append(("mark", (label, kind)))
         now_ns = clock.now_ns()
         start_ns = now_ns - round(earlier_s * 1e9) if earlier_s else None
         mark_id = mark_id or f"m{len(self.marks) + 1}"
-        return self._keep_mark(Marked(now_ns, label, kind, mark_id, start_ns, note=note))
+        return self._keep_mark(Marked(now_ns, label, kind, mark_id, start_ns))
 
     def begin_mark(self, label: str, kind: MarkKind = "mark", earlier_s: float = 0.0, mark_id: str = "") -> str:
         self.calls.append(("begin_mark", (label, kind)))
@@ -338,10 +461,8 @@ class FakeConsole:
         now_ns = clock.now_ns()
         self._keep_mark(dataclasses.replace(self.marks[mark_id], stamp_ns=now_ns, end_ns=now_ns, state="done"))
 
-    def change_mark(
-        self, mark_id: str, label: str | None = None, earlier_s: float = 0.0, note: str | None = None
-    ) -> None:
-        self.calls.append(("change_mark", (mark_id, label, earlier_s, note)))
+    def change_mark(self, mark_id: str, label: str | None = None, earlier_s: float = 0.0) -> None:
+        self.calls.append(("change_mark", (mark_id, label, earlier_s)))
         mark = self.marks[mark_id]
         began_ns = mark.stamp_ns if mark.start_ns is None else mark.start_ns
         self._keep_mark(
@@ -350,7 +471,6 @@ class FakeConsole:
                 stamp_ns=clock.now_ns(),
                 start_ns=began_ns - round(earlier_s * 1e9),
                 label=mark.label if label is None else label,
-                note=mark.note if note is None else note,
             )
         )
 
@@ -358,11 +478,35 @@ class FakeConsole:
         self.calls.append(("withdraw_mark", mark_id))
         self._keep_mark(dataclasses.replace(self.marks[mark_id], stamp_ns=clock.now_ns(), state="withdrawn"))
 
+    def add_note(self, text: str, earlier_s: float = 0.0, note_id: str = "") -> bool:
+        self.calls.append(("add_note", text))
+        if self.state.recording.value.state != "recording":
+            return False
+        now_ns = clock.now_ns()
+        self._keep_mark(Marked(now_ns, "", "note", note_id, now_ns - round(earlier_s * 1e9), note=text))
+        return True
+
+    def change_note(self, note_id: str, text: str) -> None:
+        self.calls.append(("change_note", (note_id, text)))
+        mark = self.marks[note_id]
+        moment_ns = mark.stamp_ns if mark.start_ns is None else mark.start_ns
+        self._keep_mark(dataclasses.replace(mark, stamp_ns=clock.now_ns(), start_ns=moment_ns, note=text))
+
+    def remove_note(self, note_id: str) -> None:
+        self.calls.append(("remove_note", note_id))
+        self._keep_mark(dataclasses.replace(self.marks[note_id], stamp_ns=clock.now_ns(), state="withdrawn"))
+
+    def restore_note(self, note_id: str) -> None:
+        self.calls.append(("restore_note", note_id))
+        self._keep_mark(dataclasses.replace(self.marks[note_id], stamp_ns=clock.now_ns(), state="done"))
+
     def _keep_mark(self, mark: Marked) -> str:
         self.marks[mark.mark_id] = mark
+        self._told_marks.append(mark)
         self.state.take(mark)
         going_on = tuple(each for each in self.marks.values() if each.state == "open")
         self.state.marks.set(MarksStatus(None if mark.state == "withdrawn" else mark, going_on))
+        self.state.notes.set(notes_among(final_marks_of(self._told_marks, ended_ns=mark.stamp_ns)))
         return mark.mark_id
 
     def suggested_details(self) -> TrialDetails:
@@ -381,9 +525,24 @@ class FakeConsole:
     def microphone(self) -> str | None:
         return self.input
 
-    def use_microphone(self, microphone: str | None) -> None:
-        self.calls.append(("use_microphone", microphone))
-        self.input = microphone
+    @property
+    def wizard_microphone(self) -> str | None:
+        return self.wizard_input
+
+    def push_to_talk(self, on: bool, to: TalkTo) -> None:
+        self.calls.append(("push_to_talk", (on, to)))
+        self.state.sound.set(dataclasses.replace(self.state.sound.value, talking=to if on else ""))
+
+    def hear_robot(self, on: bool, volume: float) -> None:
+        self.calls.append(("hear_robot", (on, volume)))
+        self.state.sound.set(dataclasses.replace(self.state.sound.value, hearing=on, volume=volume))
+
+    def use_microphone(self, microphone: str | None, role: Role) -> None:
+        self.calls.append(("use_microphone", (microphone, role)))
+        if role == "participant":
+            self.input = microphone
+        else:
+            self.wizard_input = microphone
 
     def pause_session(self, paused: bool) -> None:
         self.calls.append(("pause_session", paused))
@@ -418,8 +577,24 @@ class FakeConsole:
     def keep_layout(self, layout: str) -> None:
         self.calls.append(("keep_layout", layout_from_data(json.loads(layout))))
 
-    def start_session(self, details: TrialDetails) -> None:
+    def tick_check(self, check_id: str, done: bool) -> None:
+        self.calls.append(("tick_check", (check_id, done)))
+        self.state.preflight.set(
+            tuple(
+                dataclasses.replace(
+                    check, state="passed" if done else "not checked", actor=WIZARD if done else "",
+                    checked_ns=clock.now_ns() if done else None,
+                ) if check.id == check_id else check
+                for check in self.state.preflight.value
+            )
+        )  # fmt: skip
+
+    def try_microphone(self, on: bool) -> None:
+        self.calls.append(("try_microphone", on))
+
+    def start_session(self, details: TrialDetails, anyway: bool = False) -> None:
         self.calls.append(("start_session", details))
+        self.began_anyway = anyway
         self.suggested = details
         self.state.recording.set(
             RecordingStatus("recording", Path("/sessions/2026-11-21_14-02-11_P07"), clock.now_ns(), 0, 41_000_000_000)
@@ -429,11 +604,15 @@ class FakeConsole:
         self.calls.append(("stop_session", None))
         self.state.recording.set(dataclasses.replace(self.state.recording.value, state="idle"))
 
+    def save_scenario(self, text: str, path: Path, edited: Path | None, replaces: str) -> None:
+        self.calls.append(("save_scenario", (text, path, edited, replaces)))
+
     def open_scenario(self, path: Path) -> bool:
         self.calls.append(("open_scenario", path))
         if path not in self._others:
             return False
         self.scenario = self._others[path]
+        self.protocol.use_scenario(self.scenario)
         self.state.places.set(self.scenario.places)
         self.state.controls.set(self.scenario.controls)
         self.state.scenario.set_anew(self.scenario)
@@ -466,10 +645,27 @@ _METHODS: dict[type[Intent], str] = {
     intents.UseControl: "use_control",
     intents.UseRobot: "use_robot",
     intents.Say: "say",
+    intents.FillGap: "fill_gap",
+    intents.SetVoice: "set_voice",
+    intents.MoveQueued: "move_queued",
+    intents.EditQueued: "edit_queued",
+    intents.CancelQueued: "cancel_queued",
     intents.Silence: "silence",
+    intents.CorrectUtterance: "correct_utterance",
     intents.Ask: "ask_assistant",
     intents.CancelAnswer: "cancel_assistant",
+    intents.DismissAnswer: "dismiss_answer",
+    intents.ChooseModel: "choose_model",
+    intents.ChoosePrompt: "choose_prompt",
+    intents.EditPrompt: "edit_prompt",
+    intents.ResetPrompts: "reset_prompts",
     intents.SayAnswer: "say_answer",
+    intents.SaySuggestion: "say_suggestion",
+    intents.SayEditedSuggestion: "say_edited_suggestion",
+    intents.DismissSuggestions: "dismiss_suggestions",
+    intents.ConfirmProposal: "confirm_proposal",
+    intents.VetoProposal: "veto_proposal",
+    intents.SetLevel: "set_level",
     intents.NamePerson: "rename_person",
     intents.AttendPerson: "attend_person",
     intents.ConfirmPerson: "confirm_person",
@@ -484,9 +680,13 @@ _METHODS: dict[type[Intent], str] = {
     intents.ForgetPerson: "forget_person",
     intents.LookUpPerson: "look_up_person",
     intents.StartRecording: "start_session",
+    intents.TickCheck: "tick_check",
+    intents.TryMicrophone: "try_microphone",
     intents.StopRecording: "stop_session",
     intents.PauseRecording: "pause_session",
     intents.UseMicrophone: "use_microphone",
+    intents.PushToTalk: "push_to_talk",
+    intents.HearRobot: "hear_robot",
     intents.TakePhoto: "take_photo",
     intents.TagPhoto: "tag_photo",
     intents.DeletePhoto: "delete_photo",
@@ -494,12 +694,18 @@ _METHODS: dict[type[Intent], str] = {
     intents.AskAboutPhoto: "ask_about_photo",
     intents.KeepLayout: "keep_layout",
     intents.OpenScenario: "open_scenario",
+    intents.SaveScenario: "save_scenario",
+    intents.DismissAlarm: "dismiss_alarm",
     intents.Mark: "mark",
     intents.BeginMark: "begin_mark",
     intents.StretchMark: "stretch_mark",
     intents.EndMark: "end_mark",
     intents.ChangeMark: "change_mark",
     intents.WithdrawMark: "withdraw_mark",
+    intents.AddNote: "add_note",
+    intents.ChangeNote: "change_note",
+    intents.RemoveNote: "remove_note",
+    intents.RestoreNote: "restore_note",
 }
 
 

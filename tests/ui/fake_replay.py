@@ -27,7 +27,8 @@ from caris_desktop.recording.annotation.model import (
 from caris_desktop.recording.annotation.overview import Moment, SessionOverview, Waveform
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.scenario.model import PanelLeaf, RecordingSettings, Scenario
+from caris_desktop.scenario.model import PanelLeaf, Scenario
+from caris_desktop.scenario.recording import RecordingSettings
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_view import TimelineView
@@ -110,6 +111,9 @@ class FakeReplay(QObject):
         self.calls.append(("step", frames))
         self.set_playback(playing=False)
         self.set_playback(position_ns=self.playback.value.position_ns + frames * FRAME_NS)
+
+    def with_names(self, text: str) -> str:
+        return text.replace("{p-1}", "Luis")
 
     def jump(self, kind: Literal["mark", "utterance"], direction: Literal[-1, 1]) -> bool:
         self.calls.append(("jump", (kind, direction)))

@@ -28,7 +28,7 @@ from caris_desktop.ui.theme import ThemeChoice
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 
-SIZES = ((1366, 768), (1920, 1080))
+SIZES = ((1366, 768), (1920, 1080), (2560, 1440))
 
 
 def spin(milliseconds: int) -> None:
@@ -94,6 +94,8 @@ def main() -> int:
                 if arguments.only and arguments.only not in stem:
                     continue
                 window.resize(width, height)
+                samples.converse(scene.console)
+                samples.suggest(scene.console)
                 spin(700)
                 scene.save(arguments.out / f"{stem}.png")
         if name == "tour" and not arguments.only:

@@ -1,6 +1,7 @@
 """Two scenarios as the shipped ones arrange them, and values that look like a running session."""
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Iterator
@@ -18,7 +19,10 @@ from caris_desktop.domain.events import (
     PhotoTaken,
     ScenarioOpened,
     SessionStarted,
+    Speaker,
     UtteranceChanged,
+    UtteranceCorrected,
+    UtteranceOrigin,
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import (
@@ -37,10 +41,14 @@ from caris_desktop.domain.sensing import (
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
+    LevelsStatus,
     LinkStatus,
     PerceptionStatus,
+    ProposalStatus,
     RecordingStatus,
+    ShownSuggestion,
     SpeechStatus,
+    SuggestionsStatus,
 )
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.model import (
@@ -80,6 +88,7 @@ TOUR = Scenario(
         Place("Robot arm", Pose2D(12.6, 5.0, 0)), Place("Kitchen", Pose2D(12.0, 1.5, 0)),
     ),
     assistant=AssistantSettings(),
+    permissions=Permissions(face=True),
     path=Path("/layouts/tour_guide.yaml"),
 )  # fmt: skip
 
@@ -179,12 +188,18 @@ def video_frames() -> Iterator[tuple[NDArray[np.uint8], list[tuple[float, float,
         yield corridor(), [(250.0, 120.0, 110.0, 300.0)]
 
 
-def fill_console(console: FakeConsole, frame_index: int = 3) -> None:
+@functools.cache
+def first_frames() -> tuple[tuple[NDArray[np.uint8], list[tuple[float, float, float, float]]], ...]:
+    """Of these every window shows some; read for each of them anew they would cost a tenth of its time."""
+    return tuple(itertools.islice(video_frames(), 4))
+
+
+def fill_console(console: FakeConsole) -> None:
     """Bring the state to the middle of a session."""
     state = console.state
     now_ns = clock.now_ns()
     pose = Pose2D(6.6, 3.4, 0.55)
-    *_, (image, boxes) = itertools.islice(video_frames(), frame_index + 1)
+    image, boxes = first_frames()[-1]
     state.link.set(LinkStatus("connected", "Simulated robot", "ws://127.0.0.1:9090", "", 12.0))
     state.drive.set(
         DriveStatus(
@@ -235,6 +250,45 @@ def fill_console(console: FakeConsole, frame_index: int = 3) -> None:
     state.take(BatteryState(clock.now_ns(), 0.78))
     refresh_streams(console, pose)
     show_frame(console, image, boxes)
+
+
+def converse(console: FakeConsole) -> None:
+    """A question, its answer, and what is being said now."""
+    now_ns = clock.now_ns()
+
+    def at(seconds_ago: float) -> int:
+        return now_ns - round(seconds_ago * 1e9)
+
+    def told(turn_id: str, speaker: Speaker, text: str, lasted_s: tuple[float, float], who: str = "") -> None:
+        origin: UtteranceOrigin = "heard" if speaker == "participant" else "typed"
+        begun = UtteranceChanged(at(lasted_s[0]), turn_id, speaker, text, origin, "started", person_id=who)
+        console.say_turn(begun, dataclasses.replace(begun, stamp_ns=at(lasted_s[1]), state="finished"))
+
+    told("t1", "participant", "Hi, is this where the tour begins?", (31.0, 29.4), "p1")
+    told("t2", "robot", "Hello! Welcome to our lab. I am going to show you around.", (28.8, 25.0))
+    told("t3", "participant", "Oh nice, it talks.", (24.0, 22.6))
+    told("t4", "robot", "Over there is our robot arm.", (20.2, 17.9))
+    told("t5", "participant", "Can it hurt people when it moves?", (3.1, 1.4), "p1")
+    console.say_turn(UtteranceCorrected(at(15.0), "t3", tags=("amused",)))
+
+
+def suggest(console: FakeConsole) -> None:
+    """Replies to that question, and something to do."""
+    replies = (
+        "It stops as soon as it touches something.", "Good question! There is a safety zone around it.",
+        "No, and we can watch it from here if you like.",
+    )  # fmt: skip
+    state = console.state
+    state.levels.set(LevelsStatus("suggest", "suggest", "suggest"))
+    state.suggestions.set(
+        SuggestionsStatus(
+            "shown", "t5", 1, tuple(ShownSuggestion(f"s-{rank}", rank, text) for rank, text in enumerate(replies, 1)),
+            "SmolLM2 (local)", 3, "Robot arm", person_id="p1",
+        )
+    )  # fmt: skip
+    state.proposal.set(
+        ProposalStatus("a-1", "Go to Kitchen", True, "SmolLM2 (local)", 0, clock.now_ns() + 12_000_000_000)
+    )
 
 
 def show_frame(console: FakeConsole, image: NDArray[np.uint8], boxes: list[tuple[float, float, float, float]]) -> None:

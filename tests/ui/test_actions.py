@@ -1,6 +1,7 @@
 """The table of keys, and that a permission takes away everything it names."""
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 from PySide6.QtCore import Qt
@@ -9,22 +10,22 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import INTENTS, Intent
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import Permissions
-from caris_desktop.ui.actions import (
-    ACTIONS,
-    REPLAY_ACTIONS,
-    TIMELINE_ACTIONS,
-    ActionSpec,
-    actions_for,
-    cap_text,
-    conflicts,
-    normalized,
-)
+from caris_desktop.ui.action_rows import ACTIONS, QUEUE_GROUP, REPLAY_ACTIONS, TIMELINE_ACTIONS, say_keyed_phrase
+from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.actions import actions_for, cap_text, keyed_phrases
+from caris_desktop.ui.alarms.alarm_list import AlarmList
 from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.key_choices import conflicts, normalized
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.marking import Marking
+from caris_desktop.ui.palette.quick_choices import QuickChoices
+from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_acts import TimelineActs
+from caris_desktop.ui.speak.queue_list import QueueList
 from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
@@ -51,22 +52,53 @@ TABLE = {
     "faster": ({"Alt+E"}, {"E"}),
     **{f"phrase_{number}": ({f"F{number}"}, set()) for number in range(1, 9)},
     "filler": ({"F9"}, set()),
+    **{f"suggestion_{number}": ({f"Ctrl+{number}"}, set()) for number in range(1, 4)},
+    **{f"edit_suggestion_{number}": ({f"Ctrl+Shift+{number}"}, set()) for number in range(1, 4)},
+    "no_suggestion": ({"Ctrl+0"}, set()),
     "silence": ({"F12"}, set()),
+    "push_to_talk": ({"Ctrl+Space"}, {"T"}),
+    "dictate": ({"Ctrl+Shift+Space"}, {"Shift+T"}),
+    "hear": ({"Ctrl+H"}, set()),
     "photo": ({"Ctrl+P"}, {"P"}),
     "mark": ({"Ctrl+M"}, {"M"}),
+    **{f"expression_{number}": ({f"Ctrl+Shift+F{number}"}, set()) for number in range(1, 9)},
     **{f"label_{number}": ({f"Shift+F{number}"}, set()) for number in range(1, 9)},
     "stretch": ({"Ctrl+R"}, set()),
     "mark_earlier": ({"Ctrl+J"}, set()),
     "mark_undo": ({"Ctrl+Shift+J"}, set()),
     "note": ({"Ctrl+N"}, set()),
+    "alarms": (set(), set()),
     "wizard_error": ({"Ctrl+Shift+M"}, {"Shift+M"}),
+    "choose_place": ({"Ctrl+Shift+G"}, set()),
+    "choose_wizard": (set(), set()),
+    "choose_scenario": ({"Ctrl+O"}, set()),
+    "name_person": ({"Ctrl+I"}, set()),
     "next_camera": ({"Ctrl+Shift+V"}, {"V"}),
+    "correct_speaker": ({"Ctrl+Shift+S"}, set()),
+    "find_said": ({"Ctrl+F"}, set()),
     "find": ({"Ctrl+K"}, {"/"}),
+    "set_up": (set(), set()),
+    "preflight": ({"Ctrl+Shift+C"}, set()),
     "shortcuts": ({"Ctrl+/"}, {"?"}),
     "focus_speak": ({"Ctrl+L"}, {"Return"}),
+    "focus_queue": ({"Ctrl+Shift+L"}, set()),
+    "queued_above": ({"Up"}, set()),
+    "queued_below": ({"Down"}, set()),
+    "queued_earlier": ({"Shift+Up"}, set()),
+    "queued_later": ({"Shift+Down"}, set()),
+    "queued_edit": ({"Return", "Enter"}, set()),
+    "queued_cancel": ({"Del", "Backspace"}, set()),
+    "next_phrases": ({"F10"}, set()),
     "focus_driving": ({"Ctrl+D"}, set()),
-    "person_yes": ({"Ctrl+Return"}, {"Y"}),
-    "person_no": ({"Ctrl+Shift+Return"}, {"Shift+Y"}),
+    "answer_yes": ({"Ctrl+Return"}, {"Y"}),
+    "answer_no": ({"Ctrl+Shift+Return"}, {"Shift+Y"}),
+    "next_step": ({"Ctrl+PgDown"}, {"PgDown"}),
+    "previous_step": ({"Ctrl+PgUp"}, {"PgUp"}),
+    "skip_step": ({"Ctrl+Shift+PgDown"}, {"Shift+PgDown"}),
+    "branch": ({"Ctrl+B"}, {"B"}),
+    "say_step": ({"F11"}, set()),
+    "go_to_step_place": ({"Alt+0"}, {"0"}),
+    "all_steps": ({"Ctrl+Shift+PgUp"}, set()),
 }
 
 
@@ -154,16 +186,19 @@ def test_a_row_needs_what_its_intent_needs(window: MainWindow) -> None:
     for action_id, intent in asked_by(window).items():
         spec = window.actions_table.spec(action_id)
         if spec is not None:
-            assert spec.permission == INTENTS[type(intent)].permission, action_id
+            assert set(spec.permissions) >= set(INTENTS[type(intent)].permissions), action_id
 
 
 def test_what_is_no_intent_is_a_method_of_whoever_answers_for_it() -> None:
     table = {ACTIONS: MainWindow, REPLAY_ACTIONS: ReplayBar, TIMELINE_ACTIONS: TimelineActs}
+    own = {"Alarms": AlarmList, "Marks": Marking, "Protocol": ProtocolStrip, QUEUE_GROUP: QueueList}
+    own |= dict.fromkeys(("Places", "Scenario", "People"), QuickChoices)
     for rows, handlers in table.items():
         for spec in rows:
-            assert (spec.intent is not None) + bool(spec.callback) == (spec.kind != "hold"), spec.id
+            assert (spec.intent is not None) + bool(spec.callback) == (spec.kind not in ("hold", "talk")), spec.id
             if spec.callback:
-                assert callable(getattr(Marking if spec.group == "Marks" else handlers, spec.callback)), spec.id
+                answering = own.get(spec.group, handlers)
+                assert callable(getattr(answering, spec.callback)), spec.id
 
 
 def test_whoever_listens_hears_of_an_intent_before_it_is_asked_for(window: MainWindow, console: FakeConsole) -> None:
@@ -254,3 +289,10 @@ def test_marks_wait_for_a_recording(window: MainWindow, console: FakeConsole) ->
     QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_M, Qt.KeyboardModifier.ControlModifier)
     assert console.calls == []
     assert not find(window, "mark_button").isEnabled()
+
+
+@pytest.mark.parametrize("path", sorted(layouts_dir().glob("*.yaml")), ids=lambda path: path.stem)
+def test_no_phrase_of_a_shipped_scenario_lost_its_key_to_the_table(path: Path) -> None:
+    scenario = load_scenario(path)
+    bound = {spec.argument for spec in actions_for(scenario) if spec.intent is say_keyed_phrase}
+    assert bound == set(keyed_phrases(scenario))

@@ -66,6 +66,18 @@ class Desktop:
         x, y = self._desktop.lines()[end - 1].split()[2:]
         self.do("mousemove", x, y, "click", "1")
 
+    def place(self, word: str, name: str) -> tuple[int, int]:
+        """Where on the screen it is."""
+        start = len(self._desktop.lines())
+        self.say(f"{word} {name}")
+        end = self._desktop.wait_for(f"{word.upper()} {name}", after=start)
+        x, y = self._desktop.lines()[end - 1].split()[2:]
+        return int(x), int(y)
+
+    def drag(self, start: tuple[int, int], *stops: tuple[int, int]) -> None:
+        moves = [word for x, y in stops for word in ("mousemove", str(x), str(y), "sleep", "0.05")]
+        self.do("mousemove", str(start[0]), str(start[1]), "mousedown", "1", *moves, "mouseup", "1")
+
     def start_other_program(self):  # type: ignore[no-untyped-def]
         return self._desktop.start_program(_OTHER)
 
@@ -150,7 +162,7 @@ def test_marks_by_real_keys_while_driving_and_typing(desktop: Desktop) -> None:
     desktop.expect("release_drive")
     desktop.do("type", "--delay", "5", "wads")
     desktop.do("key", "Return")
-    desktop.expect("mark ('', 'note')")
+    desktop.expect("add_note wads")
     assert len(desktop.intents("drive")) == 2
     assert not [line for line in desktop.since() if line.startswith("TEXT ('") and not line.startswith("TEXT ('',")]
 
@@ -235,7 +247,7 @@ def _floating(desktop: Desktop) -> None:
     desktop.say("float drive 700 500")
     desktop.do("sleep", "0.3")
     desktop.click("drive_line")
-    desktop.expect("ACTIVE QDockWidget")
+    desktop.expect("ACTIVE FloatingWindow")
 
 
 SITUATIONS = {"nothing": _nothing, "dialog": _dialog, "combo": _combo, "completion": _completion, "floating": _floating}
@@ -347,7 +359,7 @@ def test_floating_panels_belong_to_the_window(desktop: Desktop) -> None:
     desktop.do("sleep", "0.3", "keydown", "alt", "keydown", "w")
     desktop.expect(FORWARD)
     desktop.click("speak_field")  # the main window is deactivated, the key stays down
-    desktop.expect("ACTIVE QDockWidget", "KEYS typing")
+    desktop.expect("ACTIVE FloatingWindow", "KEYS typing")
     assert not desktop.intents("release_drive")
     desktop.do("keyup", "alt")
     desktop.do("type", "hi")
@@ -404,3 +416,49 @@ def test_qt_had_nothing_to_complain_about(whole_desktop: VirtualDesktop) -> None
     words = ("arning", "rror", "Traceback", "QObject", "qt.")
     told = [line for line in whole_desktop.lines() if not line.startswith("mark ")]  # of a wizard error
     assert not [line for line in told if any(word in line for word in words)]
+
+
+AS_IT_WAS = "LAYOUT video speak map drive assistant+session people"  # cards may lie over the lower right corner
+
+
+def test_a_tab_that_is_dragged_leaves_its_group_alone_and_goes_where_it_is_dropped(desktop: Desktop) -> None:
+    x, y = desktop.place("title", "map")
+    middle = desktop.place("where", "video_view")
+    desktop.drag((x, y), (x - 40, y + 30), middle)
+    desktop.expect("LAYOUT video+map speak drive assistant+session people")
+    desktop.drag(desktop.place("title", "drive"), middle)
+    desktop.expect("LAYOUT video+map+drive speak assistant+session people")
+    left, lower = desktop.place("title", "speak")
+    desktop.drag(desktop.place("title", "map"), middle, (left - 30, lower + 90))
+    desktop.expect("LAYOUT video+drive map speak assistant+session people")
+
+
+def test_a_panel_is_dragged_out_of_the_window_and_put_back_by_its_button(desktop: Desktop) -> None:
+    x, y = desktop.place("title", "map")
+    desktop.drag((x, y), (x, y + 60), (1330, 830))
+    desktop.expect("LAYOUT video speak drive assistant+session people ~ map")
+    desktop.do("sleep", "0.3")
+    x, y = desktop.place("float_button", "map")
+    desktop.do("mousemove", str(x), str(y), "click", "1")
+    desktop.expect(AS_IT_WAS)
+
+
+def test_escape_while_dragging_leaves_the_panel_where_it_was_and_stops_the_robot(desktop: Desktop) -> None:
+    x, y = desktop.place("title", "map")
+    desktop.do("mousemove", str(x), str(y), "mousedown", "1", "mousemove", str(x - 300), str(y + 100))
+    desktop.do("key", "Escape", "mouseup", "1")
+    desktop.expect("stop")
+    desktop.drag(desktop.place("title", "drive"), (x - 300, y + 150), desktop.place("where", "video_view"))
+    desktop.expect("LAYOUT video+drive speak map assistant+session people")
+    assert sum(line.startswith("LAYOUT") for line in desktop.since()) <= 1, "only the second drag did anything"
+
+
+def test_what_is_locked_cannot_be_dragged(desktop: Desktop) -> None:
+    desktop.say("lock on")
+    desktop.expect("LOCKED on")
+    desktop.drag(desktop.place("title", "map"), desktop.place("where", "video_view"))
+    desktop.say("lock off")
+    desktop.expect("LOCKED off")
+    desktop.drag(desktop.place("title", "drive"), desktop.place("where", "video_view"))
+    desktop.expect("LAYOUT video+drive speak map assistant+session people")
+    assert sum(line.startswith("LAYOUT") for line in desktop.since()) == 1

@@ -6,11 +6,12 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode, TabNode
-from caris_desktop.ui.dock_host import Placed, panels_in, tree_from_rectangles, with_tab, without
+from caris_desktop.ui.layout.tree import panels_in, with_tab, without
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
+from tests.ui.layout.lying import Placed, seen_in, tree_from_rectangles
 
 DEEP = SplitNode(
     "vertical",
@@ -53,19 +54,20 @@ def test_a_layout_survives_the_docks(qtbot: QtBot, theme: Theme, tree: LayoutNod
     qtbot.addWidget(window)
     window.resize(1920, 1080)
     window.show()
-    qtbot.waitUntil(lambda: shape(window.dock_host.read_layout()) == shape(tree))
-    qtbot.waitUntil(lambda: weights(window.dock_host.read_layout()) == pytest.approx(weights(tree), abs=0.05))
+    qtbot.waitUntil(lambda: shape(seen_in(window.dock_host)) == shape(tree))
+    qtbot.waitUntil(lambda: weights(seen_in(window.dock_host)) == pytest.approx(weights(tree), abs=0.05))
 
 
 def test_the_weights_stay_when_the_window_grows(qtbot: QtBot, theme: Theme) -> None:
     window = MainWindow(FakeConsole(samples.TOUR), theme=theme)
     qtbot.addWidget(window)
+    window.layout_keeper.set_adapts(False)
     window.resize(1500, 1000)
     window.show()
     for size in ((1920, 1080), (1400, 980)):
         window.resize(*size)
         qtbot.waitUntil(
-            lambda: weights(window.dock_host.read_layout()) == pytest.approx(weights(samples.TOUR_LAYOUT), abs=0.06)
+            lambda: weights(seen_in(window.dock_host)) == pytest.approx(weights(samples.TOUR_LAYOUT), abs=0.06)
         )
 
 

@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -98,8 +98,7 @@ def test_letters_typed_into_fields_never_drive(window: MainWindow, console: Fake
         field.setFocus()
         QTest.keyClicks(field, "wasd we saw a seed")
         QTest.keyClick(field, Qt.Key.Key_Left)
-        assert isinstance(field, QLineEdit)
-        assert field.text() == "wasd we saw a seed"
+        assert field.property("text") == "wasd we saw a seed"
     assert console.calls == []
 
 
@@ -115,8 +114,7 @@ def test_alt_drives_while_typing_and_types_nothing(window: MainWindow, console: 
     assert drives(console) == [(1, 0)]
     send(field, QEvent.Type.KeyRelease, Qt.Key.Key_W, BARE)
     assert console.calls[-1] == ("release_drive", "")
-    assert isinstance(field, QLineEdit)
-    assert field.text() == "hello there"
+    assert field.property("text") == "hello there"
 
 
 def test_a_key_is_known_by_where_it_is(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
@@ -135,8 +133,7 @@ def test_losing_the_driving_focus_releases(window: MainWindow, view: QWidget, co
     send(field, QEvent.Type.KeyPress, Qt.Key.Key_W, text="w", repeat=True)
     send(field, QEvent.Type.KeyRelease, Qt.Key.Key_W)
     assert len(console.calls) == count
-    assert isinstance(field, QLineEdit)
-    assert field.text() == ""
+    assert field.property("text") == ""
 
 
 def test_moving_between_driving_panels_keeps_driving(window: MainWindow, view: QWidget, console: FakeConsole) -> None:

@@ -50,8 +50,7 @@ def put_aside(window: MainWindow, name: PanelName) -> Panel:
     QApplication.processEvents()
     other: PanelName = "session" if name != "session" else "people"
     host = window.dock_host
-    if host.docks[other] not in host.tabifiedDockWidgets(host.docks[name]):
-        host.tabifyDockWidget(host.docks[name], host.docks[other])
+    host.move_panel(other, name, "tab")
     window.open_panel(other)
     for _ in range(5):
         QApplication.processEvents()

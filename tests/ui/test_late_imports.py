@@ -34,6 +34,7 @@ def test_they_wait_while_somebody_drives_and_come_one_at_a_time(
 
     driving, window = [True], QObject()
     late = LateImports(lambda: driving[0], window, names)
+    late.begin()
     late.import_next()
     assert there() == []
     driving[0] = False
@@ -41,7 +42,7 @@ def test_they_wait_while_somebody_drives_and_come_one_at_a_time(
     assert there() == ["late_piece_one"]
     late.import_next()
     assert there() == list(names)
-    late.import_next()  # nothing is left
+    late.end()
     for name in names:
         del sys.modules[name]
 
@@ -49,9 +50,13 @@ def test_they_wait_while_somebody_drives_and_come_one_at_a_time(
 def test_they_come_by_themselves_once_the_window_stands(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("caris_desktop.ui.late_imports.BEGIN_AFTER_MS", 0)
     monkeypatch.setattr("caris_desktop.ui.late_imports.EVERY_MS", 0)
+    read: list[Path] = []
+    monkeypatch.setattr("caris_desktop.ui.late_imports.scenario_files", lambda: (Path("a.yaml"),))
+    monkeypatch.setattr("caris_desktop.ui.late_imports.title_of", read.append)
     asked, window = [], QObject()
     late = LateImports(lambda: bool(asked.append(True)), window, ("json", "math"))
     late.begin()
-    qtbot.waitUntil(lambda: len(asked) == 2)
+    qtbot.waitUntil(lambda: len(asked) == 3)
     qtbot.wait(20)
-    assert len(asked) == 2, "it ends with the last one"
+    assert len(asked) == 3, "it ends with the last one"
+    assert read == [Path("a.yaml")], "what the palette shows of a scenario is known before it opens"

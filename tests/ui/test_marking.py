@@ -11,11 +11,10 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import Marked
 from caris_desktop.robot.profile import HeadInterface, load_profile
-from caris_desktop.scenario.model import RecordingSettings
-from caris_desktop.ui.actions import ACTIONS
+from caris_desktop.scenario.recording import ERROR_KEYS, ErrorKind, RecordingSettings
+from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.key_positions import position_codes
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.mark_card import ERROR_KINDS
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
@@ -221,8 +220,23 @@ def test_drive_keys_drive_while_a_wizard_error_is_told(window: MainWindow, conso
 def test_no_kind_of_wizard_error_has_a_key_of_anything_else() -> None:
     bare = {key for spec in ACTIONS for key in spec.driving_keys}
     assert bare >= {"W", "S", "L", "1", "M"}
-    assert not bare & {letter for letter, *_ in ERROR_KINDS}
-    assert {letter for letter, *_ in ERROR_KINDS} <= set(position_codes("linux")), "known by their place, as those are"
+    assert not bare & set(ERROR_KEYS)
+    assert set(ERROR_KEYS) <= set(position_codes("linux")), "known by their place, as those are"
+
+
+def test_a_scenario_has_kinds_of_wizard_error_of_its_own(window: MainWindow, console: FakeConsole) -> None:
+    errors = ("Interrupts", ErrorKind("Too close", "You drove closer than a metre."), "Wrong language", "Other")
+    console.scenario = dataclasses.replace(console.scenario, recording=RecordingSettings(LABELS, errors=errors))
+    view = find(window, "video_view")
+    view.setFocus()
+    for key, label in ((Qt.Key.Key_G, "Too close"), (Qt.Key.Key_R, "Other")):
+        QTest.keyClick(view, Qt.Key.Key_M, SHIFT)
+        assert find(window, "mark_card_Too_close").toolTip() == "You drove closer than a metre."
+        QTest.keyClick(view, key)
+        assert console.named("change_mark")[-1][1] == label
+    QTest.keyClick(view, Qt.Key.Key_M, SHIFT)
+    QTest.keyClick(view, Qt.Key.Key_U)
+    assert len(console.named("change_mark")) == 2, "there is no fifth kind"
 
 
 def test_the_card_shows_the_keys_that_work(window: MainWindow, console: FakeConsole) -> None:

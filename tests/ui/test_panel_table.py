@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from typing import get_args
 
 import pytest
@@ -11,6 +12,7 @@ from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_table import PANELS, possible_panels
+from tests.ui import samples
 
 LATE = (
     "ui.panels.", "ui.robot_dialog", "ui.sessions_window", "ui.export_dialog", "ui.gamepad_dialog", "ui.start_dialog",
@@ -33,10 +35,17 @@ def test_a_row_says_what_its_panel_is_called(name: PanelName) -> None:
 
 
 def test_a_panel_without_its_permission_is_absent() -> None:
-    everything = Permissions()
+    everything = replace(samples.TOUR, permissions=Permissions(face=True))
     assert set(possible_panels(everything)) == set(PANELS)
-    little = Permissions(driving=False, assistant=False, robot_controls=False, photos=False)
-    assert set(PANELS) - set(possible_panels(little)) == {"drive", "assistant", "robot", "photos"}
+    little = Permissions(driving=False, assistant=False, robot_controls=False, photos=False, speech=False)
+    assert set(PANELS) - set(possible_panels(replace(everything, permissions=little))) == {
+        "drive", "assistant", "robot", "photos", "face", "speak"
+    }  # fmt: skip
+
+
+def test_a_panel_that_the_scenario_does_not_offer_is_absent_whatever_it_permits() -> None:
+    without = replace(samples.TOUR, permissions=Permissions(face=True), panels_off=("map", "diagnostics"))
+    assert set(PANELS) - set(possible_panels(without)) == {"map", "diagnostics"}
 
 
 def test_the_window_brings_no_panel_and_no_dialog_along() -> None:

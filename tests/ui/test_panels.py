@@ -29,10 +29,13 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import AssistantStatus, DriveStatus, PerceptionStatus, RecordingStatus, SpeechStatus
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, VelocityTopic
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.panels.people import PeoplePanel
-from caris_desktop.ui.panels.session import LOG_LINE_PX, LOG_ROWS, SessionPanel
+from caris_desktop.ui.panels.session import LOG_LEAST_LINES, LOG_LINE_PX, LOG_ROWS, SessionPanel
 from caris_desktop.ui.panels.video import VideoPanel
+from caris_desktop.ui.speak.queue_list import QueueList
+from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.frame_view import (
     BOXES_GONE_S,
     BOXES_SOLID_S,
@@ -478,19 +481,17 @@ def test_an_empty_room_is_said(window: MainWindow, console: FakeConsole) -> None
 
 def test_enter_says_the_line_and_empties_the_field(window: MainWindow, console: FakeConsole) -> None:
     field = find(window, "speak_field")
-    assert isinstance(field, QLineEdit)
     field.setFocus()
     QTest.keyClicks(field, "Over there is our  robot arm.")
     QTest.keyClick(field, Qt.Key.Key_Return)
     assert console.calls == [("say", ("Over there is our robot arm.", "typed"))]
-    assert field.text() == ""
+    assert field.property("text") == ""
     QTest.keyClick(field, Qt.Key.Key_Return)
     assert len(console.calls) == 1
 
 
 def test_arrow_keys_bring_earlier_lines_back(window: MainWindow) -> None:
     field = find(window, "speak_field")
-    assert isinstance(field, QLineEdit)
     field.setFocus()
     for line in ("one", "two"):
         QTest.keyClicks(field, line)
@@ -499,7 +500,7 @@ def test_arrow_keys_bring_earlier_lines_back(window: MainWindow) -> None:
     seen = []
     for key in (Qt.Key.Key_Up, Qt.Key.Key_Up, Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_Down):
         QTest.keyClick(field, key)
-        seen.append(field.text())
+        seen.append(field.property("text"))
     assert seen == ["two", "one", "one", "two", "draft"]
 
 
@@ -516,8 +517,8 @@ def test_a_phrase_is_one_click_and_keeps_the_cursor(qtbot: QtBot, window: MainWi
 def test_what_is_said_and_what_waits_is_shown(window: MainWindow, console: FakeConsole) -> None:
     assert window.panels["speak"].fact[0].startswith("now saying “Over there")
     queue = find(window, "speak_queue")
-    assert isinstance(queue, QLabel)
-    assert queue.text() == "Next: “It can lift five kilos.”"
+    assert isinstance(queue, QueueList)
+    assert queue.texts == ["“It can lift five kilos.”"]
     console.state.speech.set(SpeechStatus(True, "robot"))
     assert window.panels["speak"].fact[0] == "quiet"
     assert not queue.isVisible()
@@ -566,12 +567,16 @@ def test_enter_says_an_answer_that_is_edited(qtbot: QtBot, window: MainWindow, c
     assert console.calls[0][1].endswith("safety zone around it. Really. Yes.")
 
 
-def test_a_failed_answer_is_explained_in_place(window: MainWindow, console: FakeConsole) -> None:
+def test_a_failed_answer_is_explained_in_place(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     console.state.assistant.set(AssistantStatus("failed", "SmolLM2", "x2", "Why?", "", "The model ended. Ask again."))
     note = find(window, "assistant_note")
     assert isinstance(note, QLabel)
     assert note.text() == "The model ended. Ask again."
-    assert not find(window, "assistant_say").isEnabled()
+    assert not window.findChild(QWidget, "assistant_say").isVisible()  # type: ignore[union-attr]
+    click(qtbot, find(window, "assistant_again"))
+    field = find(window, "assistant_field")
+    assert isinstance(field, QLineEdit)
+    assert field.text() == "Why?" and field.hasFocus(), "nothing of the question is lost"
 
 
 # Session
@@ -658,6 +663,26 @@ def test_the_log_is_bounded(window: MainWindow, console: FakeConsole) -> None:
     lines = panel.log_lines()
     assert len(lines) == LOG_ROWS
     assert lines[-1] == f"Marked: {LOG_ROWS + 19}"
+
+
+def test_in_a_low_panel_some_lines_of_the_log_stay(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, theme: Theme
+) -> None:
+    panel = SessionPanel(PanelContext(console, theme, window.actions_table, window.hold))
+    qtbot.addWidget(panel)
+    panel.show()
+    log = panel.findChild(QAbstractItemView, "event_log")
+    button = panel.findChild(QWidget, "session_toggle")
+    assert log is not None and button is not None
+    for recording in ("idle", "recording", "paused", "failed"):
+        console.state.recording.set(dataclasses.replace(console.state.recording.value, state=recording))
+        for height in (panel.minimumSizeHint().height(), 160, 240, 500):
+            for width in (240, 420, 900):
+                panel.resize(width, height)
+                QApplication.processEvents()
+                assert log.height() >= LOG_LEAST_LINES * LOG_LINE_PX, (recording, width, height)
+                assert log.geometry().bottom() <= panel.height(), (recording, width, height)
+    assert button.isVisible(), "what starts and stops is there where it has room"
 
 
 class LookedAt(QIdentityProxyModel):

@@ -1,5 +1,6 @@
 """The bar of a replay: keys, jumps, rates, scrubbing with a look at the moment under the pointer."""
 
+import dataclasses
 from collections.abc import Iterator
 
 import pytest
@@ -8,9 +9,11 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox, QLineEdit
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.recording.annotation.overview import Moment
 from caris_desktop.scenario.model import PanelLeaf, Scenario
-from caris_desktop.ui.actions import ACTIONS, REPLAY_ACTIONS, TIMELINE_ACTIONS, conflicts, normalized
+from caris_desktop.ui.action_rows import ACTIONS, REPLAY_ACTIONS, TIMELINE_ACTIONS
 from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.key_choices import conflicts, normalized
 from caris_desktop.ui.replay.replay_bar import RATES, ReplayTimes, ReplayTitle
 from caris_desktop.ui.replay.scrubber import MomentBubble
 from caris_desktop.ui.theme import Theme
@@ -185,6 +188,16 @@ def test_the_pointer_shows_a_picture_and_the_time_of_a_moment(
     assert replay.calls[0][0] == "request_thumbnail"
     QTest.mouseMove(scene.timeline.canvas, QPoint(300, 100))
     qtbot.waitUntil(lambda: not bubble.isVisible())
+
+
+def test_the_bubble_has_names_where_the_record_has_ids(qtbot: QtBot, scene: ReplayScene, replay: FakeReplay) -> None:
+    at_ns = STARTED_NS + 47_000_000_000
+    overview = replay.overview.value
+    replay.overview.set(dataclasses.replace(overview, moments=(Moment("utterance", at_ns, "robot: Hello, {p-1}!"),)))
+    QTest.mouseMove(scene.bar.scrubber, QPoint(round(scene.bar.scrubber.x_of(at_ns)), 16))
+    bubble = scene.findChild(MomentBubble)
+    assert bubble is not None
+    qtbot.waitUntil(lambda: bubble.text == "robot: Hello, Luis!")
 
 
 def test_without_video_the_bubble_is_the_time_alone(qtbot: QtBot, theme: Theme) -> None:

@@ -37,6 +37,7 @@ def window(
 ) -> Iterator[MainWindow]:
     theme.set_choice("dark")
     window = open_window(qtbot, console, settings, theme)
+    console.is_replay = True
     window.use_replay(replay)
     window.resize(1366, 768)  # a replay keeps a place of its own
     QApplication.processEvents()

@@ -18,9 +18,11 @@ from caris_desktop.live.services.governor import STEPS
 from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
 from caris_desktop.recording.export import FORMATS
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
-from caris_desktop.scenario.model import BlurSettings, PanelLeaf, Permissions, RecordingSettings, SplitNode
-from caris_desktop.ui.dock_host import panels_in
+from caris_desktop.robot.profile import AudioInterface, RobotProfile
+from caris_desktop.scenario.model import BlurSettings, PanelLeaf, Permissions, SplitNode
+from caris_desktop.scenario.recording import RecordingSettings
 from caris_desktop.ui.export_dialog import ExportDialog
+from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.session import SessionPanel
 from caris_desktop.ui.session_table import COLUMNS
@@ -226,6 +228,20 @@ def test_a_scenario_without_sound_asks_for_no_microphone(window: MainWindow, con
     assert kept_words(Permissions(audio_recording=False), "x", BlurSettings()).endswith("No sound.")
 
 
+def test_where_the_robot_hears_no_microphone_of_this_computer_is_asked_for(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    console.scenario = dataclasses.replace(console.scenario, permissions=Permissions(audio_recording=True))
+    console.state.robot.set(RobotProfile("eared", "Eared", audio=AudioInterface("/audio")))
+    console.inputs, console.input = ("Desk microphone",), ""
+    console.stop_session()
+    window.sessions.open_start_dialog()
+    assert window.findChild(QWidget, "start_microphone") is None
+    kept = find(window, "start_kept")
+    assert isinstance(kept, QLabel) and "sound" in kept.text()
+    find(window, "start_dialog").close()
+
+
 def test_it_is_said_that_people_will_be_pixelated() -> None:
     film = Permissions(photos=False, audio_recording=False)
     assert "video (people pixelated)" in kept_words(film, None, BlurSettings("everybody"))
@@ -261,7 +277,7 @@ def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme) -> None:
     assert last is not None
     dialog = StartDialog(theme, suggested, parent, RecordingOffer(last=last))
     begun: list[TrialDetails] = []
-    dialog.begin.connect(begun.append)
+    dialog.begin.connect(lambda details, _anyway: begun.append(details))
     dialog.show()
     again, practice = find(dialog, "start_again"), find(dialog, "start_practice")
     assert again.property("text") == "Same trial again: P07, trial 2 (2nd recording)"
@@ -543,7 +559,7 @@ def test_an_arrangement_is_told_once_it_is_at_rest(qtbot: QtBot, window: MainWin
     assert len(console.named("keep_layout")) == 1, "nothing has changed since"
     window.show_scenario(console.scenario)
     settle()
-    assert len(console.named("keep_layout")) == 1
+    assert console.named("keep_layout") == [tree, tree], "again as the wizard had it, not as in the file"
 
 
 def test_a_failed_recording_is_told_whole(window: MainWindow, console: FakeConsole) -> None:

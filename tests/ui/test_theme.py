@@ -73,8 +73,8 @@ def test_colours_live_in_the_tokens_alone() -> None:
 
 def test_the_choice_is_kept_and_drawn(window: MainWindow, settings: MemorySettings, qapp: QApplication) -> None:
     for choice, colors in (("light", LIGHT), ("dark", DARK)):
-        window.set_theme_choice(as_choice(choice))
-        assert settings.values["theme"] == choice
+        window.appearance.choose_theme(as_choice(choice))
+        assert settings.values["appearance/theme"] == choice
         assert qapp.palette().color(QPalette.ColorRole.Window).name() == colors.window
         assert window.grab().toImage().pixelColor(2, window.height() // 2).name() == colors.window
 
@@ -117,3 +117,12 @@ def test_the_system_s_choice_is_followed_while_running(theme: Theme, qapp: QAppl
 def test_a_system_that_does_not_say_reads_as_dark() -> None:
     assert colors_for("system", Qt.ColorScheme.Unknown) is DARK
     assert colors_for("light", Qt.ColorScheme.Dark) is LIGHT
+
+
+def test_a_size_is_kept_for_the_next_start(window: MainWindow, settings: MemorySettings) -> None:
+    assert window.appearance.scale == ""
+    entry = next(entry for entry in window.palette_entries() if entry.text == "Size: 150 % from the next start")
+    entry.do()
+    assert window.appearance.scale == "1.5" and settings.values["appearance/scale"] == "1.5"
+    settings.values["appearance/scale"] = "enormous"
+    assert window.appearance.scale == ""

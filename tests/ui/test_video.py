@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QColor, QImage, QPainter, QRegion
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QDockWidget, QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -184,8 +184,7 @@ def test_the_title_names_the_camera_on_show(window: MainWindow, panel: VideoPane
     console.state.take(dataclasses.replace(frame, camera="rear"))
     console.state.choose_camera("rear")
     assert panel.shown_title == "Rear camera"
-    dock = panel.parentWidget()
-    assert isinstance(dock, QDockWidget)
+    dock = window.dock_host.docks["video"]
     assert dock.windowTitle() == "Rear camera"
     titles = [label.text() for label in dock.titleBarWidget().findChildren(QLabel)]
     assert "Rear camera" in titles

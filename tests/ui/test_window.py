@@ -3,13 +3,14 @@
 import dataclasses
 import itertools
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from PySide6.QtCore import QPoint, QRect, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QMenu, QPlainTextEdit, QScrollArea, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -20,10 +21,13 @@ from caris_desktop.domain.sensing import BatteryState, RobotPose
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import (
+    AssistantSetup,
     AssistantStatus,
     DriveStatus,
     LinkStatus,
+    ListeningStatus,
     MapStatus,
+    MicrophoneStatus,
     PerceptionStatus,
     RecordingStatus,
 )
@@ -31,10 +35,12 @@ from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import LayoutNode, Permissions, SplitNode, TabNode
 from caris_desktop.ui import words
+from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.connection_card import ConnectionCard
-from caris_desktop.ui.dock_host import panels_in
+from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.overlays import Entry, matching
+from caris_desktop.ui.palette.entry import Entry
+from caris_desktop.ui.palette.search import matching
 from caris_desktop.ui.problems import SHOWN_AT_ONCE
 from caris_desktop.ui.status_bar import StatusItem
 from caris_desktop.ui.theme import Theme
@@ -100,7 +106,8 @@ def laptop(
 def test_every_phrase_is_in_view_on_a_small_laptop(qtbot: QtBot, laptop: MainWindow, console: FakeConsole) -> None:
     area = laptop.panels["speak"].findChild(QScrollArea)
     assert isinstance(area, QScrollArea)
-    chips = [find(laptop, f"phrase_{number}") for number in range(1, len(console.scenario.phrases) + 1)]
+    count = len(phrases_on_keys(console.scenario, 0))
+    chips = [find(laptop, f"phrase_{number}") for number in range(1, count + 1)]
     chips.append(find(laptop, "filler"))
     qtbot.waitUntil(
         lambda: all(chip.mapTo(area, chip.rect().bottomRight()).y() <= area.height() for chip in chips), timeout=2000
@@ -108,6 +115,7 @@ def test_every_phrase_is_in_view_on_a_small_laptop(qtbot: QtBot, laptop: MainWin
 
 
 def test_an_answer_can_be_read_on_a_small_laptop(qtbot: QtBot, laptop: MainWindow, console: FakeConsole) -> None:
+    laptop.open_panel("assistant")
     text = "It lifts up to five kilos, and it stops at once as soon as it touches something or somebody."
     for state in ("answering", "ready"):
         console.state.assistant.set(AssistantStatus(state, "SmolLM2", "x9", "How much can it lift?", text))
@@ -134,12 +142,12 @@ def test_switching_the_scenario_rebuilds_the_panels(qtbot: QtBot, window: MainWi
 
 
 def test_switching_back_and_forth_leaves_nothing_behind(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
-    for _ in range(3):
+    for _ in range(2):
         for scenario in (samples.MENTAL, samples.TOUR):
             assert scenario.path is not None
             console.open_scenario(scenario.path)
             window.show_scenario(console.scenario)
-    qtbot.waitUntil(lambda: len(window.findChildren(QLineEdit, "speak_field")) == 1)
+    qtbot.waitUntil(lambda: len(window.findChildren(QWidget, "speak_field")) == 1)
     console.calls.clear()
     view = find(window, "video_view")
     view.setFocus()
@@ -249,8 +257,12 @@ def test_a_problem_that_is_over_goes_away_by_itself(window: MainWindow, console:
     state.take(Problem(1, "error", "Not told", "", "", until="released"))
     state.take(Problem(1, "error", "Broken", "", ""))
     state.link.set(dataclasses.replace(link, state="connecting"))
-    told("Away", "Not told", "Broken")
+    lost = "The link to the robot is lost."
+    told(lost, "Not told", "Broken")
     state.link.set(link)
+    told(lost, "Not told", "Broken")
+    console.ahead_ns = 3_000_000_000
+    console.alarms.look()
     told("Not told", "Broken")
     state.drive.set(dataclasses.replace(drive, emergency_stop=True))
     told("Not told", "Broken")
@@ -312,13 +324,16 @@ def test_finding_wants_every_word_and_prefers_beginnings() -> None:
     assert matching(entries, "xyz") == []
 
 
-def test_the_shortcut_sheet_opens_by_key(window: MainWindow) -> None:
+def test_the_shortcut_sheet_opens_by_key(qtbot: QtBot, window: MainWindow) -> None:
     view = find(window, "video_view")
     view.setFocus()
     QTest.keyClick(view, Qt.Key.Key_Slash, Qt.KeyboardModifier.ControlModifier)
     sheet = find(window, "shortcut_sheet")
-    texts = {label.text() for label in sheet.findChildren(QLabel)}
-    assert {"All shortcuts", "Stop the robot", "Drive forward", "Wizard error"} <= texts
+
+    def texts() -> set[str]:
+        return {label.text() for label in sheet.findChildren(QLabel)}
+
+    qtbot.waitUntil(lambda: texts() >= {"All shortcuts", "Stop the robot", "Drive forward", "Wizard error"})
 
 
 def test_the_status_bar_uses_words(window: MainWindow, console: FakeConsole) -> None:
@@ -334,6 +349,20 @@ def test_the_status_bar_uses_words(window: MainWindow, console: FakeConsole) -> 
     bar.refresh()
     assert bar.items["models"].text == "pictures leave this computer"
     assert "wss://lab:8768" in bar.items["models"].toolTip()
+    console.state.assistant_setup.set(AssistantSetup("gemini:large", "generativelanguage.googleapis.com"))
+    bar.refresh()
+    assert bar.items["models"].text == "language model: gemini:large, pictures leave too"
+    assert "What is asked goes to generativelanguage.googleapis.com." in bar.items["models"].toolTip()
+    permissions = replace(console.scenario.permissions, transcription=True)
+    console.scenario = replace(console.scenario, permissions=permissions)
+    bar.refresh()
+    assert bar.items["listening"].text == "no transcription"
+    console.state.listening.set(ListeningStatus("ready", "tiny.en", "en"))
+    assert bar.items["listening"].text == "no transcription", "no microphone is open"
+    console.state.microphone.set(MicrophoneStatus("on"))
+    assert bar.items["listening"].text == "listening"
+    console.state.listening.set(ListeningStatus("failed", detail="No speech recogniser was found."))
+    assert (bar.items["listening"].text, bar.items["listening"].role) == ("no transcription", "amber")
     console.state.link.set(LinkStatus("lost", "Simulated robot", "ws://127.0.0.1:9090", "no answer"))
     console.state.clear_robot_streams()
     bar.refresh()
@@ -378,21 +407,27 @@ def choose_from_window_menu(qtbot: QtBot, window: MainWindow, text: str) -> None
     choose(window, "window_menu", text)
 
 
+def choose_panel(qtbot: QtBot, window: MainWindow, title: str) -> None:
+    click(qtbot, find(window, "window_menu_button"))
+    menus = window.findChildren(QMenu, "panels_menu")
+    next(action for action in menus[-1].actions() if action.text() == title).trigger()
+    find(window, "window_menu").close()
+
+
 def test_a_panel_that_the_scenario_does_not_have_is_added_in_a_tab_and_closed_again(
     qtbot: QtBot, window: MainWindow
 ) -> None:
     saved: list[object] = []
-    window.layout_save_requested.connect(saved.append)
-    choose_from_window_menu(qtbot, window, "Diagnostics")
+    window.layout_save_requested.connect(lambda tree, _kind: saved.append(tree))
+    choose_panel(qtbot, window, "Diagnostics")
     qtbot.waitUntil(lambda: "diagnostics" in window.panels)
     tree = window.dock_host.tree
     assert tree is not None
     tabs = next(node for node in nodes_of(tree) if isinstance(node, TabNode) and "diagnostics" in node.tabs)
     assert tabs == TabNode(("assistant", "session", "diagnostics"), "diagnostics")
-    click(qtbot, find(window, "scenario_button"))
-    choose(window, "scenario_menu", "Save this panel layout")
+    window.layout_keeper.save()
     assert "diagnostics" in panels_in(saved[0])  # type: ignore[arg-type]
-    choose_from_window_menu(qtbot, window, "Diagnostics")
+    choose_panel(qtbot, window, "Diagnostics")
     qtbot.waitUntil(lambda: "diagnostics" not in window.panels)
     tree = window.dock_host.tree
     assert tree is not None

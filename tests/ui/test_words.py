@@ -5,6 +5,7 @@ import pytest
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import (
+    AlarmChanged,
     ControlUsed,
     DriveEnded,
     EmergencyStopChanged,
@@ -12,6 +13,7 @@ from caris_desktop.domain.events import (
     Gap,
     GoalChanged,
     GuardChanged,
+    LevelChanged,
     LinkQuality,
     MappingChanged,
     MapRequestChanged,
@@ -19,11 +21,16 @@ from caris_desktop.domain.events import (
     PersonRenamed,
     PlacesChanged,
     Problem,
+    ProposalChanged,
+    ProtocolEnded,
+    ProtocolOpened,
+    StepEntered,
+    StepTicked,
     StopRequested,
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.ui import words
+from caris_desktop.ui import event_words, words
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(0.0412, "41 ms"), (0.13, "0.1 s"), (12.4, "12 s"), (185.0, "3 min")])
@@ -47,13 +54,26 @@ def test_long_lines_are_shortened_in_the_middle_of_nothing() -> None:
 
 
 def name_of(person_id: str) -> str:
-    return {"p1": "Luis"}.get(person_id, "Somebody")
+    return {"p1": "Luis", "p-1": "Luis"}.get(person_id, "Somebody")
 
 
 @pytest.mark.parametrize(
     ("event", "entry"),
     [
         (LinkQuality(1, 12.0), None),
+        (LevelChanged(1, "replies", "act"), ("Session", "Suggested replies: by itself, after a countdown")),
+        (
+            ProposalChanged(1, "a-1", "displayed", "t-1", 1, "GoToPlace", {"place": "Kitchen"}, "small"),
+            ("Said", "Proposed: go to Kitchen"),
+        ),
+        (
+            ProposalChanged(1, "a-1", "vetoed", "t-1", 1, "UseControl", {"control": "wave", "value": True}, "small"),
+            ("Said", "Proposal rejected: use wave"),
+        ),
+        (
+            ProposalChanged(1, "a-1", "refused", "t-1", 1, "", {}, "small", "the answer is no JSON"),
+            ("Problems", "A proposal was refused: the answer is no JSON"),
+        ),
         (EmergencyStopChanged(1, latched=True, by="robot"), ("Moved", "Emergency stop on by the robot")),
         (GoalChanged(1, "g", "reached", Pose2D(0, 0, 0), "Kitchen"), ("Moved", "Arrived at Kitchen")),
         (GoalChanged(1, "g", "active", Pose2D(0, 0, 0), "Kitchen"), None),
@@ -63,6 +83,10 @@ def name_of(person_id: str) -> str:
         ),
         (UtteranceChanged(1, "u", "robot", "Hi", "typed", "requested"), None),
         (UtteranceChanged(1, "u", "robot", "Hi", "typed", "interrupted"), ("Said", "Cut short: “Hi”")),
+        (
+            UtteranceChanged(1, "u", "robot", "Hi {p-1}, see {place}", "phrase", "started"),
+            ("Said", "Robot: “Hi Luis, see {place}”"),
+        ),
         (PersonRenamed(1, "p1"), ("People", "Named Luis")),
         (GuardChanged(1, "overridden"), ("Moved", "Obstacle guard switched off")),
         (GuardChanged(1, "slowing", 0.5), None),
@@ -90,6 +114,22 @@ def name_of(person_id: str) -> str:
             ("Problems", "3 frames were not recorded: the disk was slow"),
         ),
         (Problem(1, "warning", "Late", "Slow.", "Wait."), ("Problems", "Late. Slow.")),
+        (AlarmChanged(1, "a", "pace", "raised", "warning", "Late", "", ""), None),
+        (AlarmChanged(1, "a", "pace", "raised", "warning", "Late", "", "", told=False), ("Problems", "Late")),
+        (AlarmChanged(1, "a", "pace", "ended", "warning", "Late", "", "", actor="console"), ("Problems", "Over: Late")),
+        (
+            AlarmChanged(1, "a", "pace", "ended", "warning", "Late", "", "", actor="script"),
+            ("Problems", "Seen to: Late · by a script"),
+        ),
+        (StepEntered(1, "arm", "Robot arm", 3), ("Session", "Step 3: Robot arm")),
+        (
+            StepEntered(1, "arm", "Robot arm", 3, "branch", branch="Asks again", actor="wizard:Ada"),
+            ("Session", "Step 3: Robot arm (Asks again) · by wizard Ada"),
+        ),
+        (StepTicked(1, "arm", "Coffee"), ("Session", "Ticked off: Coffee")),
+        (StepTicked(1, "arm", "Coffee", on=False), ("Session", "Not done after all: Coffee")),
+        (ProtocolEnded(1, "arm"), ("Session", "The protocol ended")),
+        (ProtocolOpened(1), None),
         (StopRequested(1), ("Moved", "Stop")),
         (StopRequested(1, "wizard"), ("Moved", "Stop")),
         (StopRequested(1, "wizard:Ada"), ("Moved", "Stop · by wizard Ada")),
@@ -112,7 +152,7 @@ def name_of(person_id: str) -> str:
     ],
 )
 def test_events_become_sentences(event: object, entry: tuple[str, str] | None) -> None:
-    assert words.event_sentence(event, name_of) == entry
+    assert event_words.event_sentence(event, name_of) == entry
 
 
 def test_time_of_day_has_seconds() -> None:

@@ -1,34 +1,44 @@
 """The language model: which one is asked, what it is told, and the process of the one that comes with the program."""
 
-from collections import Counter, deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady
-from caris_desktop.conversation.language_models import LanguageModelError, ModelEndpoint
-from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
-from caris_desktop.domain import intents
+from caris_desktop.conversation.models.connection import check_place
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.words import LanguageModelError
+from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, build_messages, characters_too_long
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import Actor, in_words
-from caris_desktop.domain.events import ChatMessage, UtteranceChanged
+from caris_desktop.domain.events import AssistantChanged, ChatMessage, Marked
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.sensing import People
+from caris_desktop.live.assistant_context import AssistantContext
+from caris_desktop.live.assistant_setup import MAX_TEXT_CHARACTERS, Setup
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
-from caris_desktop.live.exchanges import Exchanges, StreamChat
+from caris_desktop.live.exchanges import Exchanges
+from caris_desktop.live.model_client import ModelClient, StreamChat
+from caris_desktop.live.model_lists import ListModels, ModelLists
 from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AssistantStatus
-from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.model import AssistantPeople, Scenario
+from caris_desktop.live.status import AssistantStatus, ModelChoice
+from caris_desktop.scenario.assistant import AssistantPeople
+from caris_desktop.scenario.model import Scenario
 
-_UTTERANCES_KEPT = 200
-_EMBEDDED_MODEL_SHOWN = "SmolLM2 on this computer"
+EMBEDDED = "embedded"
+_HERE = "on this computer"
+_EMBEDDED_MODEL_SHOWN = f"SmolLM2 {_HERE}"
+_COUNT_EVERY_MS = 1000
+MOST_PICTURES = 4
+Setting = Literal["model", "role", "style", "system_prompt", "notes", "reset"]
+ReadPictures = Callable[[Sequence[str], Callable[[list[bytes]], None], Callable[[ToldFailure], None]], None]
+"""Reads pictures of these names as JPEG, small enough for a model, in a thread of its own. Raises ToldFailure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +48,11 @@ class AssistantParts:
     server: ProcessBody
     stream_chat: StreamChat
     resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
-    build_prompt: Callable[
-        [Scenario, Sequence[UtteranceChanged], Sequence[str], Sequence[str], str], tuple[ChatMessage, ...]
-    ]
+    list_models: ListModels
 
 
 class AssistantService(Service):
-    """Asks, remembers what was said, and has answers said."""
+    """Asks, chooses what is asked and told, and has answers said. ``client`` is for whatever else needs the model."""
 
     def __init__(
         self,
@@ -65,8 +73,15 @@ class AssistantService(Service):
         self._parts = parts
         self._speech = speech
         self._scenario = scenario
-        self._conversation: deque[UtteranceChanged] = deque(maxlen=_UTTERANCES_KEPT)
-        self._exchanges = Exchanges(state, asyncio_thread, parts.stream_chat, bus.publish, self)
+        self._setup = Setup(scenario.assistant)
+        self._context = AssistantContext(state)
+        self.client = ModelClient(asyncio_thread, parts.stream_chat, bus.publish, self)
+        self._exchanges = Exchanges(state, self.client, bus.publish, self)
+        self._lists = ModelLists(asyncio_thread, parts.list_models, self)
+        self._lists.found.connect(self._show_setup)
+        self._read_pictures: ReadPictures | None = None
+        self._counting = QTimer(self, interval=_COUNT_EVERY_MS)
+        self._counting.timeout.connect(self._show_setup)
         self._server: ChildProcess | None = None
         self._server_url: str | None = None
         self._restarts = Restarts()
@@ -74,28 +89,53 @@ class AssistantService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.Ask: lambda asked: self._ask(asked.question.strip(), asked.actor),
-            intents.CancelAnswer: lambda asked: self._exchanges.cancel(f"cancelled by {in_words(asked.actor)}"),
+            intents.Ask: self.ask,
+            intents.CancelAnswer: lambda asked: self._exchanges.cancel(
+                f"cancelled by {in_words(asked.actor)}", asked.exchange_id
+            ),
             intents.SayAnswer: self._say_answer,
+            intents.DismissAnswer: lambda asked: self._exchanges.dismiss(
+                asked.exchange_id, f"cancelled by {in_words(asked.actor)}", asked.actor
+            ),
+            intents.ChooseModel: self._choose,
+            intents.ChoosePrompt: self._choose_prompt,
+            intents.EditPrompt: self._edit_prompt,
+            intents.ResetPrompts: self._reset,
         }
 
     def follows(self) -> Follows:
-        return {UtteranceChanged: self._conversation.append}
+        return {Marked: self._context.take_mark}
 
     def processes(self) -> dict[str, ChildProcess]:
         return {} if self._server is None else {self._parts.server.name: self._server}
 
     def use_scenario(self, scenario: Scenario) -> None:
+        if scenario.assistant != self._scenario.assistant:
+            self._setup = Setup(scenario.assistant)
         self._scenario = scenario
         if self._started:
-            self._choose_model()
+            self._begin()
 
     def start(self) -> None:
         self._started = True
-        self._choose_model()
+        self._begin()
+
+    def _begin(self) -> None:
+        if self._scenario.permissions.assistant:
+            self._lists.start()
+            self._counting.start()
+        else:
+            self._lists.stop()
+            self._counting.stop()
+            self.client.cancel_all("cancelled as the scenario was changed")
+            self._end_server()
+        self._use_chosen()
+        self._show_setup()
 
     def stop(self) -> None:
-        self._exchanges.cancel("cancelled as the program closed")
+        self._lists.stop()
+        self._counting.stop()
+        self.client.cancel_all("cancelled as the program closed")
         if self._server is not None:
             self._server.ask_to_end()
 
@@ -104,33 +144,34 @@ class AssistantService(Service):
             self._server.stop(grace_s=1.5)
 
     def forget(self, *, conversation: bool = False) -> None:
-        """Put question and answer away; with ``conversation`` what was said too, as another participant comes."""
+        """Put questions and answers away; with ``conversation`` what was said too, as another participant comes."""
         if conversation:
-            self._conversation.clear()
+            self._context.forget()
         self._exchanges.forget()
+
+    # Questions
+
+    def use_pictures(self, read: ReadPictures) -> None:
+        """Where the pictures of questions are read."""
+        self._read_pictures = read
 
     def check_picture(self) -> None:
         """Raises ToldFailure where a picture cannot go with a question."""
-        settings = self._scenario.assistant
-        meaning = "The assistant was not asked; the photo stays where it is."
-        if settings.model == "embedded":
+        meaning = "The assistant was not asked; the picture stays where it is."
+        if self._setup.model == EMBEDDED:
             raise ToldFailure(
                 "The language model of this program cannot see pictures.", meaning,
-                "Ask about photos in a scenario whose model can: assistant.model with assistant.pictures.",
-                severity="warning",
+                "Choose a model that can, in a scenario with assistant.pictures.", severity="warning",
             )  # fmt: skip
-        if not settings.pictures:
+        if not self._scenario.assistant.pictures:
             raise ToldFailure(
-                "This scenario gives no photos to a language model.", meaning,
+                "This scenario gives no pictures to a language model.", meaning,
                 "Set assistant.pictures in the scenario where participants agreed to it.", severity="warning",
             )  # fmt: skip
 
-    def ask_about_photo(self, question: str, photo: str, jpeg: bytes, actor: Actor) -> None:
-        """Ask with a picture; ``photo`` is its file name, for the record. Raises ToldFailure."""
-        self.check_picture()
-        self._ask(question.strip() or "What is in this picture?", actor, photo=photo, jpeg=jpeg)
-
-    def _ask(self, question: str, actor: Actor, *, photo: str = "", jpeg: bytes | None = None) -> None:
+    def ask(self, asked: intents.Ask) -> None:
+        """Raises ToldFailure where it cannot be asked; what comes of it later is told in its row."""
+        question = asked.question.strip()
         if not question:
             return
         too_long = characters_too_long(question)
@@ -141,91 +182,193 @@ class AssistantService(Service):
                 f"Ask in {MAX_QUESTION_CHARACTERS:,} characters at most.",
                 severity="warning",
             )
-        things = self._things_in_view()
+        if len(asked.pictures) > MOST_PICTURES:
+            raise ToldFailure(
+                f"More than {MOST_PICTURES} pictures cannot go with a question.",
+                "The assistant was not asked.", "Leave some out.", severity="warning",
+            )  # fmt: skip
+        if asked.pictures:
+            self.check_picture()
+        exchange_id = self._exchanges.prepare(question)
+        if asked.pictures and self._read_pictures is not None:
+            try:
+                self._read_pictures(
+                    asked.pictures,
+                    lambda jpegs: self._send(exchange_id, question, asked, jpegs),
+                    lambda failure: self._exchanges.fail(exchange_id, f"{failure.what} {failure.advice}"),
+                )
+            except ToldFailure as failure:
+                self._exchanges.fail(exchange_id, f"{failure.what} {failure.advice}")
+        else:
+            self._send(exchange_id, question, asked, [])
+
+    def _send(self, exchange_id: str, question: str, asked: intents.Ask, jpegs: Sequence[bytes]) -> None:
+        what = self._may_tell()
         settings = self._scenario.assistant
-        conversation = tuple(self._conversation)
-
-        def told(what: AssistantPeople) -> tuple[ChatMessage, ...]:
-            people = [who_is_here(row, what) for row in self._state.persons.value if row.here]
-            return self._parts.build_prompt(self._scenario, conversation, people, things, question)
-
-        what: AssistantPeople = settings.people if self._scenario.permissions.naming_people else "numbers"
-        if not self._exchanges.ask(
-            question,
-            told(what),
-            recorded=None if what == "numbers" else told("numbers"),
+        self._exchanges.ask(
+            exchange_id,
+            self._messages(question, what, asked.leave_out),
+            recorded=None if what == "numbers" else self._messages(question, "numbers", asked.leave_out),
             max_tokens=settings.max_tokens,
             temperature=settings.temperature,
-            actor=actor,
-            photo=photo,
-            jpeg=jpeg,
-        ):
-            status: AssistantStatus = self._state.assistant.value
-            starting = status.state == "starting"
-            raise ToldFailure(
-                "The assistant cannot answer now.",
-                "Your question is kept in the field.",
-                "Its model is still starting: ask again in a moment."
-                if starting
-                else (status.detail or "Check the scenario's model."),
-                severity="warning",
-            )
+            actor=asked.actor,
+            photo=", ".join(asked.pictures),
+            jpegs=jpegs,
+        )
 
-    def _things_in_view(self) -> list[str]:
-        """What the cameras see now beside people. What two of them see may be the same, so the most that one sees."""
-        most: Counter[str] = Counter()
-        for camera in self._state.cameras.value:
-            stream = self._state.people_of(camera)
-            if stream.freshness == "fresh" and isinstance(stream.value, People):
-                most |= Counter(thing.label for thing in stream.value.things)
-        return sorted(most.elements())
+    def _may_tell(self) -> AssistantPeople:
+        return self._scenario.assistant.people if self._scenario.permissions.naming_people else "numbers"
+
+    def _messages(
+        self, question: str, what: AssistantPeople, leave_out: Container[str] = ()
+    ) -> tuple[ChatMessage, ...]:
+        along = self._context.along(what, self._setup.text_of("notes"), leave_out)
+        return build_messages(question, system_prompt=self._setup.prompt, along=along)
 
     def _say_answer(self, asked: intents.SayAnswer) -> None:
         utterance_id = self._speech.say(asked.text, "assistant", asked.actor)
-        self._exchanges.note_use(asked.text, utterance_id, asked.actor)
+        self._exchanges.note_use(asked.text, utterance_id, asked.exchange_id, asked.actor)
+
+    # With what it is asked
+
+    def _choose(self, asked: intents.ChooseModel) -> None:
+        if asked.model not in (choice.model for choice in self._offered()):
+            raise ToldFailure(
+                "That language model cannot be chosen here.",
+                f"{self.client.model or self._setup.model} stays the one that is asked.",
+                "Add it to assistant.models of the scenario, or start its server.",
+                severity="warning",
+            )
+        if asked.model != self._setup.model:
+            self._setup.model = asked.model
+            self._tell("model", asked.model, "", asked.actor)
+            self._use_chosen()
+
+    def _choose_prompt(self, asked: intents.ChoosePrompt) -> None:
+        self._check_prompt(asked.kind, asked.name)
+        self._setup.choose(asked.kind, asked.name)
+        self._tell(asked.kind, asked.name, self._setup.text_of(asked.kind, asked.name), asked.actor)
+
+    def _edit_prompt(self, asked: intents.EditPrompt) -> None:
+        if asked.kind in ("role", "style"):
+            self._check_prompt("role" if asked.kind == "role" else "style", asked.name)
+        text = asked.text.strip()
+        if len(text) > MAX_TEXT_CHARACTERS:
+            raise ToldFailure(
+                f"The text is {len(text) - MAX_TEXT_CHARACTERS:,} characters too long.",
+                "The assistant is asked as before.", f"Say it in {MAX_TEXT_CHARACTERS:,} characters.",
+                severity="warning",
+            )  # fmt: skip
+        self._setup.edit(asked.kind, asked.name, text)
+        self._tell(asked.kind, asked.name, text, asked.actor)
+
+    def _check_prompt(self, kind: Literal["role", "style"], name: str) -> None:
+        if not self._setup.has(kind, name):
+            raise ToldFailure(
+                f"This scenario has no {kind} of that name.",
+                "The assistant is asked as before.", "Choose another one.", severity="warning",
+            )  # fmt: skip
+
+    def _reset(self, asked: intents.ResetPrompts) -> None:
+        before = self._setup.model
+        self._setup.reset()
+        self._tell("reset", "", "", asked.actor)
+        if self._setup.model != before:
+            self._use_chosen()
+
+    def _tell(self, setting: Setting, name: str, text: str, actor: Actor) -> None:
+        self._bus.publish(AssistantChanged(clock.now_ns(), setting, name, text, actor))
+        self._show_setup()
+
+    def _show_setup(self) -> None:
+        if not self._scenario.permissions.assistant:
+            return
+        setup = self._setup.shown()
+        pictures = self._setup.model != EMBEDDED and self._scenario.assistant.pictures
+        models = self._offered()
+        where = next((choice.where for choice in models if choice.model == setup.model), _HERE)
+        self._state.assistant_setup.set(
+            replace(
+                setup,
+                server="" if where == _HERE else where,
+                models=models,
+                pictures=pictures,
+                parts=self._context.parts(self._may_tell(), setup.notes),
+            )
+        )
+
+    def _offered(self) -> tuple[ModelChoice, ...]:
+        """What the scenario names, the model of this program, and what servers on this computer list."""
+        settings = self._scenario.assistant
+        names = dict.fromkeys((settings.model, *settings.models, EMBEDDED, *self._lists.models))
+        choices = (self._choice(name) for name in names)
+        return tuple(choice for choice in choices if choice is not None)
+
+    def _choice(self, model: str) -> ModelChoice | None:
+        """None where it cannot be asked, or may not."""
+        if model == EMBEDDED:
+            return ModelChoice(model, _EMBEDDED_MODEL_SHOWN, _HERE)
+        try:
+            endpoint = self._parts.resolve_endpoint(model, None)
+        except LanguageModelError:
+            return None
+        if not endpoint.leaves_computer:
+            return ModelChoice(model, endpoint.model, _HERE)
+        if not self._scenario.permissions.cloud_models:
+            return None
+        return ModelChoice(model, endpoint.model, endpoint.server)
 
     # The model
 
-    def _choose_model(self) -> None:
+    def _use_chosen(self) -> None:
         if not self._scenario.permissions.assistant:
             self._exchanges.show_status(AssistantStatus(state="off"))
-        elif self._scenario.assistant.model == "embedded" and self._server_url is None:
+        elif self._setup.model == EMBEDDED and self._server_url is None:
             self._exchanges.show_status(AssistantStatus(state="starting", model=_EMBEDDED_MODEL_SHOWN))
             if self._server is None:
                 self._server = self._children.start(
                     self._parts.server, ended=self._on_server_ended, heard=self._on_heard
                 )
         else:
-            self._use_model()
+            self._use_endpoint()
 
-    def _use_model(self) -> None:
-        if not self._scenario.permissions.assistant:
-            return
-        model = self._scenario.assistant.model
+    def _end_server(self) -> None:
+        server, self._server, self._server_url = self._server, None, None
+        if server is not None:
+            self._children.dismiss(server, grace_s=2.0)
+
+    def _use_endpoint(self) -> None:
+        model, local_only = self._setup.model, not self._scenario.permissions.cloud_models
         try:
             endpoint = self._parts.resolve_endpoint(model, self._server_url)
+            check_place(endpoint, local_only=local_only)
         except LanguageModelError as error:
             self._exchanges.show_status(AssistantStatus(state="failed", detail=f"{error.what} {error.advice}"))
             return
-        self._exchanges.use_endpoint(
-            endpoint, shown_as=_EMBEDDED_MODEL_SHOWN if model == "embedded" else endpoint.model
-        )
+        shown_as = _EMBEDDED_MODEL_SHOWN if model == EMBEDDED else endpoint.model
+        self._exchanges.use_endpoint(endpoint, shown_as=shown_as, local_only=local_only)
+        self.client.warm_up(self._messages("Hello.", "numbers"))
 
     def _on_heard(self, message: Any) -> None:
         match message:
             case EmbeddedReady(url):
                 self._server_url = url
-                self._use_model()
+                if self._asks_embedded():
+                    self._use_endpoint()
             case EmbeddedFailed(problem):
                 self._bus.publish(problem)
-                self._exchanges.show_status(AssistantStatus(state="failed", detail=problem.what))
+                if self._asks_embedded():
+                    self._exchanges.show_status(AssistantStatus(state="failed", detail=problem.what))
+
+    def _asks_embedded(self) -> bool:
+        return self._scenario.permissions.assistant and self._setup.model == EMBEDDED
 
     def _on_server_ended(self, child: ChildProcess) -> None:
         if child is not self._server:
             return  # it was replaced while the news of its end was on its way
         self._server = self._server_url = None
         again = self._restarts.another()
-        if self._scenario.permissions.assistant and self._scenario.assistant.model == "embedded":
+        if self._asks_embedded():
             self._exchanges.show_status(AssistantStatus(state="failed", detail="The language model stopped."))
             self._bus.problem(
                 "warning",
@@ -235,15 +378,4 @@ class AssistantService(Service):
                 until="assistant",
             )
             if again:
-                self._choose_model()
-
-
-def who_is_here(person: PersonRow, what: AssistantPeople) -> str:
-    """A person as a language model is told of them."""
-    if what == "numbers" or not person.known:
-        return f"person {person.number}"
-    if what == "names":
-        return person.name
-    details = (person.group and f"group {person.group}", ", ".join(person.tags), person.note, person.summary)
-    known = "; ".join(filter(None, details))
-    return f"{person.name} ({known})" if known else person.name
+                self._use_chosen()

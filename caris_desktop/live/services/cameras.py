@@ -19,7 +19,7 @@ from caris_desktop.live.service import Restarts, Service
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
-from caris_desktop.perception.cameras.camera_process import PlayVideo
+from caris_desktop.perception.cameras.camera_process import HearCamera, PlayVideo
 from caris_desktop.robot.profile import CameraTopic
 from caris_desktop.scenario.model import Scenario
 
@@ -95,6 +95,7 @@ class CamerasService(Service):
         self._wanted: tuple[OwnCamera, ...] = ()
         self._running: dict[str, _Running] = {}
         self._ended: set[str] = set()
+        self._heard = ""
         self._started = self._stopped = False
         state.perception.changed.connect(self._on_perception)
         bus.tap(self._note, (CameraState,))
@@ -110,6 +111,13 @@ class CamerasService(Service):
             self._wanted = wanted.own
             self._state.own_cameras.set({camera.name: camera.model for camera in wanted.own})
             self._arrange()
+
+    def hear(self, camera: str, on: bool) -> None:
+        """Have the microphone of this camera listened to, or no longer; of one that is restarted, too."""
+        self._heard = camera if on else ""
+        running = self._running.get(camera)
+        if running is not None:
+            running.child.send(HearCamera(on))
 
     def start(self) -> None:
         self._started = True
@@ -146,7 +154,10 @@ class CamerasService(Service):
     def _start_child(self, camera: OwnCamera, ring: FrameRing) -> ChildProcess:
         self._ended.discard(camera.name)
         body = replace(camera.body, arguments=(*camera.body.arguments, RingToWrite(ring.name)))
-        return self._children.start(body, ended=self._on_ended, heard=self._on_heard)
+        child = self._children.start(body, ended=self._on_ended, heard=self._on_heard)
+        if camera.name == self._heard:
+            child.send(HearCamera(True))
+        return child
 
     def _leave(self, running: _Running) -> None:
         """Another scenario does without it."""
@@ -156,7 +167,7 @@ class CamerasService(Service):
         self._slow_work.do(
             lambda: running.child.stop(grace_s=_GRACE_S),
             lambda _ended: self._left(running),
-            self._tell,
+            self._bus.answer,
         )
         self._bus.publish(CameraState(clock.now_ns(), name, "ended", "This scenario does without it."))
         self._state.forget_camera(name)
@@ -215,6 +226,3 @@ class CamerasService(Service):
             running.child = self._start_child(running.camera, running.ring)
             running.plays = False
             self._on_perception(self._state.perception.value)
-
-    def _tell(self, failure: ToldFailure) -> None:
-        self._bus.problem(failure.severity, failure.what, failure.meaning, failure.advice)

@@ -146,6 +146,7 @@ class DriveService(Service):
                 "The console sends no motion. The robot stops by itself if it guards its commands.",
                 "Use the robot's own emergency stop button.",
                 until="connected",
+                cause="emergency_stop",
             )
 
     def _release_emergency_stop(self, actor: Actor) -> None:

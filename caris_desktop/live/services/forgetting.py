@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import PersonForgotten
+from caris_desktop.domain.events import ANSWER, PersonForgotten
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
@@ -89,6 +89,7 @@ class ForgettingService(Service):
             "The person is being forgotten in all recordings of the study.",
             "That takes as long as their films take to be written anew. You can go on meanwhile.",
             "Begin the next recording once it is done.",
+            cause=ANSWER,
         )
 
     def _on_heard(self, message: Any) -> None:
@@ -101,6 +102,7 @@ class ForgettingService(Service):
                 f"Forgetting the person: {message.fraction:.0%} is done.",
                 f"{message.what}.",
                 "Nothing is to be done.",
+                cause=ANSWER,
             )
 
     def _on_ended(self, child: ChildProcess) -> None:
@@ -114,10 +116,11 @@ class ForgettingService(Service):
                 "Forgetting the person has stopped by itself.",
                 "They are not forgotten yet. Nothing is lost: it goes on where it stopped.",
                 "Ask for it again; the log has the details.",
+                cause="forgetting",
             )
         elif ended.outcome is None:
             what, meaning, advice = ended.failure or ("Forgetting the person has failed.", "", "Ask for it again.")
-            self._bus.problem("error", what, meaning, advice)
+            self._bus.problem("error", what, meaning, advice, cause="forgetting")
         else:
             self._forget_here()
             self._tell(ended.outcome)
@@ -139,6 +142,7 @@ class ForgettingService(Service):
                 "Only somebody who reads them can say whether they do.",
                 f"Decide on each in {outcome.review}, then run: caris-desktop forget {outcome.receipt.parent.parent} "
                 f"{self._asked.person_id} --review {outcome.review}",
+                cause="forgetting",
             )
         for sentence in (*outcome.problems, *(f"They are still found in {file}." for file in outcome.left)):
             self._bus.problem("warning", sentence, "That part of forgetting is not done.", "Ask for it again.")
@@ -148,4 +152,5 @@ class ForgettingService(Service):
                 "The person is forgotten: nothing of them is found in the study any more.",
                 "Recordings in which they were seen or named were changed, and say so.",
                 f"The receipt is {outcome.receipt}.",
+                cause=ANSWER,
             )

@@ -10,10 +10,11 @@ from PySide6.QtCore import QObject, Qt, QTimer
 
 from caris_desktop.domain import clock
 from caris_desktop.live.bus import Bus
+from caris_desktop.live.model_client import ModelClient
 from caris_desktop.live.service import Service
 from caris_desktop.live.services.people import PeopleService
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AssistantStatus, LoadStatus
+from caris_desktop.live.status import LoadStatus
 from caris_desktop.scenario.model import Scenario
 
 LOOK_EVERY_MS = 100
@@ -38,7 +39,7 @@ STEPS_WITH_BLUR: tuple[tuple[float, float, str], ...] = (
     (0.0, 0.15, "picture and panels slower"),
 )
 _ANSWERING = 2
-"""While the language model answers, whoever waits for it comes before boxes."""
+"""While a language model on this computer answers, whatever it is asked for, who waits for it comes before boxes."""
 
 
 class LoadSteps:
@@ -76,6 +77,7 @@ class GovernorService(Service):
         state: LiveState,
         bus: Bus,
         people: PeopleService,
+        models: ModelClient,
         *,
         parent: QObject,
         now_ns: Callable[[], int] = clock.now_ns,
@@ -84,17 +86,16 @@ class GovernorService(Service):
         self._state = state
         self._bus = bus
         self._people = people
+        self._models = models
         self._now_ns = now_ns
         self._steps = LoadSteps()
         self._due_ns = 0
-        self._local_model = False
         self._blurs = False
         self._timer = QTimer(self, interval=LOOK_EVERY_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._look)
-        state.assistant.changed.connect(self._on_assistant_changed)
+        models.answering_changed.connect(self._apply)
 
     def use_scenario(self, scenario: Scenario) -> None:
-        self._local_model = scenario.assistant.model == "embedded"
         self._blurs = scenario.covers_people
 
     def start(self) -> None:
@@ -111,11 +112,8 @@ class GovernorService(Service):
         self._steps.look(late_ms, now_ns)
         self._apply()
 
-    def _on_assistant_changed(self, _status: AssistantStatus) -> None:
-        self._apply()
-
     def _apply(self) -> None:
-        answering = self._local_model and self._state.assistant.value.state == "answering"
+        answering = self._models.answering and self._models.answers_here
         step, steps = self._steps.step, STEPS_WITH_BLUR if self._blurs else STEPS
         look_every_s = steps[max(step, _ANSWERING) if answering else step][0]
         _, panels_every_s, detail = steps[step]

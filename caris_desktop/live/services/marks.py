@@ -1,4 +1,4 @@
-"""The wizard's marks: each change of one is an event with the same id. GUI thread."""
+"""The wizard's marks and notes: each change of one is an event with the same id. GUI thread."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,26 +8,33 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Event, Marked
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MarksStatus
+from caris_desktop.recording.session.marks import final_marks_of, notes_among
 
 _NANOSECONDS = 1_000_000_000
 
 
 class MarksService(Service):
-    """Makes and changes marks and keeps ``state.marks``."""
+    """Makes and changes marks and notes, and keeps ``state.marks`` and ``state.notes``."""
 
     def __init__(self, state: LiveState, publish: Callable[[Event], None], parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._state = state
         self._publish = publish
         self._marks: dict[str, Marked] = {}
+        self._withdrawn: dict[str, Marked] = {}
+        self._of_notes: list[Marked] = []
 
     def forget(self) -> None:
         """Another session begins: what was marked before belongs to the last one."""
         self._marks.clear()
+        self._withdrawn.clear()
+        self._of_notes.clear()
         self._state.marks.set(MarksStatus())
+        self._state.notes.set(())
 
     def handlers(self) -> Handlers:
         return {
@@ -36,13 +43,17 @@ class MarksService(Service):
             intents.StretchMark: self.stretch,
             intents.EndMark: lambda asked: self.end_mark(asked.mark_id, asked.actor),
             intents.ChangeMark: self.change,
-            intents.WithdrawMark: self.withdraw,
+            intents.WithdrawMark: lambda asked: self.withdraw(asked.mark_id, asked.actor),
+            intents.AddNote: self.add_note,
+            intents.ChangeNote: lambda asked: self.write_note(asked.note_id, asked.text, asked.actor),
+            intents.RemoveNote: self.remove_note,
+            intents.RestoreNote: self.restore_note,
         }
 
     def mark(self, asked: intents.Mark) -> None:
         now_ns = clock.now_ns()
         start_ns = now_ns - round(asked.earlier_s * _NANOSECONDS) if asked.earlier_s > 0 else None
-        self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, note=asked.note, actor=asked.actor))
+        self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, actor=asked.actor))
 
     def begin(self, asked: intents.BeginMark) -> None:
         now_ns = clock.now_ns()
@@ -53,8 +64,8 @@ class MarksService(Service):
         """The moment becomes a stretch that goes on."""
         mark = self._marks.get(asked.mark_id)
         if mark is not None and mark.state == "done" and mark.end_ns is None:
-            start_ns = mark.stamp_ns if mark.start_ns is None else mark.start_ns
-            self._keep(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, state="open", actor=asked.actor))
+            now_ns = clock.now_ns()
+            self._keep(replace(mark, stamp_ns=now_ns, start_ns=_moment_ns(mark), state="open", actor=asked.actor))
 
     def end_mark(self, mark_id: str, actor: Actor = CONSOLE) -> None:
         mark = self._marks.get(mark_id)
@@ -71,35 +82,83 @@ class MarksService(Service):
         mark = self._marks.get(asked.mark_id)
         if mark is None:
             return
-        start_ns = mark.start_ns
-        if asked.earlier_s > 0:
-            start_ns = (mark.stamp_ns if start_ns is None else start_ns) - round(asked.earlier_s * _NANOSECONDS)
-        elif start_ns is None:
-            # From now on the stamp is that of the change.
-            start_ns = mark.stamp_ns
-        self._keep(
-            replace(
-                mark,
-                stamp_ns=clock.now_ns(),
-                start_ns=start_ns,
-                label=mark.label if asked.label is None else asked.label,
-                note=mark.note if asked.note is None else asked.note,
-                actor=asked.actor,
-            )
-        )
+        start_ns = _moment_ns(mark) - round(asked.earlier_s * _NANOSECONDS)
+        label = mark.label if asked.label is None else asked.label
+        # From now on the stamp is that of the change.
+        self._keep(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, label=label, actor=asked.actor))
 
-    def withdraw(self, asked: intents.WithdrawMark) -> None:
-        mark = self._marks.pop(asked.mark_id, None)
+    def withdraw(self, mark_id: str, actor: Actor = CONSOLE) -> None:
+        mark = self._marks.pop(mark_id, None)
         if mark is None:
             return
-        self._publish(replace(mark, stamp_ns=clock.now_ns(), state="withdrawn", actor=asked.actor))
+        self._withdrawn[mark_id] = mark
+        self._tell(replace(mark, stamp_ns=clock.now_ns(), state="withdrawn", actor=actor))
         self._show(None)
+
+    def add_note(self, asked: intents.AddNote) -> None:
+        text = _written(asked.text)
+        if self._state.recording.value.state != "recording":
+            raise ToldFailure(
+                "The note was not kept.", "Nothing is being recorded now, so it would be in no session.",
+                "Start or continue the recording, then press Enter again.", severity="warning",
+            )  # fmt: skip
+        now_ns = clock.now_ns()
+        at_ns = now_ns - round(asked.earlier_s * _NANOSECONDS)
+        self._keep(Marked(now_ns, "", "note", asked.note_id, at_ns, note=text, actor=asked.actor))
+
+    def write_note(self, note_id: str, text: str, actor: Actor) -> None:
+        mark = self._of_this_session(note_id)
+        if mark.kind == "note":
+            text = _written(text)
+        at_ns = _moment_ns(mark)
+        self._keep(replace(mark, stamp_ns=clock.now_ns(), start_ns=at_ns, note=" ".join(text.split()), actor=actor))
+
+    def remove_note(self, asked: intents.RemoveNote) -> None:
+        if self._of_this_session(asked.note_id).kind == "note":
+            self.withdraw(asked.note_id, asked.actor)
+        else:
+            self.write_note(asked.note_id, "", asked.actor)
+
+    def restore_note(self, asked: intents.RestoreNote) -> None:
+        note = self._withdrawn.pop(asked.note_id, None)
+        if note is not None:
+            self._keep(replace(note, stamp_ns=clock.now_ns(), start_ns=_moment_ns(note), actor=asked.actor))
+
+    def _of_this_session(self, note_id: str) -> Marked:
+        mark = self._marks.get(note_id)
+        if mark is None:
+            raise ToldFailure(
+                "That note is not of this session.", "Nothing was changed.",
+                "Change it in the session in which it was written.", severity="warning",
+            )  # fmt: skip
+        return mark
 
     def _keep(self, mark: Marked) -> None:
         self._marks[mark.mark_id] = mark
-        self._publish(mark)
+        self._tell(mark)
         self._show(mark)
+
+    def _tell(self, mark: Marked) -> None:
+        self._publish(mark)
+        known = any(earlier.mark_id == mark.mark_id for earlier in self._of_notes)
+        if known or mark.kind == "note" or mark.note:
+            self._of_notes.append(mark)
+            marks = final_marks_of(self._of_notes, ended_ns=mark.stamp_ns)
+            self._state.notes.set(notes_among(marks))
 
     def _show(self, last: Marked | None) -> None:
         going_on = tuple(mark for mark in self._marks.values() if mark.state == "open")
         self._state.marks.set(MarksStatus(last, going_on))
+
+
+def _moment_ns(mark: Marked) -> int:
+    return mark.stamp_ns if mark.start_ns is None else mark.start_ns
+
+
+def _written(text: str) -> str:
+    text = " ".join(text.split())
+    if not text:
+        raise ToldFailure(
+            "A note needs words.", "The note stays as it was.", "Remove it if it is not wanted.", severity="warning"
+        )
+    return text

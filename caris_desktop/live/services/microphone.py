@@ -1,42 +1,41 @@
-"""The microphone of this computer: which one is used, and when it is listened to. GUI thread."""
+"""The microphones: which one hears the participant and which one the wizard, and when they are open. GUI thread."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Literal
 
 from PySide6.QtCore import QObject, QTimer
 
-from caris_desktop.conversation.microphone_messages import (
-    CloseMicrophone,
-    MicrophoneFailed,
-    MicrophoneLevel,
-    MicrophoneList,
-    MicrophoneOpened,
-    OpenMicrophone,
-)
 from caris_desktop.domain import clock, intents
+from caris_desktop.domain.commands import ListenToRobot
+from caris_desktop.domain.events import LinkChanged
+from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.children import Children
-from caris_desktop.live.service import Handlers, Restarts, Service
+from caris_desktop.live.distant_ear import DistantEar, ear_of
+from caris_desktop.live.local_microphone import LocalMicrophone, MicrophoneChoice
+from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import IN_SESSION, MicrophoneStatus
 from caris_desktop.scenario.model import Scenario
 
 _OPENS_WITHIN_MS = 4000
+_TRIED_FOR_MS = 20_000
+Need = Literal["recording", "transcription", "hearing", "trying"]
+"""What a microphone is open for. Each is permitted, or not, by itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneParts:
-    """``chosen`` gives what was chosen last time (None: no microphone, empty: the system's), ``keep`` remembers it."""
+    """The microphones of this computer."""
 
-    body: ProcessBody
-    chosen: Callable[[], str | None]
-    keep: Callable[[str | None], None]
+    participant: MicrophoneChoice
+    wizard: MicrophoneChoice
 
 
 class MicrophoneService(Service):
-    """Runs the microphone's process from the first time that a scenario permits sound."""
+    """Opens the participant's microphone as long as anything needs it that is permitted, recording or not."""
 
     def __init__(
         self,
@@ -45,73 +44,110 @@ class MicrophoneService(Service):
         children: Children,
         parts: MicrophoneParts,
         *,
+        to_robot: Callable[[ListenToRobot], object],
+        hear_camera: Callable[[str, bool], None],
         parent: QObject,
     ) -> None:
+        """``to_robot`` sends to the link over which the robot's sound comes; ``hear_camera`` has the microphone of a
+        camera of that name listened to, or no longer.
+        """
         super().__init__(parent)
         self._state = state
-        self._bus = bus
-        self._children = children
-        self._parts = parts
         self._problem = bus.problem
-        self._child: ChildProcess | None = None
-        self._names: tuple[str, ...] = ()
-        self._looked = False
-        self._chosen = parts.chosen()
-        self._listens_to: str | None = None
-        self._open = False
-        self._restarts = Restarts()
-        self._permitted = self._started = False
+        self._to_robot = to_robot
+        self._hear_camera = hear_camera
+        self._distant = DistantEar(state.microphone, bus, settled=self._on_settled, parent=self)
+        self._participant = LocalMicrophone(
+            state.microphone, MICROPHONE, bus, children, parts.participant, settled=self._on_settled, parent=self
+        )
+        self._wizard = LocalMicrophone(
+            state.wizard_microphone, WIZARD_MICROPHONE, bus, children, parts.wizard,
+            settled=lambda: None, parent=self,
+        )  # fmt: skip
+        self._needs: set[Need] = set()
+        self._scenario: Scenario | None = None
+        self._started = False
         self._then: Callable[[], None] | None = None
         self._missing_since_ns: int | None = None
         self._patience = QTimer(self, singleShot=True, interval=_OPENS_WITHIN_MS)
         self._patience.timeout.connect(self._on_patience_over)
+        self._tried = QTimer(self, singleShot=True, interval=_TRIED_FOR_MS)
+        self._tried.timeout.connect(self._try_no_longer)
+        state.robot.changed.connect(self._on_robot_changed)
 
     @property
     def names(self) -> tuple[str, ...]:
-        return self._names
+        """The inputs of this computer."""
+        return self._participant.names or self._wizard.names
 
     @property
     def chosen(self) -> str | None:
-        """None for no microphone, also where the computer has none at all."""
-        return None if self._looked and not self._names else self._chosen
+        """The participant's, as far as it is one of this computer's. None for no microphone, also where the computer
+        has none at all.
+        """
+        match self.ear:
+            case "computer":
+                return self._participant.chosen
+            case "none":
+                return None
+        return ""
+
+    @property
+    def ear(self) -> str:
+        """Which microphone hears the participant now: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
+        return "none" if self._scenario is None else ear_of(self._scenario, self._state.robot.value)
+
+    @property
+    def records(self) -> bool:
+        """Whether it is open for a recording."""
+        return "recording" in self._needs
 
     def handlers(self) -> Handlers:
-        return {intents.UseMicrophone: lambda asked: self.use(asked.microphone)}
+        return {intents.UseMicrophone: self._use, intents.TryMicrophone: lambda asked: self._try(asked.on)}
+
+    def follows(self) -> Follows:
+        return {LinkChanged: self._on_link_changed}
 
     def processes(self) -> dict[str, ChildProcess]:
-        return {} if self._child is None else {self._parts.body.name: self._child}
+        microphones = (self._participant, self._wizard)
+        return {each.child.body.name: each.child for each in microphones if each.child is not None}
 
     def use_scenario(self, scenario: Scenario) -> None:
-        """While nothing is recorded it is only found out which there are."""
-        self._permitted = scenario.permissions.audio_recording
-        if not self._permitted:
+        """While nothing needs a microphone it is only found out which there are."""
+        self._scenario = scenario
+        if not scenario.permissions.audio_recording:
             self.wait_no_longer()
+            self._try_no_longer()
             self.close()
-        elif self._state.recording.value.state not in IN_SESSION:
-            if self._started:
-                self.get_ready()
-        else:
+        elif self._state.recording.value.state in ("starting", "recording"):
             self.open()
+        if self._started:
+            self._begin_with(scenario)
 
     def start(self) -> None:
         self._started = True
-        if self._permitted:
-            self.get_ready()
+        if self._scenario is not None:
+            self._begin_with(self._scenario)
 
-    def get_ready(self) -> None:
-        """Find out which inputs there are."""
-        if self._child is None and not self._restarts.exhausted:
-            self._child = self._children.start(self._parts.body, ended=self._on_ended, heard=self.on_message)
+    def _begin_with(self, scenario: Scenario) -> None:
+        permissions = scenario.permissions
+        if self.ear == "computer" and (permissions.audio_recording or permissions.transcription):
+            self._participant.get_ready()
+        elif not scenario.sound.hear:
+            self._participant.dismiss()
+        if permissions.own_voice or permissions.transcription:
+            self._wizard.get_ready()
+        else:
+            self.close_wizards()
+            self._wizard.dismiss()
+        self._need("transcription", permissions.transcription)
 
-    def use(self, name: str | None) -> None:
-        if name != self._chosen:
-            self._chosen = name
-            self._parts.keep(name)
-            if self._open:
-                self.open()
+    def _use(self, asked: intents.UseMicrophone) -> None:
+        (self._participant if asked.role == "participant" else self._wizard).use(asked.microphone)
 
     def open_and_then(self, then: Callable[[], None]) -> None:
-        """Listen, and do ``then`` once its sound comes, none will come, or it has kept everybody waiting long enough.
+        """Listen for a recording, and do ``then`` once sound comes, none will come, or it has kept everybody waiting
+        long enough.
 
         Whoever closes it meanwhile has changed their mind, and nothing is done.
         """
@@ -129,56 +165,97 @@ class MicrophoneService(Service):
         if then is not None:
             then()
 
+    def open(self) -> None:
+        """Something is recorded from now on."""
+        self._need("recording", True)
+
+    def close(self) -> None:
+        """Nothing is recorded any more."""
+        self._then = self._missing_since_ns = None
+        self._patience.stop()
+        self._need("recording", False)
+
+    # The wizard's own
+
+    @property
+    def wizards_choice(self) -> str | None:
+        """None for no microphone, also where the computer has none at all."""
+        return self._wizard.chosen
+
+    def open_wizards(self) -> None:
+        """What the wizard says goes on from now on."""
+        self._wizard.sends = True
+        self._wizard.open()
+
+    def mute_wizards(self) -> None:
+        """Nothing that the wizard says goes on, though the microphone stays open."""
+        self._wizard.sends = False
+
+    def close_wizards(self) -> None:
+        self.mute_wizards()
+        self._wizard.close()
+
+    def _try(self, on: bool) -> None:
+        """Whether it hears anything shows within seconds; nobody has to remember to close it."""
+        (self._tried.start if on else self._tried.stop)()
+        self._need("trying", on)
+
+    def _try_no_longer(self) -> None:
+        self._try(False)
+
+    def need_hearing(self, needed: bool) -> None:
+        """The wizard hears along, or no longer."""
+        self._need("hearing", needed)
+
+    def _need(self, what: Need, needed: bool) -> None:
+        if needed:
+            self._needs.add(what)
+        else:
+            self._needs.discard(what)
+        self._arrange()
+
+    def _arrange(self) -> None:
+        """Open what is needed. What is not is closed first: both tell of themselves in one place."""
+        ear = self.ear if self._needs else "none"
+        scenario, robot = self._scenario, self._state.robot.value
+        if scenario is not None and scenario.sound.ear == "auto" and robot is None and not self.records:
+            ear = "none"  # which robot it will be is known in a moment
+        if ear != "computer":
+            self._participant.close()
+        if ear in ("computer", "none"):
+            self._distant.close()
+        camera = ear.removeprefix("camera:")
+        if ear == "robot":
+            self._distant.open("the robot's microphone", self._ask_robot, reachable=self._robot_is_linked)
+        elif camera != ear:
+            self._distant.open(f"the microphone of the camera {camera}", partial(self._hear_camera, camera))
+        elif ear == "computer":
+            self._participant.open()
+
+    def _robot_is_linked(self) -> bool:
+        linked: bool = self._state.link.value.state == "connected"
+        return linked
+
+    def _ask_robot(self, on: bool) -> None:
+        self._to_robot(ListenToRobot(clock.now_ns(), on))
+
+    def _on_link_changed(self, event: LinkChanged) -> None:
+        # A link process that has just been started knows of nothing that was asked before.
+        if event.link == "media" and event.state == "connecting":
+            self._distant.ask_again()
+
+    def _on_robot_changed(self, _robot: object) -> None:
+        if self._started and self._scenario is not None:
+            self._begin_with(self._scenario)
+
     def _on_patience_over(self) -> None:
         self._missing_since_ns = clock.now_ns()
         self.wait_no_longer()
 
-    def open(self) -> None:
-        """Listen from now on, if a microphone is chosen."""
-        status: MicrophoneStatus = self._state.microphone.value
-        if self._open and self._listens_to == self._chosen and status.state in ("starting", "on"):
-            return
-        self._open = True
-        self._listens_to = self._chosen
-        if self._chosen is None:
-            self._tell_closed()
-            return
-        self.get_ready()
-        self._state.microphone.set(MicrophoneStatus("starting", self._chosen))
-        if self._child is None:
-            self._state.microphone.set(MicrophoneStatus("failed", self._chosen, detail="It failed too often."))
-        else:
-            self._child.send(OpenMicrophone(self._chosen))
-
-    def close(self) -> None:
-        self._open = False
-        self._then = self._missing_since_ns = None
-        self._patience.stop()
-        self._tell_closed()
-
-    def _tell_closed(self) -> None:
-        if self._child is not None:
-            self._child.send(CloseMicrophone())
-        self._state.microphone.set(MicrophoneStatus())
-
-    def on_message(self, message: Any) -> None:
-        """What the process said."""
-        name = self._state.microphone.value.name
-        match message:
-            case MicrophoneList(names):
-                self._names, self._looked = names, True
-            case MicrophoneOpened(opened) if self._open:
-                self._state.microphone.set(MicrophoneStatus("on", opened))
-                self._tell_missing()
-                self.wait_no_longer()
-            case MicrophoneLevel(peak) if self._open:
-                self._state.microphone.set(MicrophoneStatus("on", name, round(peak, 3)))
-            case MicrophoneFailed(problem) if self._open:
-                detail = "No microphone is plugged in." if problem is None else problem.what
-                self._state.microphone.set(MicrophoneStatus("failed", name, detail=detail))
-                self.wait_no_longer()
-                if problem is not None:
-                    self._bus.publish(problem)
+    def _on_settled(self) -> None:
+        if self._state.microphone.value.state == "on":
+            self._tell_missing()
+        self.wait_no_longer()
 
     def _tell_missing(self) -> None:
         if self._missing_since_ns is None:
@@ -192,28 +269,13 @@ class MicrophoneService(Service):
             "",
         )
 
-    def _on_ended(self, child: ChildProcess) -> None:
-        """It is started again if it is needed."""
-        if child is not self._child:
-            return
-        self._child = None
-        again = self._restarts.another()
-        if self._open:
-            self._problem(
-                "warning",
-                "Listening to the microphone stopped unexpectedly.",
-                "Its sound is missing from the recording from now on."
-                if not again
-                else "A moment of its sound is missing from the recording.",
-                self._restarts.advice,
-            )
-            self._open = False
-            self.open()
-
     def stop(self) -> None:
-        if self._child is not None:
-            self._child.ask_to_end()
+        self._patience.stop()
+        self._tried.stop()
+        self._distant.close()
+        self._participant.ask_to_end()
+        self._wizard.ask_to_end()
 
     def end(self) -> None:
-        if self._child is not None:
-            self._child.stop(grace_s=1.0)
+        self._participant.end()
+        self._wizard.end()

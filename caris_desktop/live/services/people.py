@@ -9,18 +9,10 @@ from PySide6.QtCore import QObject, Qt, QThread
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.events import (
-    Event,
-    PersonAttended,
-    PhotoTaken,
-    SessionEnded,
-    SessionStarted,
-    UtteranceChanged,
-)
+from caris_desktop.domain.events import Event, PersonAttended, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import CameraLens, DepthGrid, FrameRef, HeadState, LaserScan, Odometry, RobotPose
-from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker
@@ -28,8 +20,8 @@ from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.decisions import PeopleIntent
-from caris_desktop.people.presence import PortraitsOf, Presence, RecognitionSettings
-from caris_desktop.perception.inference import InferenceSettings
+from caris_desktop.people.presence import HistoryEvent, PortraitsOf, Presence, RecognitionSettings
+from caris_desktop.perception.inference_settings import InferenceSettings
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import BlurWho, Scenario
 
@@ -60,9 +52,12 @@ class PeopleService(Service):
         parts: PeopleParts,
         *,
         rings: RingsToRead,
+        who_speaks: Callable[[UtteranceChanged], str],
         parent: QObject,
     ) -> None:
+        """``who_speaks`` gives the id of the participant who said something, empty where that is not sure."""
         super().__init__(parent)
+        self._who_speaks = who_speaks
         self._state = state
         self._bus = bus
         self._parts = parts
@@ -86,7 +81,7 @@ class PeopleService(Service):
         }
 
     def follows(self) -> Follows:
-        return dict.fromkeys((UtteranceChanged, PhotoTaken, SessionStarted, SessionEnded), self._note)
+        return dict.fromkeys(get_args(HistoryEvent), self._note)
 
     def use_scenario(self, scenario: Scenario) -> None:
         names = scenario.permissions.naming_people
@@ -190,11 +185,11 @@ class PeopleService(Service):
         self._state.selected_person.set(asked.person_id)
         self._bus.publish(PersonAttended(clock.now_ns(), asked.person_id, asked.actor))
 
-    def _note(self, event: UtteranceChanged | PhotoTaken | SessionStarted | SessionEnded) -> None:
+    def _note(self, event: HistoryEvent) -> None:
         if self._worker is None:
             return
         if isinstance(event, UtteranceChanged) and event.speaker == "participant" and not event.person_id:
-            event = replace(event, person_id=addressee(self._state))
+            event = replace(event, person_id=self._who_speaks(event))
         self._worker.note(event)
 
     def _on_cameras_changed(self, _value: object) -> None:

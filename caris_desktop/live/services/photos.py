@@ -1,7 +1,7 @@
 """The photos at hand: those of this session and those that were taken without one. Tagged, deleted, asked about."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant import AssistantService
 from caris_desktop.live.services.recording import RecordingService
+from caris_desktop.live.shown_frames import ShownFrames
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
@@ -27,6 +28,7 @@ from caris_desktop.recording.photo_file import (
     THUMBNAIL_PX,
     PhotoFileError,
     change_texts,
+    jpegs_of,
     move_photo,
     previews,
     remove_all,
@@ -72,6 +74,7 @@ class PhotosService(Service):
         recording: RecordingService,
         assistant: AssistantService,
         *,
+        frames: ShownFrames,
         study: Path,
         parent: QObject,
     ) -> None:
@@ -81,6 +84,8 @@ class PhotosService(Service):
         self._slow_work = slow_work
         self._recording = recording
         self._assistant = assistant
+        assistant.use_pictures(self._read_for_model)
+        self._frames = frames
         self._study = study
         self._aside = study / _FOLDER / _ASIDE
         self._kept: dict[str, _Kept] = {}
@@ -131,7 +136,7 @@ class PhotosService(Service):
             found = sorted((self._study / _FOLDER).glob("*.png"), key=lambda path: path.stat().st_mtime, reverse=True)
             return [f"{_FOLDER}/{path.name}" for path in found[:_LISTED_AT_MOST]]
 
-        self._slow_work.do(names, self._read_next, self._tell)
+        self._slow_work.do(names, self._read_next, self._bus.answer)
 
     def _read_next(self, names: list[str]) -> None:
         names = [name for name in names if name not in self._kept]
@@ -143,7 +148,7 @@ class PhotosService(Service):
                 self._keep(_Kept(entry, self._study, of_session=False))
             self._read_next(names[1:])
 
-        self._slow_work.do(lambda: _earlier(self._study, names[0]), done, self._tell)
+        self._slow_work.do(lambda: _earlier(self._study, names[0]), done, self._bus.answer)
 
     def _on_taken(self, event: PhotoTaken) -> None:
         folder, of_session = (self._study, False) if self._session is None else (self._session, True)
@@ -155,7 +160,7 @@ class PhotosService(Service):
                 return  # of a session that has ended meanwhile
             self._keep(_Kept(shown, folder, of_session))
 
-        self._slow_work.do(lambda: _with_pictures(entry, folder), done, self._tell)
+        self._slow_work.do(lambda: _with_pictures(entry, folder), done, self._bus.answer)
 
     def _on_session_started(self, _event: SessionStarted) -> None:
         """The pictures of one participant are not shown beside the next one's."""
@@ -175,7 +180,7 @@ class PhotosService(Service):
         self._show()
         if gone:
             lie_aside = [self._lies_aside(kept) for kept in gone]
-            self._slow_work.do(lambda: remove_photos(lie_aside), lambda _: None, self._tell)
+            self._slow_work.do(lambda: remove_photos(lie_aside), lambda _: None, self._bus.answer)
 
     def _keep(self, kept: _Kept) -> None:
         self._kept[kept.entry.file_name] = kept
@@ -245,15 +250,30 @@ class PhotosService(Service):
                 "This scenario takes no photos.", "The assistant was not asked.", "Nothing to do.", severity="warning"
             )
         kept = self._found(asked.file_name)
-        self._assistant.check_picture()
+        question = asked.question.strip() or "What is in this picture?"
+        self._assistant.ask(intents.Ask(question, pictures=(kept.entry.file_name,), actor=asked.actor))
 
-        def done(jpeg: bytes) -> None:
-            try:
-                self._assistant.ask_about_photo(asked.question, asked.file_name, jpeg, asked.actor)
-            except ToldFailure as failure:
-                self._tell(failure)
+    def _read_for_model(
+        self, names: Sequence[str], done: Callable[[list[bytes]], None], failed: Callable[[ToldFailure], None]
+    ) -> None:
+        """Pictures that go with a question, as ``ReadPictures`` says."""
+        readers = [self._reader_for_model(name) for name in names]
+        self._slow_work.do(lambda: [read() for read in readers], done, failed)
 
-        self._slow_work.do(lambda: _pictures(kept.path, _FOR_MODEL_PX)[0], done, self._tell)
+    def _reader_for_model(self, name: str) -> Callable[[], bytes]:
+        if not name.startswith(intents.CAMERA_PICTURE):
+            path = self._found(name).path
+            return lambda: _pictures(path, _FOR_MODEL_PX)[0]
+        stream = self._state.frame_of(name.removeprefix(intents.CAMERA_PICTURE))
+        image_bgr = None
+        if stream.freshness == "fresh":
+            image_bgr = self._frames.read_to_give(stream.value)
+        if image_bgr is None:
+            raise ToldFailure(
+                "That camera shows no picture now.", "The assistant was not asked.", "Ask without the picture.",
+                severity="warning",
+            )  # fmt: skip
+        return lambda: jpegs_of(image_bgr, _FOR_MODEL_PX)[0]
 
     def _found(self, file_name: str) -> _Kept:
         kept = self._kept.get(file_name)
@@ -285,14 +305,11 @@ class PhotosService(Service):
                     what, f"Its file cannot be changed ({error}).", "Look at the study's folder."
                 ) from error
 
-        self._slow_work.do(change, done, self._tell)
+        self._slow_work.do(change, done, self._bus.answer)
 
     def _lies_aside(self, kept: _Kept) -> Path:
         owner = kept.folder.name if kept.of_session else "study"
         return self._aside / f"{owner} {Path(kept.entry.file_name).name}"
-
-    def _tell(self, failure: ToldFailure) -> None:
-        self._bus.problem(failure.severity, failure.what, failure.meaning, failure.advice)
 
 
 def _with_pictures(entry: PhotoEntry, folder: Path) -> PhotoEntry:

@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import Event, LinkChanged, Problem
+from caris_desktop.domain.events import ANSWER, Event, LinkChanged, Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
 from caris_desktop.live.addressee import addressee
@@ -241,6 +241,7 @@ class RecordingService(Service):
                 "There is no picture from the camera.",
                 "Take it when the picture is back.",
                 until="picture",
+                cause=ANSWER,
             )
             return
         state = self._state

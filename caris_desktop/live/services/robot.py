@@ -17,7 +17,9 @@ from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
 from caris_desktop.domain.commands import (
     CancelGoal,
     GoTo,
+    ListenToRobot,
     OfferControls,
+    PlayOnRobot,
     RequestMap,
     RobotCommand,
     SetEmergencyStop,
@@ -26,6 +28,7 @@ from caris_desktop.domain.commands import (
 )
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import (
+    ANSWER,
     ControlUsed,
     Event,
     GoalChanged,
@@ -251,6 +254,11 @@ class RobotService(Service):
         control = self._links.get("control")
         return control is not None and control.send(command)
 
+    def send_sound(self, command: ListenToRobot | PlayOnRobot) -> bool:
+        """To the media link, now or not at all."""
+        media = self._links.get("media")
+        return media is not None and media.send(command)
+
     def on_child_ended(self, child: ChildProcess) -> None:
         """A link ended by itself: it is made again, and the other one goes on."""
         name = child.body.name
@@ -322,7 +330,7 @@ class RobotService(Service):
             self._state.forget_camera(camera.name)
 
     def _tell_failure(self, failure: ToldFailure) -> None:
-        self._problem(failure.severity, failure.what, failure.meaning, failure.advice)
+        self._problem(failure.severity, failure.what, failure.meaning, failure.advice, cause=ANSWER)
 
     # What the robot tells
 
@@ -397,16 +405,18 @@ class RobotService(Service):
                 "Nobody has said whether this robot stops by itself when its connection breaks.",
                 "So it is driven at half speed. If the connection breaks while it moves, it may go on moving.",
                 "Keep its own emergency stop at hand. If it does stop, say so in its profile (timeout_s).",
+                cause="robot_timeout",
             )
 
     def _on_map_request_changed(self, event: MapRequestChanged) -> None:
         busy = event.operation if event.state == "requested" else ""
         self._state.mapping.set(replace(self._state.mapping.value, busy=busy))
         if event.state == "failed":
-            self._problem("warning", _MAP_WORDS[event.operation], f"{event.detail}.", "The robot's map is as it was.")
+            what = _MAP_WORDS[event.operation]
+            self._problem("warning", what, f"{event.detail}.", "The robot's map is as it was.", cause=ANSWER)
         elif event.state == "succeeded" and event.operation in ("save", "load"):
             done = "saved" if event.operation == "save" else "loaded"
-            self._problem("info", f"The map {event.name} was {done}.", event.detail, "")
+            self._problem("info", f"The map {event.name} was {done}.", event.detail, "", cause=ANSWER)
 
     def _forget_robot(self) -> None:
         self._state.clear_robot_streams()
@@ -428,6 +438,7 @@ class RobotService(Service):
                 f"The robot cannot go to {name}.",
                 "It stays where it is.",
                 "This scenario has no such place.",
+                cause=ANSWER,
             )
         else:
             self._go(place.pose_in_map, place.name, actor)
@@ -442,7 +453,8 @@ class RobotService(Service):
         where = place or "that point"
         status = self._state.drive.value
         if not status.allowed:
-            self._problem("warning", f"The robot cannot go to {where}.", "It stays where it is.", f"{status.reason}.")
+            what = f"The robot cannot go to {where}."
+            self._problem("warning", what, "It stays where it is.", f"{status.reason}.", cause=ANSWER)
             return
         self._before_goal()
         now_ns = clock.now_ns()
@@ -453,6 +465,7 @@ class RobotService(Service):
                 "It stays where it is.",
                 "Check the link.",
                 until="connected",
+                cause=ANSWER,
             )
 
     # Map
@@ -497,8 +510,9 @@ class RobotService(Service):
     def _send_or_tell(self, command: RobotCommand, what: str) -> None:
         if self._state.link.value.state != "connected" or not self.send(command):
             self._problem(
-                "warning", what, "It is not connected.", "Try again when the link is back.", until="connected"
-            )
+                "warning", what, "It is not connected.", "Try again when the link is back.",
+                until="connected", cause=ANSWER,
+            )  # fmt: skip
 
     def _chosen(self, connection: RobotConnection) -> RobotChosen:
         profile = self._profile(connection)

@@ -1,5 +1,6 @@
 """The scenario in force: opening another one, its places, and how the panels are arranged."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,25 +8,33 @@ from pathlib import Path
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.actor import WIZARD, Actor
-from caris_desktop.domain.events import Event, LayoutChanged, PlacesChanged, ScenarioOpened
+from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
+from caris_desktop.domain.events import ANSWER, Event, LayoutChanged, PlacesChanged, ScenarioOpened
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
+from caris_desktop.live.scenario_watch import ScenarioWatch
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import SavedScenario
 from caris_desktop.scenario.model import Place, Scenario
 
 
 @dataclass(frozen=True, slots=True)
 class ScenarioParts:
-    """``load`` and ``save_places`` raise ToldFailure; ``text`` is what is recorded of a scenario. All of them wait on
-    files, and are called in a thread of their own.
+    """``load`` and whatever saves raise ToldFailure; ``text`` is what is recorded of a scenario. ``save_text`` is given
+    the text, its file, the file it was edited from and the checksum of what it may replace, and gives what the file
+    says then. ``share`` writes one file for others, ``unpack`` gives where what came so lies now, and what of it had to
+    get another name. All of them wait on files, and are called in a thread of their own.
     """
 
     load: Callable[[Path], Scenario]
     save_places: Callable[[Scenario], Scenario]
     text: Callable[[Scenario], str]
+    save_text: Callable[[str, Path, Path | None, str], str]
+    share: Callable[[Scenario, Path], None] = lambda _scenario, _path: None
+    unpack: Callable[[Path], tuple[Path, str]] = lambda path: (path, "")
 
 
 Places = tuple[Place, ...]
@@ -34,7 +43,8 @@ Filed = tuple[Scenario, str]
 
 
 class ScenarioService(Service):
-    """Keeps ``state.scenario`` and ``state.places``. ``apply`` lets every service follow another scenario.
+    """Keeps ``state.scenario`` and ``state.places``. ``apply`` lets every service follow another scenario. A scenario
+    whose file somebody else changes is opened anew.
 
     Files are read and written one after the other in the order of the requests, so that the last one counts.
     """
@@ -65,10 +75,15 @@ class ScenarioService(Service):
         # ``current`` as it is once all that was asked for is done: only for the thread that does it.
         self._filed = scenario
         state.scenario.set(scenario)
+        self._watch = ScenarioWatch(slow_work, self._on_changed_outside, self)
+        self._watch.use(scenario.path, scenario.sha256)
 
     def handlers(self) -> Handlers:
         return {
             intents.OpenScenario: self._open,
+            intents.SaveScenario: self._save,
+            intents.ImportScenario: self._import,
+            intents.ShareScenario: self._share,
             intents.SavePlace: self._save_place,
             intents.RemovePlace: self._remove_place,
             intents.KeepLayout: self._keep_layout,
@@ -97,13 +112,86 @@ class ScenarioService(Service):
             written(path)
             self._use(filed, WIZARD)
 
-        self._slow_work.do(work, done, self._tell)
+        self._slow_work.do(work, done, self._bus.answer)
+
+    def start(self) -> None:
+        self._watch.start()
 
     def stop(self) -> None:
         self._closed = True
+        self._watch.stop()
+
+    def _on_changed_outside(self, path: Path) -> None:
+        """Somebody wrote the file that is open: what it says holds, unless it says something that it may not."""
+
+        def work() -> Filed:
+            try:
+                return self._load(path)
+            except ToldFailure as failure:
+                raise ToldFailure(
+                    tr("The scenario file was changed, and what it says now cannot be used."),
+                    failure.meaning,
+                    tr("What was in force stays so. Correct the file: it is read again by itself."),
+                    severity="warning",
+                ) from failure
+
+        self._slow_work.do(work, lambda filed: self._use(filed, CONSOLE), self._bus.answer)
 
     def _open(self, asked: intents.OpenScenario) -> None:
-        self._slow_work.do(lambda: self._load(asked.path), lambda filed: self._use(filed, asked.actor), self._tell)
+        self._slow_work.do(
+            lambda: self._load(asked.path), lambda filed: self._use(filed, asked.actor), self._bus.answer
+        )
+
+    def _save(self, asked: intents.SaveScenario) -> None:
+        def work() -> tuple[SavedScenario, Filed | None]:
+            text = self._parts.save_text(asked.text, asked.path, asked.edited, asked.replaces)
+            concerned = [path.resolve() for path in (asked.path, asked.edited) if path is not None]
+            open_now = self._filed.path is not None and self._filed.path.resolve() in concerned
+            sha256 = hashlib.sha256(text.encode("utf-8")).hexdigest()
+            return SavedScenario(asked.path, text, sha256), self._load(asked.path) if open_now else None
+
+        def done(outcome: tuple[SavedScenario, Filed | None]) -> None:
+            saved, filed = outcome
+            self._state.saved_scenario.set_anew(saved)
+            if filed is not None:
+                self._use(filed, asked.actor)
+
+        def failed(failure: ToldFailure) -> None:
+            self._state.saved_scenario.set_anew(SavedScenario(asked.path, problem=failure.meaning))
+            self._bus.answer(failure)
+
+        self._slow_work.do(work, done, failed)
+
+    def _import(self, asked: intents.ImportScenario) -> None:
+        def work() -> tuple[str, Filed]:
+            path, renamed = self._parts.unpack(asked.path)
+            return renamed, self._load(path)
+
+        def done(outcome: tuple[str, Filed]) -> None:
+            renamed, filed = outcome
+            self._use(filed, asked.actor)
+            if renamed:
+                self._bus.problem(
+                    "info",
+                    tr("Something else had these names already: {names}.").format(names=renamed),
+                    tr("What was there stays as it is, and the imported scenario uses its own."),
+                    tr("Compare them when you have time."),
+                    cause=ANSWER,
+                )
+
+        self._slow_work.do(work, done, self._bus.answer)
+
+    def _share(self, asked: intents.ShareScenario) -> None:
+        def done(_written: None) -> None:
+            self._bus.problem(
+                "info",
+                tr("The scenario was written to {file}.").format(file=asked.path.name),
+                tr("Its phrases, places, prompts and notes are in it, and the robot's profile without any secrets."),
+                tr("Whoever gets it opens it with “Import a scenario”."),
+                cause=ANSWER,
+            )
+
+        self._slow_work.do(lambda: self._parts.share(self._filed, asked.path), done, self._bus.answer)
 
     def _load(self, path: Path) -> Filed:  # the thread of slow work
         self._filed = self._parts.load(path)
@@ -111,6 +199,7 @@ class ScenarioService(Service):
 
     def _use(self, filed: Filed, actor: Actor) -> None:
         self.current, self._text = filed
+        self._watch.use(self.current.path, self.current.sha256)
         self._opened_by = actor
         if self._closed:
             return
@@ -154,16 +243,14 @@ class ScenarioService(Service):
             if filed is None:
                 return
             self.current, self._text = filed
+            self._watch.use(self.current.path, self.current.sha256)
             self._opened_by = event.actor
             self._state.places.set(self.current.places)
             self._bus.publish(event)
             self._bus.publish(self._opened())
             self._state.scenario.set(self.current)
 
-        self._slow_work.do(work, done, self._tell)
-
-    def _tell(self, failure: ToldFailure) -> None:
-        self._bus.problem(failure.severity, failure.what, failure.meaning, failure.advice)
+        self._slow_work.do(work, done, self._bus.answer)
 
     def _keep_layout(self, asked: intents.KeepLayout) -> None:
         self._layout = LayoutChanged(clock.now_ns(), asked.layout, asked.actor)

@@ -12,11 +12,15 @@ from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant import AssistantService
+from caris_desktop.live.services.going_on import GoingOnService
 from caris_desktop.live.services.marks import MarksService
 from caris_desktop.live.services.microphone import MicrophoneService
+from caris_desktop.live.services.preflight import PreflightService
+from caris_desktop.live.services.protocol import ProtocolService
 from caris_desktop.live.services.recording import RecordingService
 from caris_desktop.live.services.robot import RobotConnection, RobotService
 from caris_desktop.live.services.scenario import ScenarioService
+from caris_desktop.live.services.suggestions import SuggestionsService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus, RecordingStatus
 from caris_desktop.recording.recorder.messages import SessionHeader
@@ -34,6 +38,10 @@ class SessionParts:
     photo_file: Callable[[], Path]
     study: Path
 
+    def disk(self, scenario: Scenario) -> tuple[int | None, float | None]:
+        """What is free, and what an hour of recording takes. Waits on files."""
+        return self.free_bytes(), self.expected_bytes_per_hour(scenario)
+
 
 @dataclass(frozen=True, slots=True)
 class Concerned:
@@ -42,9 +50,13 @@ class Concerned:
     recording: RecordingService
     microphone: MicrophoneService
     marks: MarksService
+    protocol: ProtocolService
     assistant: AssistantService
+    suggestions: SuggestionsService
     robot: RobotService
     scenario: ScenarioService
+    going_on: GoingOnService
+    preflight: PreflightService
 
 
 class SessionService(Service):
@@ -81,7 +93,10 @@ class SessionService(Service):
         # What was said with one participant is neither told to the model about the next nor in the next one's record.
         concerned.marks.forget()
         concerned.assistant.forget(conversation=True)
-        if not concerned.recording.announce_session(self._standing(resumed=False)):
+        concerned.suggestions.forget()
+        concerned.protocol.begin_session(asked.actor, step_id=concerned.going_on.step)
+        checked = concerned.preflight.standing(accepted=asked.anyway)
+        if not concerned.recording.announce_session([*self._standing(resumed=False), *checked]):
             return
         if concerned.scenario.current.permissions.audio_recording:
             # Nothing that is said at the beginning shall be missing; opening it takes a second or two.
@@ -105,7 +120,9 @@ class SessionService(Service):
         standing: list[Event] = [
             LinkChanged(now_ns, "control", link.state, link.address, link.detail),
             *self._with.scenario.standing(now_ns),
+            *self._with.protocol.standing(now_ns, resumed=resumed),
             *self._with.robot.standing(),
+            *self._with.going_on.standing(now_ns),
         ]
         if state.drive.value.emergency_stop:
             latched = self._latched or EmergencyStopChanged(now_ns, True, "wizard")
@@ -125,25 +142,31 @@ class SessionService(Service):
         if not concerned.recording.idle:
             # An answer that nobody used is so until the end, and the next participant shall not see it.
             concerned.assistant.forget()
+            concerned.suggestions.forget()
         concerned.microphone.close()
         concerned.recording.stop_session(reason, actor)
+        concerned.protocol.end_session()
 
     def _pause(self, asked: intents.PauseRecording) -> None:
         concerned = self._with
         # What was asked before belongs to what is recorded, what is asked meanwhile does not.
         concerned.assistant.forget()
+        concerned.suggestions.forget()
         if asked.paused:
             concerned.marks.end_all(asked.actor)
             concerned.microphone.close()
         elif concerned.scenario.current.permissions.audio_recording:
             concerned.microphone.open()
         concerned.recording.pause_session(self._standing(resumed=True), asked)
+        concerned.protocol.pause(asked.paused)
 
     def _on_emergency_stop(self, event: EmergencyStopChanged) -> None:
         self._latched = event if event.latched else None
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
-        if status.state in ("idle", "failed") and self._state.microphone.value.state != "off":
+        if status.state in ("idle", "failed"):
+            self._with.protocol.end_session()
+        if status.state in ("idle", "failed") and self._with.microphone.records:
             # It ended by itself, as on a full disk.
             self._with.microphone.close()
             self._with.marks.forget()

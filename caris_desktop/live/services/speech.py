@@ -5,19 +5,31 @@ from typing import Any
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.conversation.speech_messages import SilenceSpeech, Speak, SpeechFailed, SpeechReady
+from caris_desktop.conversation.speech_messages import (
+    Prepare,
+    SilenceSpeech,
+    Speak,
+    SpeechFailed,
+    SpeechReady,
+    SpeechSettings,
+    UseVoice,
+    VoicesFound,
+)
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.commands import Say, Silence
-from caris_desktop.domain.events import LinkChanged, Problem, UtteranceChanged
+from caris_desktop.domain.events import LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
 from caris_desktop.domain.ports import RobotPort
+from caris_desktop.live.both_voices import BothVoices
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
 from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue, Voice, VoiceKind
 from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import VoiceStatus
 from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.phrases import sentences
 
 
 class RobotVoice:
@@ -31,15 +43,17 @@ class RobotVoice:
     def held_up(self) -> bool:
         return bool(self._state.link.value.state == "trouble")
 
-    def say(self, utterance: UtteranceChanged) -> bool:
+    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
         return self._state.link.value.state == "connected" and self._robot.send(
             Say(
                 utterance.stamp_ns,
                 utterance.utterance_id,
-                utterance.text,
+                spoken,
                 utterance.actor,
                 utterance.origin,
                 utterance.person_id,
+                recorded=utterance.text,
+                language=self._state.voice.value.language,
             )
         )
 
@@ -60,34 +74,72 @@ class SpeechService(Service):
         self._body = body
         self._child: ChildProcess | None = None
         self._restarts = Restarts()
-        self._voice = ""
+        self._settings = SpeechSettings()
         self._held_problem: Problem | None = None
+        self._phrases: tuple[str, ...] = ()
+        self._suggested: dict[str, str] = {}
+        self._prepared: tuple[str, ...] = ()
         voices: dict[VoiceKind, Voice] = {"robot": RobotVoice(state, robot), "computer": _Computer(self)}
+        self._permitted = True
+        self._started = self._stopped = False
+        self._both = voices["both"] = BothVoices(dict(voices), self._report_both)
         self.queue = SpeechQueue(state, voices, bus.publish, self)
+        state.speech.changed.connect(self._on_speech_changed)
 
     def handlers(self) -> Handlers:
-        return {
-            intents.Say: self._say,
-            intents.Silence: lambda asked: self.queue.silence(asked.actor),
-        }
+        return {intents.SetVoice: self._set_voice}
 
     def follows(self) -> Follows:
-        return {LinkChanged: self._on_link_changed, UtteranceChanged: self.queue.on_utterance}
+        return {
+            LinkChanged: self._on_link_changed,
+            UtteranceChanged: self.queue.on_utterance,
+            SuggestionChanged: self._on_suggestion,
+        }
 
     def processes(self) -> dict[str, ChildProcess]:
         return {} if self._child is None else {self._body.name: self._child}
 
     def use_scenario(self, scenario: Scenario) -> None:
-        self._voice = scenario.voice
-        self.queue.use_voice(scenario.voice)
-        if self._voice == "computer" and self._held_problem is not None:
-            self._bus.publish(replace(self._held_problem, stamp_ns=clock.now_ns()))
-            self._held_problem = None
+        self._phrases = (*scenario.every_filler, *sentences(scenario.phrases))
+        self._permitted = scenario.permissions.speech
+        if not self._permitted:
+            self._fall_silent()
+        told = scenario.speech
+        folder = "" if scenario.path is None else str(scenario.path.parent)
+        self._use(
+            scenario.voice,
+            SpeechSettings(told.name, told.language, told.rate, told.volume, told.device, folder),
+        )
+        self._begin()
 
     def start(self) -> None:
+        self._started = True
+        self._begin()
+
+    def _begin(self) -> None:
+        if not self._permitted or self._child is not None or not self._started or self._stopped:
+            return
         self._child = self._children.start(self._body, ended=self._on_ended, heard=self.on_heard, reads=self._read_own)
+        self._child.send(UseVoice(self._settings))
+        self._prepared = ()
+        self._prepare()
+
+    def _fall_silent(self) -> None:
+        """In this scenario the robot does not speak: what it was about to say is dropped, and this computer's voice
+        ends.
+        """
+        speech = self._state.speech.value
+        if speech.now is not None or speech.waiting:
+            self.queue.silence(CONSOLE)
+        child, self._child = self._child, None
+        if child is None:
+            return
+        self._children.dismiss(child, grace_s=1.5)
+        self._state.speech.set(replace(self._state.speech.value, ready=False, detail=""))
+        self._on_voice_lost("computer", "the scenario was changed")
 
     def stop(self) -> None:
+        self._stopped = True
         if self._child is not None:
             self._child.ask_to_end()
 
@@ -95,7 +147,7 @@ class SpeechService(Service):
         if self._child is not None:
             self._child.stop(grace_s=1.5)
 
-    def send(self, message: Speak | SilenceSpeech) -> bool:
+    def send(self, message: Speak | SilenceSpeech | UseVoice | Prepare) -> bool:
         """To the computer's voice, now or not at all."""
         return self._child is not None and self._child.send(message)
 
@@ -105,19 +157,70 @@ class SpeechService(Service):
             case SpeechReady():
                 detail = "" if message.audible else "no sound device: nobody hears it"
                 self._state.speech.set(replace(self._state.speech.value, ready=True, detail=detail))
+                self._state.voice.set(replace(self._state.voice.value, used=message.voice))
+            case VoicesFound(voices):
+                self._state.voice.set(replace(self._state.voice.value, choices=voices))
             case SpeechFailed(problem):
                 self._tell(problem)
-                self.queue.on_voice_lost("computer", problem.what)
+                self._on_voice_lost("computer", problem.what)
             case Problem():
                 self._tell(message)
 
-    def _say(self, asked: intents.Say) -> None:
-        self.queue.say(asked.text, asked.origin, asked.actor, person_id=asked.person_id)
+    def _set_voice(self, asked: intents.SetVoice) -> None:
+        settings = replace(
+            self._settings, voice=asked.name, language=asked.language, rate=asked.rate, volume=asked.volume
+        )
+        self._use(asked.output, settings, asked.actor)
+        self._bus.publish(
+            VoiceChanged(
+                clock.now_ns(), asked.output, asked.name, asked.language, asked.rate, asked.volume, asked.actor
+            )
+        )
+
+    def _use(self, output: VoiceKind, settings: SpeechSettings, actor: Actor = CONSOLE) -> None:
+        before, self._settings = self._settings, replace(settings, at_hand=output != "robot")
+        used = self._state.voice.value.used
+        if not self._settings.tunes(before):
+            used = ""
+            self._state.speech.set(replace(self._state.speech.value, ready=False, detail=""))
+        self.send(UseVoice(self._settings, actor))
+        self.queue.use_voice(output)
+        self._state.voice.set(
+            VoiceStatus(
+                output, settings.voice, settings.language, settings.rate, settings.volume,
+                used, self._state.voice.value.choices,
+            )
+        )  # fmt: skip
+        self._prepare()
+        if self._settings.at_hand and self._held_problem is not None:
+            self._bus.publish(replace(self._held_problem, stamp_ns=clock.now_ns()))
+            self._held_problem = None
+
+    def _on_suggestion(self, event: SuggestionChanged) -> None:
+        if event.state == "displayed":
+            self._suggested[event.suggestion_id] = event.text
+        else:
+            self._suggested.pop(event.suggestion_id, None)
+        self._prepare()
+
+    def _on_speech_changed(self, _: object) -> None:
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """What may be said next, the likeliest first. A text with a name in it is only known when it is said."""
+        waiting = (utterance.text for utterance in self._state.speech.value.waiting)
+        texts = tuple(text for text in (*waiting, *self._suggested.values(), *self._phrases) if "{" not in text)
+        if self._settings.at_hand and texts != self._prepared and self.send(Prepare(texts)):
+            self._prepared = texts
+
+    def _report_both(self, told: UtteranceChanged) -> None:  # any thread
+        self.queue.report(told)
 
     def read(self, value: Any, raw: bytes) -> None:  # reader thread
         """What a process with a voice sends. What became of an utterance is on record whatever the GUI thread does."""
-        if isinstance(value, UtteranceChanged):
-            self.queue.report(value, raw)
+        if isinstance(value, UtteranceChanged) and value.origin != "heard":
+            if not self._both.told(value):
+                self.queue.report(value, raw)
         else:
             self._children.pass_on(self.on_heard, value, raw)
 
@@ -129,7 +232,7 @@ class SpeechService(Service):
 
     def _tell(self, problem: Problem) -> None:
         """What is wrong with this computer's voice matters once a scenario speaks with it."""
-        if self._voice == "computer":
+        if self._settings.at_hand:
             self._bus.publish(problem)
         else:
             self._held_problem = problem
@@ -139,7 +242,7 @@ class SpeechService(Service):
             return
         if event.state in ("connecting", "closed"):
             # Of what was asked of another link process nobody tells; a lost link's own process still does.
-            self.queue.on_voice_lost("robot", "the link was lost")
+            self._on_voice_lost("robot", "the link was lost")
         self.queue.on_voice_changed()
 
     def _on_ended(self, child: ChildProcess) -> None:
@@ -159,8 +262,14 @@ class SpeechService(Service):
             )
         )
         if again:
-            self.start()
-        self.queue.on_voice_lost("computer", "speech stopped unexpectedly")
+            self._begin()
+        self._on_voice_lost("computer", "speech stopped unexpectedly")
+
+    def _on_voice_lost(self, kind: VoiceKind, detail: str) -> None:
+        now = self._state.speech.value.now
+        if now is not None:
+            self._both.lost(kind, replace(now, stamp_ns=clock.now_ns()), detail)
+        self.queue.on_voice_lost(kind, detail)
 
 
 class _Computer:
@@ -171,9 +280,16 @@ class _Computer:
     def __init__(self, service: SpeechService) -> None:
         self._service = service
 
-    def say(self, utterance: UtteranceChanged) -> bool:
+    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
         return self._service.send(
-            Speak(utterance.utterance_id, utterance.text, utterance.origin, utterance.actor, utterance.person_id)
+            Speak(
+                utterance.utterance_id,
+                spoken,
+                utterance.origin,
+                utterance.actor,
+                utterance.person_id,
+                recorded=utterance.text,
+            )
         )
 
     def silence(self, actor: Actor) -> bool:

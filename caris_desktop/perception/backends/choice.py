@@ -24,8 +24,9 @@ from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.perception.backends import openvino
 from caris_desktop.perception.backends.network import NetworkDetector
-from caris_desktop.perception.backends.opening import Device, open_detector
+from caris_desktop.perception.backends.opening import open_detector
 from caris_desktop.perception.detector import Detections, Detector
+from caris_desktop.perception.inference_settings import Device
 from caris_desktop.perception.weights import Weights, WeightsError
 
 log = logging.getLogger(__name__)

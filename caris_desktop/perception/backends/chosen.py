@@ -1,26 +1,12 @@
 """Opens the detector that a scenario or the user chose, or the usual one: here, or on another machine."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from caris_desktop.perception.backends.choice import open_fastest
-from caris_desktop.perception.backends.opening import Device
 from caris_desktop.perception.detector import Detector, person_classes
-from caris_desktop.perception.weights import ModelChoice, WeightsError, find_weights
-
-
-@dataclass(frozen=True, slots=True)
-class DetectorSettings:
-    """What a scenario says of the detector; picklable.
-
-    ``things`` are the classes beside people that are told of. ``server`` is the address of another machine that looks
-    in this one's place, empty for none.
-    """
-
-    model: ModelChoice = field(default_factory=ModelChoice)
-    device: Device = "auto"
-    things: tuple[str, ...] = ()
-    server: str = ""
+from caris_desktop.perception.inference_settings import DetectorSettings
+from caris_desktop.perception.weights import WeightsError, find_weights
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.onnx_graph import with_metadata
 from caris_desktop.perception.backends.library import load_model
 from caris_desktop.perception.backends.network import UNDECODED
-from caris_desktop.perception.backends.onnx_graph import with_metadata
 from caris_desktop.perception.backends.outputs import BINS, STRIDES_PX
 from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
 from caris_desktop.perception.weights import Weights

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.onnx_graph import cut_graph, describe
 from caris_desktop.perception.backends.network import ModelFacts, UnknownFormError, facts_of
-from caris_desktop.perception.backends.onnx_graph import cut_graph, describe
 from caris_desktop.perception.backends.outputs import BINS
 
 log = logging.getLogger(__name__)

@@ -1,16 +1,14 @@
 """Opens detectors: each file by the thinnest runner that understands it."""
 
 import logging
-from typing import Literal
 
 from caris_desktop.perception.backends.network import Network, NetworkDetector, UnknownFormError
 from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
 from caris_desktop.perception.detector import Detector
+from caris_desktop.perception.inference_settings import Device
 from caris_desktop.perception.weights import Weights, WeightsError
 
 log = logging.getLogger(__name__)
-
-Device = Literal["auto", "cpu", "cuda", "mps"]
 
 
 def open_detector(weights: Weights, *, confidence: float, threads: int, device: Device = "auto") -> Detector:

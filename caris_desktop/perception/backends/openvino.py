@@ -13,9 +13,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from caris_desktop.domain.onnx_graph import describe
 from caris_desktop.perception.backends.network import ModelFacts, UnknownFormError, facts_of
 from caris_desktop.perception.backends.onnx import without_decoding
-from caris_desktop.perception.backends.onnx_graph import describe
 from caris_desktop.perception.backends.outputs import BINS
 
 log = logging.getLogger(__name__)

@@ -14,8 +14,15 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.pictures import PictureError, fitted
 from caris_desktop.domain.ports import FrameWriter
-from caris_desktop.domain.sensing import CameraState, DepthGrid
-from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture
+from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid
+from caris_desktop.domain.sound import ROBOT_MICROPHONE
+from caris_desktop.perception.cameras.camera_source import (
+    SOUND_RATE_HZ,
+    CameraError,
+    CameraSource,
+    CameraWithMicrophone,
+    Picture,
+)
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 from caris_desktop.perception.cameras.open_camera import open_camera
 
@@ -32,6 +39,13 @@ _DEPTH_COLUMNS = 80
 
 
 @dataclass(frozen=True, slots=True)
+class HearCamera:
+    """Sent to the process: send on what the camera's microphone hears, or no longer."""
+
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
 class PlayVideo:
     """Sent to the process: begin to play a recorded video, since whoever shall see it from its start is ready."""
 
@@ -45,6 +59,7 @@ def run_camera(
 ) -> None:
     """Process body: writes the camera's pictures to ``frames`` and sends a ``FrameRef`` for each.
 
+    While ``HearCamera`` says so, it sends an ``AudioChunk`` for what is heard beside it, where there is such a thing.
     Also sends a ``CameraState`` whenever it is connected, lost or ended, and a ``Problem`` once per outage, and once
     for pictures that cannot be shown. A camera that is lost is retried for ever. Returns when the connection ends, and
     after the end of a recorded video.
@@ -69,6 +84,7 @@ class _Running:
         self._frames = frames
         self._open = open_one
         self._refusals_told: set[str] = set()
+        self._hears = False
 
     def serve(self) -> None:
         """Until a recorded video ends. Raises EOFError when the connection does."""
@@ -79,6 +95,8 @@ class _Running:
             camera: CameraSource | None = None
             try:
                 camera = self._open(self._chosen)
+                if isinstance(camera, CameraWithMicrophone):
+                    camera.on_sound = self._send_sound
                 first = self._read(camera)
                 log.info("camera %s: %dx%d at %s fps", name, camera.width_px, camera.height_px, camera.fps)
                 self._connection.send(
@@ -154,7 +172,13 @@ class _Running:
     def _wait(self, seconds: float) -> None:
         """Until the time is over or ``PlayVideo`` came. Raises EOFError when the connection ends."""
         if self._connection.poll(seconds):
-            self._connection.recv()
+            asked = self._connection.recv()
+            if isinstance(asked, HearCamera):
+                self._hears = asked.on
+
+    def _send_sound(self, stamp_ns: int, samples: NDArray[np.int16]) -> None:
+        if self._hears:
+            self._connection.send(AudioChunk(stamp_ns, ROBOT_MICROPHONE, SOUND_RATE_HZ, samples))
 
     def _tell_state(self, state: Literal["connecting", "lost", "ended"], detail: str = "", advice: str = "") -> None:
         self._connection.send(CameraState(clock.now_ns(), self._chosen.name, state, detail, advice))

@@ -18,6 +18,7 @@ from typing import cast
 
 from caris_desktop.domain import clock
 from caris_desktop.perception.cameras.newest_frame import NewestFrame
+from caris_desktop.perception.cameras.served_sound import ServedSound
 from caris_desktop.perception.cameras.webrtc_server import WebRtcError, WebRtcServer
 
 MOST_CLIENTS = 16
@@ -60,10 +61,10 @@ class CameraServer:
     none, and then only this computer is answered.
     """
 
-    def __init__(self, frames: NewestFrame, *, token: str = "") -> None:
+    def __init__(self, frames: NewestFrame, *, token: str = "", sound: ServedSound | None = None) -> None:
         self._frames = frames
         self._token = token
-        self._webrtc = WebRtcServer(frames)
+        self._webrtc = WebRtcServer(frames, sound)
         self._clients: set[asyncio.Task[None]] = set()
 
     async def serve(self, host: str, port: int) -> asyncio.Server:

@@ -1,7 +1,8 @@
 """What every camera is: an open source that gives one picture after the other, or says in words why it cannot."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from caris_desktop.domain import clock
 
 OPEN_TIMEOUT_S = 5.0
 SILENCE_S = 3.0
+SOUND_RATE_HZ = 16_000
 """A camera that sends nothing for so long is lost."""
 _DRIVER_WITHIN_NS = 1_000_000_000
 _DRIVER_UNCERTAINTY_NS = 2_000_000
@@ -75,3 +77,12 @@ class CameraSource(Protocol):
 
     def close(self) -> None:
         """Once, whatever happened before."""
+
+
+@runtime_checkable
+class CameraWithMicrophone(Protocol):
+    """A camera that can be listened to. ``on_sound`` gets the moment of the first sample on the session clock and the
+    samples, int16, shape (samples, 1), at ``SOUND_RATE_HZ``, while a picture is waited for and in the same thread.
+    """
+
+    on_sound: Callable[[int, NDArray[np.int16]], None]

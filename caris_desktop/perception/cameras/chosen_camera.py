@@ -30,6 +30,7 @@ class ChosenCamera:
     """``target`` is what the kind needs to find it. ``name`` is fit for file names and never holds a password.
 
     ``token_env`` names the environment variable that holds what the camera asks for, so that no file has to.
+    ``sound``: its microphone may be listened to, where it comes over WebRTC.
     """
 
     kind: Kind
@@ -38,6 +39,7 @@ class ChosenCamera:
     loop: bool = False
     fast: bool = False
     token_env: str = ""
+    sound: bool = False
 
     @property
     def recorded(self) -> bool:

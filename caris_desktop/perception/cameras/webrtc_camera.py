@@ -7,11 +7,15 @@ import json
 import logging
 import urllib.parse
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from caris_desktop.domain import clock
-from caris_desktop.perception.cameras.camera_source import SILENCE_S, CameraError, Picture
+from caris_desktop.domain.sound_clock import SoundClock
+from caris_desktop.perception.cameras.camera_source import SILENCE_S, SOUND_RATE_HZ, CameraError, Picture
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 from caris_desktop.perception.cameras.far_clock import ServedClock
 from caris_desktop.perception.cameras.http_camera import CLOCK_HEADER
@@ -20,6 +24,8 @@ from caris_desktop.perception.cameras.stream_camera import bgr_of
 
 _FIRST_PICTURE_S = 10.0
 _STAMPS_EVERY_NS = 500_000_000
+# aiortc keeps four packets of sound of 20 ms each before it gives the first, so that none is out of order.
+_BUFFERED_NS = 80_000_000
 _ROUNDED_TICKS = 9  # a tenth of a millisecond
 _log = logging.getLogger(__name__)
 
@@ -44,7 +50,9 @@ class WebRtcCamera:
         self._moments = CaptureMoments()
         self._newest: Any = None
         self._came = asyncio.Event()
+        self.on_sound: Callable[[int, NDArray[np.int16]], None] = lambda _stamp_ns, _samples: None
         self._reading: asyncio.Task[None] | None = None
+        self._listening: asyncio.Task[None] | None = None
         self._loop = asyncio.new_event_loop()
         # Without servers of others on the way: the camera is in the same network.
         self._connection = aiortc.RTCPeerConnection(aiortc.RTCConfiguration(iceServers=[]))
@@ -76,13 +84,16 @@ class WebRtcCamera:
         self._loop.close()
 
     async def _end(self) -> None:
-        if self._reading is not None:
-            self._reading.cancel()
-            await asyncio.gather(self._reading, return_exceptions=True)
+        for task in (self._reading, self._listening):
+            if task is not None:
+                task.cancel()
+                await asyncio.gather(task, return_exceptions=True)
         await self._connection.close()
 
     async def _connect(self) -> None:
         self._connection.addTransceiver("video", direction="recvonly")
+        if self._chosen.sound:
+            self._connection.addTransceiver("audio", direction="recvonly")
         await self._connection.setLocalDescription(await self._connection.createOffer())
         sdp = self._connection.localDescription.sdp
         plain = self._chosen.kind == "webrtc"
@@ -121,8 +132,26 @@ class WebRtcCamera:
         )
 
     def _on_track(self, track: Any) -> None:
-        if self._reading is None:
+        if track.kind == "audio":
+            if self._chosen.sound and self._listening is None:
+                self._listening = self._loop.create_task(self._hear_all(track))
+        elif self._reading is None:
             self._reading = self._loop.create_task(self._read_all(track))
+
+    async def _hear_all(self, track: Any) -> None:
+        import av
+        from aiortc.mediastreams import MediaStreamError
+
+        resampler = av.AudioResampler("s16", "mono", SOUND_RATE_HZ)
+        sound_clock = SoundClock()
+        with contextlib.suppress(MediaStreamError):
+            while True:
+                for part in resampler.resample(await track.recv()):
+                    samples = part.to_ndarray().reshape(-1, 1)
+                    length_ns = len(samples) * 1_000_000_000 // SOUND_RATE_HZ
+                    arrival_ns = clock.now_ns() - _BUFFERED_NS
+                    stamp_ns, _missing_ns = sound_clock.stamp(arrival_ns=arrival_ns, length_ns=length_ns)
+                    self.on_sound(stamp_ns, samples)
 
     async def _read_all(self, track: Any) -> None:
         """All that has come, of which the newest stays."""

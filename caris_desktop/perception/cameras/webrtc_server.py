@@ -1,12 +1,16 @@
-"""The newest picture of a camera over WebRTC, by aiortc."""
+"""The newest picture of a camera over WebRTC, by aiortc, and the sound beside it for whoever asks for it."""
 
 import asyncio
 import fractions
+import logging
 import secrets
 from collections import deque
 from typing import Any
 
 from caris_desktop.perception.cameras.newest_frame import NewestFrame
+from caris_desktop.perception.cameras.served_sound import ServedSound
+
+_log = logging.getLogger(__name__)
 
 MOST_CONNECTIONS = 4
 """Each encodes for itself, which costs the small computer on a robot about half a core."""
@@ -25,8 +29,9 @@ class WebRtcError(Exception):
 class WebRtcServer:
     """One connection for each client. In one event loop."""
 
-    def __init__(self, frames: NewestFrame) -> None:
+    def __init__(self, frames: NewestFrame, sound: ServedSound | None = None) -> None:
         self._frames = frames
+        self._sound = sound
         self._connections: dict[str, Any] = {}
         self._stamps: dict[str, deque[int]] = {}
 
@@ -55,6 +60,11 @@ class WebRtcServer:
         try:
             await connection.setRemoteDescription(aiortc.RTCSessionDescription(sdp=offer_sdp, type="offer"))
             connection.addTrack(_track(self._frames, stamps))
+            if self._sound is not None and any(each.kind == "audio" for each in connection.getTransceivers()):
+                try:
+                    connection.addTrack(self._sound.track())
+                except OSError as error:
+                    _log.warning("the microphone cannot be heard: %s", error)
             await connection.setLocalDescription(await connection.createAnswer())
         except Exception as error:
             await self.end(key)
@@ -72,6 +82,9 @@ class WebRtcServer:
         connection = self._connections.pop(key, None)
         self._stamps.pop(key, None)
         if connection is not None:
+            for sender in connection.getSenders():
+                if sender.track is not None:
+                    sender.track.stop()
             await connection.close()
         return connection is not None
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.recording.session.protocol import StepRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,7 @@ class Waveform:
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionOverview:
     """``tiers`` are those made from the record. ``speed`` is float32, shape (n, 3): session seconds, metres per
-    second, radians per second. ``cameras`` are those with video.
+    second, radians per second. ``cameras`` are those with video, ``steps`` those of the protocol.
     """
 
     tiers: AnnotationDocument
@@ -39,3 +40,4 @@ class SessionOverview:
     waveforms: tuple[Waveform, ...] = ()
     speed: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     cameras: tuple[str, ...] = ()
+    steps: tuple[StepRecord, ...] = ()

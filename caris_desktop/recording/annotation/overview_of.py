@@ -59,7 +59,7 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
     ]
     moments.sort(key=lambda moment: moment.at_ns)
     tell(1.0)
-    return SessionOverview(tiers, tuple(moments), waveforms, speed.curve(), _cameras(session))
+    return SessionOverview(tiers, tuple(moments), waveforms, speed.curve(), _cameras(session), record.steps())
 
 
 def run_overview(connection: Connection, session: Session) -> None:

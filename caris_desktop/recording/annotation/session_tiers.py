@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from caris_desktop.domain.actor import CONSOLE, WIZARD
 from caris_desktop.domain.events import (
     AnswerUsed,
     CommandSent,
@@ -25,17 +24,23 @@ from caris_desktop.domain.events import (
     LlmExchange,
     Marked,
     PersonAppeared,
+    ProtocolEnded,
+    ProtocolOpened,
     RecordingPaused,
     ScenarioOpened,
     SessionEnded,
     SessionStarted,
+    StepEntered,
+    StepTicked,
     TrafficMeasured,
     UtteranceChanged,
+    UtteranceCorrected,
     UtteranceOrigin,
 )
-from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, Delivery, StreamSpec
 from caris_desktop.recording.annotation.editing import LONGEST_VALUE, plain_text
+from caris_desktop.recording.annotation.event_summary import summary_of, type_in_words
 from caris_desktop.recording.annotation.model import (
     Annotation,
     AnnotationDocument,
@@ -47,6 +52,7 @@ from caris_desktop.recording.session.answers import unheard
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.pauses import pauses_of
+from caris_desktop.recording.session.protocol import ProtocolEvent, StepRecord, StepVisit, step_visits_of, steps_of
 from caris_desktop.recording.session.scenario_text import read_scenario
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
@@ -61,7 +67,6 @@ MOST_PEOPLE = 12  # in a crowd only how many there are is worth a tier
 _HELD_NS = 500_000_000  # a velocity without a newer one says nothing of the time after that
 _STILL_MPS, _STILL_RADPS = 0.02, 0.05
 _TROUBLE = ("connecting", "trouble", "lost")
-_LONGEST_SUMMARY = 300
 _MOTIONS = {
     "standing": "No velocity was commanded.",
     "forward": f"At least {_STILL_MPS} m/s forward, turning or not.",
@@ -123,7 +128,7 @@ class SessionRecord:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._utterances: list[UtteranceChanged] = []
+        self._utterances: list[UtteranceChanged | UtteranceCorrected] = []
         self._marks: list[Marked] = []
         self._goals: list[GoalChanged] = []
         self._pauses: list[RecordingPaused] = []
@@ -134,11 +139,12 @@ class SessionRecord:
         self._guards: list[GuardChanged] = []
         self._emergencies: list[EmergencyStopChanged] = []
         self._scenarios: list[ScenarioOpened] = []
+        self._protocol: list[ProtocolEvent] = []
         self._motion = _Runs()
         self._sources = _Runs()
         self._others: dict[type[Any], list[_Stretch]] = {}
         self._folded: dict[type[Any], Callable[[Any], None]] = {
-            UtteranceChanged: self._utterances.append,
+            **dict.fromkeys((UtteranceChanged, UtteranceCorrected), self._utterances.append),
             Marked: self._marks.append,
             CommandSent: self._add_command,
             GoalChanged: self._goals.append,
@@ -150,6 +156,8 @@ class SessionRecord:
             GuardChanged: self._guards.append,
             EmergencyStopChanged: self._emergencies.append,
             ScenarioOpened: self._scenarios.append,
+            **dict.fromkeys((ProtocolOpened, StepEntered, ProtocolEnded), self._protocol.append),
+            StepTicked: self._add_tick,
         }
 
     def add(self, value: Any) -> None:
@@ -161,9 +169,9 @@ class SessionRecord:
         elif kind in BY_TYPE and _is_event(BY_TYPE[kind]):
             start_ns, end_ns = getattr(value, "start_ns", None), getattr(value, "end_ns", None)
             if isinstance(start_ns, int) and isinstance(end_ns, int):
-                stretch = _Stretch(start_ns, max(start_ns, end_ns), _summary(value))
+                stretch = _Stretch(start_ns, max(start_ns, end_ns), summary_of(value))
             else:
-                stretch = _Stretch(value.stamp_ns, None, _summary(value))
+                stretch = _Stretch(value.stamp_ns, None, summary_of(value))
             self._others.setdefault(kind, []).append(stretch)
 
     def fraction_of(self, stamp_ns: int) -> float:
@@ -181,10 +189,17 @@ class SessionRecord:
     def marks(self) -> tuple[FinalMark, ...]:
         return final_marks_of(self._marks, ended_ns=self._session.ended_ns)
 
+    def steps(self) -> tuple[StepRecord, ...]:
+        return steps_of(self._protocol, self._step_visits())
+
+    def _step_visits(self) -> tuple[StepVisit, ...]:
+        return step_visits_of(self._protocol, ended_ns=self._session.ended_ns, pauses=self._paused_spans())
+
     def tiers(self) -> AnnotationDocument:
         """Everything that was added, as tiers."""
         rows = [
             *self._speech_rows(),
+            self._protocol_row(),
             *self._mark_rows(),
             *self._driving_rows(),
             *self._people_rows(),
@@ -193,16 +208,16 @@ class SessionRecord:
         ]
         for spec in _event_streams():
             if self._others.get(spec.value_type):
-                rows.append(_Row(_in_words(spec.value_type.__name__), self._others[spec.value_type]))
+                rows.append(_Row(type_in_words(spec.value_type), self._others[spec.value_type]))
         return self._document(rows)
 
     def _speech_rows(self) -> Iterable[_Row]:
         said = [item for item in self.utterances() if item.said]
-        who = {"participant": self._session.trial.get("participant", ""), "robot": "Robot", "wizard": "Wizard"}
+        who = {"participant": self._session.trial.get("participant", ""), "robot": "Robot", "wizard": "Wizard", "": ""}
         for speaker, participant in who.items():
             mine = [item for item in said if item.speaker == speaker]
             yield _Row(
-                f"{speaker.capitalize()} speech",
+                f"{speaker.capitalize() or 'Somebody’s'} speech",
                 [_Stretch(item.start_ns or 0, item.end_ns, item.text) for item in mine],
                 participant=participant,
             )
@@ -213,6 +228,20 @@ class SessionRecord:
                     "Speech origin",
                     participant,
                 )
+
+        corrected = [item for item in said if item.heard_text is not None]
+        yield _Row(
+            "Speech before correction",
+            [_Stretch(item.start_ns or 0, item.end_ns, item.heard_text or "") for item in corrected],
+        )
+        tagged = [item for item in said if item.tags]
+        yield _Row("Speech tags", [_Stretch(item.start_ns or 0, item.end_ns, ", ".join(item.tags)) for item in tagged])
+
+    def _protocol_row(self) -> _Row:
+        visits = self._step_visits()
+        titles = ((visit, f"{visit.title} (skipped)" if visit.left == "skipped" else visit.title) for visit in visits)
+        stretches = [_Stretch(visit.start_ns, visit.end_ns, title or visit.step_id) for visit, title in titles]
+        return _Row("Protocol", stretches, participant="Wizard")
 
     def _mark_rows(self) -> Iterable[_Row]:
         marks = self.marks()
@@ -310,6 +339,10 @@ class SessionRecord:
                 for opened, end_ns in _until_next(self._scenarios, ended_ns)
             ],
         )
+
+    def _add_tick(self, tick: StepTicked) -> None:
+        self._protocol.append(tick)
+        self._others.setdefault(StepTicked, []).append(_Stretch(tick.stamp_ns, None, summary_of(tick)))
 
     def _add_command(self, command: CommandSent) -> None:
         state = motion_of(command.twist)
@@ -537,54 +570,3 @@ def _lanes(
             lanes.append([(start_ms, shown_ms, value)])
             ends_ms.append(end_ms)
     return lanes
-
-
-def _summary(value: Any) -> str:
-    """What an event says, in one line: its fields but for times and ids, without the names where there is only one; and
-    who did it, where that is neither the wizard nor the console.
-    """
-    parts = [
-        (field.name, _cell(getattr(value, field.name)))
-        for field in dataclasses.fields(value)
-        if not field.name.endswith(("_ns", "_id")) and field.name not in ("sequence", "actor")
-    ]
-    parts = [(name, text) for name, text in parts if text]
-    text = parts[0][1] if len(parts) == 1 else ", ".join(f"{_named(name)}: {_short(text)}" for name, text in parts)
-    text = " ".join(text.split()) or _in_words(type(value).__name__)
-    actor = getattr(value, "actor", "")
-    if actor not in ("", WIZARD, CONSOLE):
-        text = f"{text} (by {actor})"
-    return text if len(text) <= _LONGEST_SUMMARY else f"{text[: _LONGEST_SUMMARY - 1]}…"
-
-
-def _named(field: str) -> str:
-    return field.replace("_", " ")
-
-
-def _short(text: str) -> str:
-    """The first line, of whole files too."""
-    first, _, rest = text.strip().partition("\n")
-    return f"{first[:79]}…" if rest or len(first) > 80 else first
-
-
-def _cell(value: Any) -> str:
-    match value:
-        case None | "":
-            return ""
-        case bool():
-            return "yes" if value else "no"
-        case float():
-            return f"{value:.3g}"
-        case Pose2D():
-            return f"({value.x_m:.2f}, {value.y_m:.2f})"
-        case str() | int():
-            return str(value)
-        case tuple() | list() | dict():
-            return f"{len(value)}" if value else ""
-        case _:
-            return str(value)
-
-
-def _in_words(type_name: str) -> str:
-    """``StopRequested`` as ``Stop requested``."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type_name).capitalize()

@@ -18,7 +18,7 @@ from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry, People, 
 from caris_desktop.recording.exporters.pictures import camera_file_name, picture_of
 from caris_desktop.recording.exporters.tables import whose_columns
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session.answers import LlmUse, answer_uses
+from caris_desktop.recording.session.answers import LlmUse, answer_uses, questions_of
 from caris_desktop.recording.session.robot_clock import RobotClock, robot_clock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
@@ -297,7 +297,7 @@ def write_dialogue(session: Session, out: Path) -> Written:
     facts = read_facts(session)
     said = [utterance for utterance in facts.utterances if utterance.said]
     responses = {reply.utterance.utterance_id: reply.delay_s for reply in response_times(said, facts.pauses)}
-    exchanges = facts.of(LlmExchange)
+    exchanges = questions_of(facts.of(LlmExchange))
     became = answer_uses(exchanges, facts.of(AnswerUsed), facts.utterances)
     reactions = {
         reply.utterance.utterance_id: reply.delay_s

@@ -16,9 +16,11 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from caris_desktop.domain.events import (
+    LATE_FROM_S,
     AnswerUsed,
     LinkChanged,
     LlmExchange,
+    PreflightChecked,
     Problem,
     RobotChosen,
     ScenarioOpened,
@@ -29,18 +31,20 @@ from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters import drawings
 from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Way, duration_text
+from caris_desktop.recording.exporters.methods_words import MEANS_WORDS, gaps_words
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.names import coding_of
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.session.answers import answer_uses
+from caris_desktop.recording.session.answers import answer_uses, questions_of
 from caris_desktop.recording.session.marks import FinalMark
+from caris_desktop.recording.session.preflight import open_words, preflight_of
+from caris_desktop.recording.session.responses import RESPONSE_LIMIT_S
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
 from caris_desktop.recording.session.session_clock import clock_text
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
 from caris_desktop.recording.studies.completeness import counted, what_is_missing
 from caris_desktop.recording.studies.measures import (
-    RESPONSE_LIMIT_S,
     THIS_COMPUTER,
     Measures,
     ModelUse,
@@ -54,6 +58,7 @@ from caris_desktop.recording.studies.measures import (
     nearest_index,
     per_10_min,
     read_facts,
+    step_visits,
     visits,
 )
 
@@ -63,6 +68,7 @@ _PHOTO_WIDTH_PX = 480
 _MAX_PEOPLE_ROWS = 6
 _MAX_WAY_POINTS = 20_000
 _SPEAKERS = {"participant": "Participant", "robot": "Robot", "wizard": "Wizard"}
+_SOMEBODY = "Somebody"
 _SPEAKER_LOOKS = {"participant": "participant", "robot": "robot-speech", "wizard": "note"}
 _ORIGINS = {
     "typed": ("Typed by the wizard", "share-0"),
@@ -70,6 +76,8 @@ _ORIGINS = {
     "suggestion": ("Suggested replies", "share-2"),
     "assistant": ("Language model", "share-3"),
     "filler": ("Fillers", "share-4"),
+    "dictated": ("Dictated by the wizard", "share-6"),
+    "own_voice": ("The wizard's own voice", "share-7"),
     "heard": ("Heard", "share-5"),
 }
 _SOURCES = {
@@ -130,6 +138,7 @@ def _report(facts: SessionFacts, measures: Measures, grid: OccupancyGrid | None)
         **_responses(measures),
         **_talk(measures),
         **_driving(measures),
+        **_protocol(measures),
         **_marks(facts, measures, coding),
         **_models(facts, measures),
         **_photos(facts),
@@ -173,10 +182,21 @@ def _facts(facts: SessionFacts) -> list[tuple[str, str]]:
         ("Purpose", trial.get("purpose", "")),
         ("Scenario", title),
         ("Robot", robot),
+        ("Checked before", _checked(facts)),
         ("Session", session.folder.name),
         ("Program", f"CARIS Desktop {head.get('program_version', '')}".strip()),
     ]
     return [(name, value) for name, value in listed if value]
+
+
+def _checked(facts: SessionFacts) -> str:
+    """``12 of 14 checks passed. Not so: Consent form signed (not checked; ticked later)``; empty without any."""
+    preflight = preflight_of(facts.of(PreflightChecked))
+    if not preflight.checks:
+        return ""
+    passed = f"{preflight.passed} of {len(preflight.checks)} checks passed"
+    not_so = "; ".join(open_words(preflight))
+    return f"{passed}. Not so: {not_so}" if not_so else passed
 
 
 def _scenarios(facts: SessionFacts) -> str:
@@ -251,6 +271,7 @@ class _Seen:
             ("filler", "bar", "filler"),
             ("driven", "bar", "driven by the wizard"),
             ("navigated", "bar", "on its way by itself"),
+            ("late", "bar", "step of the protocol that took longer than expected"),
             ("mark", "diamond", "mark; with a line: a stretch"),
             ("error", "triangle", "wizard error"),
             ("trouble", "dot", "problem"),
@@ -299,6 +320,13 @@ class _Seen:
             )
             for stretch in goal_stretches(facts)
         ]  # fmt: skip
+        yield Row(
+            "Protocol",
+            tuple(
+                self._item(visit.start_ns, visit.end_ns, "late" if visit.late_s >= LATE_FROM_S else "step", visit.title)
+                for visit in step_visits(facts)
+            ),
+        )
         yield Row("Driving", tuple(moves))
         yield from self._people()
         yield Row("Marks", tuple(self._mark(mark) for mark in facts.marks if mark.kind != "wizard_error"))
@@ -454,6 +482,11 @@ def _responses(measures: Measures) -> dict[str, Any]:
         ("Robot answers participant", response),
         ("… with more than a filler", Spread.of([reply.delay_s for reply in measures.content_responses])),
         ("Wizard reacts", Spread.of([reply.delay_s for reply in measures.reactions])),
+        ("Gap before the first sound", Spread.of(measures.gaps_s)),
+        *(
+            (f"… {MEANS_WORDS[means]}", Spread.of([gap.gap_s for gap in measures.gaps if gap.means == means]))
+            for means in dict.fromkeys(gap.means for gap in measures.gaps)
+        ),
     ]
     return {
         "responses": None
@@ -463,6 +496,7 @@ def _responses(measures: Measures) -> dict[str, Any]:
         ),
         "response_fact": "" if response is None else f"median {response.median:.1f} s",
         "response_limit": f"{RESPONSE_LIMIT_S:g}",
+        "gaps_words": gaps_words(measures.gaps_s),
         "response_rows": [
             {
                 "label": label,
@@ -559,6 +593,31 @@ def _driving(measures: Measures) -> dict[str, Any]:
     }
 
 
+def _protocol(measures: Measures) -> dict[str, Any]:
+    """Each step, planned against actual."""
+    steps = measures.steps
+    late = sum(step.late_s >= LATE_FROM_S for step in steps)
+    skipped = sum(step.skipped > 0 for step in steps)
+    fact = f"{sum(step.visits > 0 for step in steps)} of {counted(len(steps), 'step')}"
+    fact += (f", {skipped} skipped" if skipped else "") + (f", {late} late" if late else "")
+    return {
+        "steps_fact": fact,
+        "step_rows": [
+            {
+                "number": step.number,
+                "title": step.title,
+                "planned": duration_text(step.expected_s) if step.expected_s else "–",
+                "actual": duration_text(step.time_s) if step.visits else "not begun",
+                "visits": step.visits,
+                "late": duration_text(step.late_s) if step.late_s >= LATE_FROM_S else "",
+                "skipped": "" if not step.skipped else "skipped" if step.skipped == 1 else f"skipped {step.skipped} ×",
+                "ticked": f"{step.ticked} of {step.to_tick}" if step.to_tick else "",
+            }
+            for step in steps
+        ],
+    }
+
+
 def _marks(facts: SessionFacts, measures: Measures, coding: AnnotationDocument) -> dict[str, Any]:
     rows = [
         {"kind": "", "look": "", "label": label or "without a label", "shown": str(count)}
@@ -591,7 +650,7 @@ def _marks(facts: SessionFacts, measures: Measures, coding: AnnotationDocument) 
 
 
 def _models(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
-    exchanges = facts.of(LlmExchange)
+    exchanges = questions_of(facts.of(LlmExchange))
     became = answer_uses(exchanges, facts.of(AnswerUsed), facts.utterances)
     when = facts.session.clock.session_s
     accepted = sum(model.said + model.edited for model in measures.models)
@@ -708,10 +767,13 @@ def _turns(utterances: Iterable[SpokenUtterance], replies: dict[str, Reply]) -> 
             chips.append({"text": "never said", "look": "amber"})
         elif item.state in ("interrupted", "failed"):
             chips.append({"text": item.state, "look": "amber" if item.state == "interrupted" else "red"})
+        if item.heard_text is not None:
+            chips.append({"text": f"corrected from “{item.heard_text}”", "look": ""})
+        chips += [{"text": tag, "look": ""} for tag in item.tags]
         yield {
             "at_ns": item.start_ns if item.start_ns is not None else item.requested_ns or 0,
             "look": f"by-{item.speaker}",
-            "who": _SPEAKERS[item.speaker],
+            "who": _SPEAKERS.get(item.speaker, _SOMEBODY),
             "text": item.text,
             "chips": chips,
             "unsaid": not item.said,

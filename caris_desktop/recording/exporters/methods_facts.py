@@ -8,10 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.actor import in_words
-from caris_desktop.domain.events import ControlUsed, HeadMoved, LlmExchange, RobotChosen, ScenarioOpened
+from caris_desktop.domain.events import (
+    ControlUsed,
+    HeadMoved,
+    LlmExchange,
+    PreflightChecked,
+    RobotChosen,
+    ScenarioOpened,
+)
 from caris_desktop.domain.streams import spec_of_topic
 from caris_desktop.recording.exporters.methods_words import distinct
 from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.preflight import Preflight, preflight_of
+from caris_desktop.recording.session.protocol import StepRecord
+from caris_desktop.recording.session.responses import Response
 from caris_desktop.recording.session.robot_clock import ClockSummary, robot_clock
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
 from caris_desktop.recording.session.session_header import SessionError, read_header
@@ -41,6 +51,7 @@ class KnownSession:
     voices: frozenset[str]
     head_moves: int
     controls: int
+    preflight: Preflight
 
 
 def read_known(session: Session, progress: Callable[[float], None]) -> KnownSession:
@@ -71,6 +82,7 @@ def read_known(session: Session, progress: Callable[[float], None]) -> KnownSess
         voices=frozenset(item.voice for item in facts.utterances if item.speaker == "robot" and item.voice),
         head_moves=sum(isinstance(value, HeadMoved) for value in rare),
         controls=sum(isinstance(value, ControlUsed) and value.state == "requested" for value in rare),
+        preflight=preflight_of(facts.of(PreflightChecked)),
     )
 
 
@@ -85,11 +97,12 @@ def _streams(session: Session) -> frozenset[str]:
 
 @dataclass(frozen=True, slots=True)
 class Practice:
-    """A practice session of a wizard."""
+    """A practice session of a wizard. ``score`` (of 100) is that of the guided exercise; None for practice without."""
 
     wizard: str
     started_utc_ns: int
     duration_s: float
+    score: int | None = None
 
 
 def practice_beside(sessions: Sequence[Session]) -> list[Practice]:
@@ -112,8 +125,14 @@ def practice_beside(sessions: Sequence[Session]) -> list[Practice]:
             utc_ns = session.clock.anchor.utc_ns_at(session.started_ns)
             # A copy of it is not a second one.
             wizard = sessions[0].wizard_name(wizard_of(session))
-            found.setdefault(session.identity, Practice(wizard, utc_ns, session.duration_s))
+            found.setdefault(session.identity, Practice(wizard, utc_ns, session.duration_s, _score(session)))
     return list(found.values())
+
+
+def _score(session: Session) -> int | None:
+    """What the guided exercise came to; the last one counts."""
+    scores = [event.score for _, event in session.values("event/practice_ended")]
+    return scores[-1] if scores else None
 
 
 def _head_purpose(folder: Path) -> str:
@@ -145,28 +164,41 @@ class StudyFacts:
     def wizards(self) -> list[str]:
         return distinct(wizard_of(one.session) for one in self.known)
 
-    def training(self) -> dict[str, list[float]]:
-        """The durations of each wizard's practice before the first session that counts."""
+    def training(self) -> dict[str, list[Practice]]:
+        """Each wizard's practice before the first session that counts."""
         first_ns: dict[str, int] = {}
         for one in reversed(self.known):
             session = one.session
             first_ns[wizard_of(session).casefold()] = session.clock.anchor.utc_ns_at(session.started_ns)
-        lasted: dict[str, list[float]] = {}
+        practised: dict[str, list[Practice]] = {}
         for name in self.wizards():
             own = [
-                item.duration_s
+                item
                 for item in self.practice
                 if item.wizard.casefold() == name.casefold() and item.started_utc_ns < first_ns[name.casefold()]
             ]
             if own:
-                lasted[name] = own
-        return lasted
+                practised[name] = own
+        return practised
 
     def robots(self) -> list[str]:
         return distinct(name for one in self.known for name in one.robots)
 
+    def steps(self) -> dict[tuple[str, str], list[StepRecord]]:
+        """Each step of a protocol with what became of it in every session that had it, by scenario and id."""
+        found: dict[tuple[str, str], list[StepRecord]] = {}
+        for one in self.known:
+            title = one.scenarios[-1].title if one.scenarios else ""
+            for step in one.measures.steps:
+                found.setdefault((title, step.step_id), []).append(step)
+        return found
+
     def recorded_s(self) -> float:
         return sum(one.measures.recorded_s for one in self.known)
+
+    def gaps(self) -> list[Response]:
+        """Every answer of every session."""
+        return [response for one in self.known for response in one.measures.gaps]
 
     def responses(self) -> list[float]:
         return [seconds for one in self.known for seconds in one.measures.response_times_s]

@@ -44,7 +44,7 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
     yield "[Participants: age, gender, recruitment.]"
     lasted = study.training()
     if lasted:
-        minutes = [sum(durations) for durations in lasted.values()]
+        minutes = [sum(one.duration_s for one in runs) for runs in lasted.values()]
         if len(wizards) == 1:
             who = "The wizard"
         elif len(lasted) == len(wizards):

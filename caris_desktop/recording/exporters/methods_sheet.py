@@ -16,12 +16,22 @@ from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.domain.actor import WIZARD, in_words
-from caris_desktop.domain.events import LlmExchange, RobotChosen, ScenarioOpened
+from caris_desktop.domain.events import (
+    LATE_FROM_S,
+    LlmExchange,
+    PreflightChecked,
+    ProtocolEnded,
+    ProtocolOpened,
+    RobotChosen,
+    ScenarioOpened,
+    StepEntered,
+)
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.exporters.drawings import duration_text
 from caris_desktop.recording.exporters.html import distance_text, model_name
 from caris_desktop.recording.exporters.methods_facts import (
     PRACTICE,
+    Practice,
     StudyFacts,
     practice_beside,
     purpose_of,
@@ -31,10 +41,12 @@ from caris_desktop.recording.exporters.methods_facts import (
 from caris_desktop.recording.exporters.methods_paragraph import paragraph
 from caris_desktop.recording.exporters.methods_words import (
     CAN,
+    MEANS_WORDS,
     SEEN,
     SOURCE_WORDS,
     days_words,
     distinct,
+    gaps_words,
     listing,
     listing_counts,
     number_of,
@@ -44,10 +56,11 @@ from caris_desktop.recording.exporters.methods_words import (
     times_word,
     was_or_were,
 )
+from caris_desktop.recording.session.preflight import open_words
 from caris_desktop.recording.session.scenario_text import ScenarioText
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.studies.completeness import stream_words
-from caris_desktop.recording.studies.measures import THIS_COMPUTER, Measures, ModelUse, Spread, per_10_min
+from caris_desktop.recording.studies.measures import THIS_COMPUTER, Measures, ModelUse, Spread, per_10_min, quantile
 from caris_desktop.recording.studies.study_index import copies_among
 
 # A robot's clock that is further off was never set, or is that of a simulation.
@@ -321,7 +334,9 @@ class _Answers:
                     " ".join(f"{text.rstrip('.')}." for text in described),
                     ("session.json", *events_named(ScenarioOpened)) if described else (),
                 ),
+                *self._protocol_item(),
                 SheetItem("When, and how long?", f"{self._dates()}: {length}.", ("session.json",)),
+                *self._checked(),
                 SheetItem("Where did it take place?", by_hand="Place, room, number of locations, who else was there."),
                 SheetItem(
                     "Was the robot's behaviour developed in several rounds?",
@@ -334,6 +349,25 @@ class _Answers:
                 ),
             ),
         )
+
+    def _checked(self) -> list[SheetItem]:
+        """What was looked after before each session; not asked where no record tells of it."""
+        kept = [one for one in self._of.known if one.preflight.checks]
+        if not kept:
+            return []
+        ready = sum(not one.preflight.still_open for one in kept)
+        by_hand = Counter(
+            check.title for one in kept for check in one.preflight.checks if check.manual and check.state == "passed"
+        )
+        still_open = Counter(words for one in kept for words in open_words(one.preflight))
+        which = "the session" if len(kept) == 1 else f"{ready} of {len(kept)} sessions"
+        verb = "was" if ready or len(kept) > 1 else "was not"
+        parts = [f"In {which} everything that the program checks {verb} ready."]
+        if by_hand:
+            parts.append(f"Ticked by the wizard: {listing_counts(by_hand)}.")
+        if still_open:
+            parts.append(f"Not so: {listing_counts(still_open)}.")
+        return [SheetItem("What was checked before each session?", " ".join(parts), events_named(PreflightChecked))]
 
     def _language_model(self) -> SheetSection:
         if not self._of.models:
@@ -470,7 +504,8 @@ class _Answers:
             return "It said nothing."
         voices = {voice for one in self._of.known for voice in one.voices}
         voice = {frozenset({"robot"}): " The voice was the robot's own.",
-                 frozenset({"computer"}): " The voice was synthesised by the wizard's computer."}.get(
+                 frozenset({"computer"}): " The voice was synthesised by the wizard's computer.",
+                 frozenset({"both"}): " The robot's own voice and the wizard's computer spoke at once."}.get(
                      frozenset(voices), "")  # fmt: skip
         return f"It spoke {times_word(whole)}: {share_words(origins)}.{voice}"
 
@@ -491,14 +526,15 @@ class _Answers:
         return f"{number_of(len(wizards), 'wizard').capitalize()}: {shares}."
 
     def _training_text(self, wizards: list[str]) -> str:
-        lasted = self._of.training()
-        if not lasted:
+        practised = self._of.training()
+        if not practised:
             return "No practice session before the first session is in the record."
         parts = [
-            f"{name}: {duration_text(sum(durations))} in {number_of(len(durations), 'practice session')}"
-            for name, durations in lasted.items()
+            f"{name}: {duration_text(sum(one.duration_s for one in runs))} in"
+            f" {number_of(len(runs), 'practice session')}{_best_score(runs)}"
+            for name, runs in practised.items()
         ]
-        without = [name for name in wizards if name not in lasted]
+        without = [name for name in wizards if name not in practised]
         rest = f" Of {listing(without)} no practice session is in the record." if without else ""
         return f"With the program, before the first session: {'; '.join(parts)}.{rest}"
 
@@ -560,6 +596,16 @@ class _Answers:
             content = Spread.of([reply.delay_s for one in self._of.known for reply in one.measures.content_responses])
             if content is not None and content != response:
                 parts.append(f"Without fillers: {spread_words(content)}.")
+        gaps = self._of.gaps()
+        parts += filter(None, [gaps_words([gap.gap_s for gap in gaps if gap.first])])
+        by_means = {means: [gap.gap_s for gap in gaps if gap.means == means] for means in MEANS_WORDS}
+        told = [
+            f"{MEANS_WORDS[means]} {quantile(gaps_s, 0.5):.2f} s (n = {len(gaps_s)})"
+            for means, gaps_s in by_means.items()
+            if gaps_s
+        ]
+        if told:
+            parts.append(f"Median by what the robot said it with: {listing(told)}.")
         reaction = Spread.of([reply.delay_s for one in self._of.known for reply in one.measures.reactions])
         if reaction is not None:
             parts.append(
@@ -567,6 +613,34 @@ class _Answers:
                 f" {spread_words(reaction)}."
             )
         return " ".join(parts)
+
+    def _protocol_item(self) -> list[SheetItem]:
+        """Planned against actual; nothing where no session had a protocol."""
+        steps = self._of.steps()
+        if not steps:
+            return []
+        told = []
+        for records in steps.values():
+            begun = [record for record in records if record.visits]
+            planned = max(record.expected_s for record in records)
+            spread = Spread.of([record.time_s for record in begun])
+            facts = [f"{duration_text(planned)} planned" if planned else ""]
+            facts.append("never begun" if spread is None else f"median {duration_text(spread.median)} in fact")
+            often = {
+                "begun in {} of {}": len(begun) if len(begun) < len(records) and begun else 0,
+                "skipped in {} of {}": sum(record.skipped > 0 for record in records),
+                "late in {} of {}": sum(record.late_s >= LATE_FROM_S for record in records),
+            }
+            facts += [words.format(count, len(records)) for words, count in often.items() if count]
+            told.append(f"{records[-1].title} ({', '.join(filter(None, facts))})")
+        return [
+            SheetItem(
+                "Which protocol did the wizard follow, and how closely?",
+                f"{number_of(len(steps), 'step').capitalize()}: {'; '.join(told)}.",
+                events_named(ProtocolOpened, StepEntered, ProtocolEnded),
+                "Why steps were skipped or took longer, where that matters.",
+            )
+        ]
 
     def _errors_text(self, errors: dict[str, int]) -> str:
         count = sum(errors.values())
@@ -649,6 +723,11 @@ class _Answers:
             )
             for number, (text, count) in enumerate(prompts.items(), start=1)
         ]
+
+
+def _best_score(runs: Sequence[Practice]) -> str:
+    scores = [run.score for run in runs if run.score is not None]
+    return f", {max(scores)} of 100 points in the guided exercise" if scores else ""
 
 
 def _seeds(exchanges: Sequence[LlmExchange]) -> str:

@@ -4,8 +4,10 @@ import json
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 
+from caris_desktop.domain.events import ReplyMeans
+from caris_desktop.recording.session.responses import AT_ONCE_S
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.studies.measures import Spread
+from caris_desktop.recording.studies.measures import Spread, quantile, share_at_once
 
 SEEN = (
     ("frame", "the video of the robot's camera"),
@@ -23,6 +25,9 @@ CAN = (
     ("photos", "take photos"),
     ("naming_people", "name people"),
     ("robot_controls", "use further controls of the robot"),
+    ("transcription", "read what was said"),
+    ("own_voice", "speak through the robot with their own voice"),
+    ("face", "change the robot's face"),
 )
 ORIGIN_WORDS = {
     "typed": "typed by the wizard",
@@ -30,7 +35,9 @@ ORIGIN_WORDS = {
     "suggestion": "suggested replies that the wizard chose",
     "assistant": "answers of the language model that the wizard approved",
     "filler": "fillers",
-    "heard": "of other origin",
+    "dictated": "dictated by the wizard",
+    "own_voice": "in the wizard's own voice",
+    "heard": "of the robot's own accord",
 }
 SOURCE_WORDS = {
     "keyboard": "the keyboard",
@@ -88,6 +95,26 @@ def spread_words(spread: Spread) -> str:
     if spread.n == 1:
         return f"{spread.median:.2f} s (n = 1)"
     return f"median {spread.median:.2f} s ({statistics_words(spread)}, {spread.smallest:.2f} to {spread.largest:.2f} s)"
+
+
+MEANS_WORDS: dict[ReplyMeans, str] = {
+    "typed": "typed", "phrase": "a phrase", "suggestion": "a suggestion", "edited_suggestion": "an edited suggestion",
+    "filler": "a filler", "assistant": "an answer of the assistant", "own_voice": "the wizard's own voice",
+    "dictated": "dictated",
+}  # fmt: skip
+
+
+def gaps_words(gaps_s: Sequence[float]) -> str:
+    """How the gaps before answers are distributed; empty for none."""
+    if not gaps_s:
+        return ""
+    lower, middle, upper = (quantile(gaps_s, share) or 0.0 for share in (0.25, 0.5, 0.75))
+    overlaps = sum(gap_s < 0.0 for gap_s in gaps_s)
+    return (
+        f"Gaps before the first sound of an answer: median {middle:.2f} s, quartiles {lower:.2f} and {upper:.2f} s,"
+        f" {round(100 * (share_at_once(gaps_s) or 0.0))} % under {AT_ONCE_S:g} s,"
+        f" {overlaps} of {len(gaps_s)} overlapping."
+    )
 
 
 def settings_words(text: str) -> str:

@@ -25,10 +25,12 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.session.answers import answer_uses
+from caris_desktop.recording.session.answers import answer_uses, questions_of
 from caris_desktop.recording.session.goals import navigation_goals
 from caris_desktop.recording.session.marks import FinalMark, final_marks
 from caris_desktop.recording.session.pauses import pauses_of
+from caris_desktop.recording.session.protocol import read_protocol
+from caris_desktop.recording.session.responses import Response, responses
 from caris_desktop.recording.session.robot_clock import Measured, RobotClock, robot_clock
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session
@@ -207,12 +209,16 @@ def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Tab
         yield from _rows_of(SESSION_TABLE, value, times)
     for utterance in spoken(session):
         yield from _rows_of(UTTERANCES_TABLE, _UtteranceRow.of(utterance, session), times)
+    for response in responses(session):
+        yield from _rows_of(RESPONSES_TABLE, _ResponseRow.of(response), times)
     for mark in final_marks(session):
         yield from _rows_of(MARKS_TABLE, _MarkRow.of(mark), times)
     for goal in _goal_rows(session):
         yield from _rows_of(GOALS_TABLE, goal, times)
     for answer in _answer_rows(session):
         yield from _rows_of(ANSWERS_TABLE, answer, times)
+    for step in _step_rows(session):
+        yield from _rows_of(PROTOCOL_TABLE if isinstance(step, _StepRow) else STEP_VISITS_TABLE, step, times)
     for visit in _visit_rows(session):
         yield from _rows_of(VISITS_TABLE, visit, times)
     for annotation in _annotation_rows(session, context):
@@ -271,7 +277,9 @@ class _Fact:
 @dataclass(frozen=True, slots=True)
 class _UtteranceRow:
     """One utterance with the moments at which it was asked for, began and ended. The time columns tell when it began,
-    or was asked for where it was never said. ``said``: anybody heard at least a part of it.
+    or was asked for where it was never said. ``said``: anybody heard at least a part of it. Text, speaker and person
+    are as they were corrected, if they were: ``heard_text`` is what was made out before, empty where it was not
+    corrected. An empty speaker: nobody was sure. ``estimated``: nobody told exactly when it began or ended.
     """
 
     stamp_ns: int
@@ -288,6 +296,12 @@ class _UtteranceRow:
     voice: str
     detail: str
     actor: Actor
+    person_id: str
+    heard_text: str | None
+    tags: tuple[str, ...]
+    confidence: float | None
+    language: str
+    estimated: bool
 
     @classmethod
     def of(cls, said: SpokenUtterance, session: Session) -> "_UtteranceRow":
@@ -308,13 +322,49 @@ class _UtteranceRow:
             voice=said.voice,
             detail=said.detail,
             actor=said.actor,
+            person_id=said.person_id,
+            heard_text=said.heard_text,
+            tags=said.tags,
+            confidence=said.confidence,
+            language=said.language,
+            estimated=said.estimated,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _ResponseRow:
+    """How one turn of the participant was answered. The time columns tell when the robot was first heard. ``gap_s`` is
+    from the end of the participant's voice, negative where the robot spoke over it; ``first``: nothing came before it,
+    as a filler may.
+    """
+
+    stamp_ns: int
+    turn_id: str
+    reply_id: str
+    means: str
+    first: bool
+    gap_s: float
+    voice_ended_ns: int
+    text_ns: int | None
+    suggested_ns: int | None
+    asked_ns: int | None
+    first_sound_ns: int
+    person_id: str
+
+    @classmethod
+    def of(cls, response: Response) -> "_ResponseRow":
+        return cls(
+            response.first_sound_ns, response.turn_id, response.reply_id, response.means, response.first,
+            response.gap_s, response.voice_ended_ns, response.text_ns, response.suggested_ns,
+            response.asked_ns, response.first_sound_ns, response.person_id,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class _MarkRow:
     """One mark as the wizard left it; withdrawn ones are only in event_marked. The time columns tell the moment meant.
-    ``open_at_end``: a stretch that nobody ended, so that it ends with the session.
+    ``open_at_end``: a stretch that nobody ended, so that it ends with the session. ``tags`` are the words of the note
+    that begin with #; ``rewritten``: the note had other words before, which are in event_marked.
     """
 
     stamp_ns: int
@@ -327,13 +377,15 @@ class _MarkRow:
     marked_ns: int
     open_at_end: bool
     actor: Actor
+    tags: tuple[str, ...]
+    rewritten: bool
 
     @classmethod
     def of(cls, mark: FinalMark) -> "_MarkRow":
         duration_s = None if mark.end_ns is None else round((mark.end_ns - mark.start_ns) / 1e9, 6)
         return cls(
             mark.start_ns, mark.mark_id, mark.label, mark.kind, mark.note, mark.end_ns, duration_s, mark.marked_ns,
-            mark.open_at_end, mark.actor,
+            mark.open_at_end, mark.actor, mark.tags, mark.rewritten,
         )  # fmt: skip
 
 
@@ -384,6 +436,63 @@ class _VisitRow:
     duration_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class _StepRow:
+    """One step of the protocol, planned against actual. The time columns tell when it was first begun, or when the
+    session was where it never was. ``visits`` counts how often it was begun, going back to it not among them;
+    ``expected_s`` is what was planned for each, 0 for nothing; ``time_s`` is what all took together, without pauses,
+    and ``late_s`` by how much they were over. ``skipped`` counts, too. ``ticked`` of ``to_tick`` items were ticked off.
+    """
+
+    stamp_ns: int
+    step_id: str
+    title: str
+    step_number: int
+    visits: int
+    expected_s: float
+    time_s: float
+    late_s: float
+    skipped: int
+    ticked: int
+    to_tick: int
+
+
+@dataclass(frozen=True, slots=True)
+class _StepVisitRow:
+    """One stretch in a step of the protocol. The time columns tell when it began; ``how`` it was entered and ``left``,
+    which is empty where the session ended in it. ``time_s`` is without pauses, ``late_s`` by how much it was over what
+    was expected, with what the step had taken before where the wizard came back to it.
+    """
+
+    stamp_ns: int
+    step_id: str
+    title: str
+    step_number: int
+    end_ns: int
+    how: str
+    left: str
+    branch: str
+    time_s: float
+    expected_s: float
+    late_s: float
+    actor: Actor
+
+
+def _step_rows(session: Session) -> Iterator[_StepRow | _StepVisitRow]:
+    visits, steps = read_protocol(session)
+    for step in steps:
+        began_ns = session.started_ns if step.first_ns is None else step.first_ns
+        yield _StepRow(
+            began_ns, step.step_id, step.title, step.number, step.visits, step.expected_s, round(step.time_s, 6),
+            round(step.late_s, 6), step.skipped, step.ticked, step.to_tick,
+        )  # fmt: skip
+    for one in visits:
+        yield _StepVisitRow(
+            one.start_ns, one.step_id, one.title, one.number, one.end_ns, one.how, one.left, one.branch,
+            round(one.time_s, 6), one.expected_s, round(one.late_s, 6), one.actor,
+        )  # fmt: skip
+
+
 def _goal_rows(session: Session) -> Iterator[_GoalRow]:
     events = [value for _, value in session.values("event/goal_changed")]
     for goal in navigation_goals(events, started_ns=session.started_ns, pauses=_pauses(session)):
@@ -394,7 +503,7 @@ def _goal_rows(session: Session) -> Iterator[_GoalRow]:
 
 
 def _answer_rows(session: Session) -> Iterator[_AnswerRow]:
-    exchanges = [value for _, value in session.values("event/llm_exchange")]
+    exchanges = questions_of(value for _, value in session.values("event/llm_exchange"))
     uses = [value for _, value in session.values("event/answer_used")]
     became = answer_uses(exchanges, uses, spoken(session)) if exchanges else {}
     for one in exchanges:
@@ -705,9 +814,12 @@ def _described(row_type: type[Any], name: str) -> Table:
 
 
 UTTERANCES_TABLE = _described(_UtteranceRow, "utterances")
+RESPONSES_TABLE = _described(_ResponseRow, "responses")
 MARKS_TABLE = _described(_MarkRow, "marks")
 GOALS_TABLE = _described(_GoalRow, "goals")
 ANSWERS_TABLE = _described(_AnswerRow, "answers")
+PROTOCOL_TABLE = _described(_StepRow, "protocol")
+STEP_VISITS_TABLE = _described(_StepVisitRow, "step_visits")
 VISITS_TABLE = _described(_VisitRow, "visits")
 ANNOTATIONS_TABLE = _described(_AnnotationRow, "annotations")
 SESSION_TABLE = Table(

@@ -17,7 +17,7 @@ from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 
 # Of what was heard, often only the moment is known at which it was understood.
 _MOMENT_SHOWN_NS = 2_000_000_000
-_SPEAKERS = {"robot": "Robot", "participant": "Participant", "wizard": "Wizard"}
+_SPEAKERS = {"robot": "Robot", "participant": "Participant", "wizard": "Wizard", "": "Somebody"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ def write_vtt(session: Session, out: Path, context: ExportContext) -> list[Path]
     for speaker in _SPEAKERS:
         theirs = [utterance for utterance in said if utterance.speaker == speaker]
         if theirs:
-            paths.append(_write(out / f"captions-{speaker}.vtt", session, whole, theirs))
+            paths.append(_write(out / f"captions-{speaker or 'somebody'}.vtt", session, whole, theirs))
     taken = {path.name for path in paths}
     for video in _videos(session):
         name = f"{PurePath(video.file_name).stem}.vtt"
@@ -83,7 +83,10 @@ def _cue(said: SpokenUtterance, video: _Video) -> tuple[int, str] | None:
     identifier = re.sub(r"[^\w.:-]+", "-", plain_text(said.utterance_id)).replace("-->", "") or "u"
     speaker = _SPEAKERS.get(said.speaker, said.speaker.capitalize())
     text = f"<v{cut_short} {_escaped(speaker)}>{_escaped(_line(said.text))}"
-    return start_ms, f"{identifier}\n{_time(start_ms)} --> {_time(end_ms)}\n{text}"
+    note = ""
+    if said.heard_text is not None:
+        note = f"NOTE {identifier} was corrected. What was made out: {_line(said.heard_text)}\n\n"
+    return start_ms, f"{note}{identifier}\n{_time(start_ms)} --> {_time(end_ms)}\n{text}"
 
 
 def _time(milliseconds: int) -> str:

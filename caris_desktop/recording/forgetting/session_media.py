@@ -15,10 +15,10 @@ from caris_desktop.recording.photo_file import PEOPLE, PhotoFileError, texts_of
 from caris_desktop.recording.session.frame_times import FrameTimes, index_path, read_frame_times
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
+from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, SpokenUtterance, spoken
 
 _log = logging.getLogger(__name__)
-_PHOTO, _UTTERANCE = "/event/photo_taken", "/event/utterance_changed"
+_PHOTO, _UTTERANCES = "/event/photo_taken", tuple(f"/{name}" for name in UTTERANCE_STREAMS)
 _ASIDE = ".deleted"
 _ROBOT_VOICE = "robot voice"
 # A photo is the newest picture when it is asked for, which is a little older than that.
@@ -178,10 +178,11 @@ class SessionMedia:
     def _spoken_by_them(self) -> frozenset[str]:
         ids = [json.dumps(person_id).encode() for person_id in self._ids]
         found = set()
-        for _, data in messages_of(self._folder / "events.mcap", lambda topic: topic == _UTTERANCE):
+        for _, data in messages_of(self._folder / "events.mcap", lambda topic: topic in _UTTERANCES):
             if any(person_id in data for person_id in ids):
                 message = json.loads(data)
-                if message.get("speaker") == "participant" and message.get("person_id") in self._ids:
+                # Somebody may have said only afterwards who it was. The robot's words are told to them, not by them.
+                if message.get("speaker") in ("participant", None) and message.get("person_id") in self._ids:
                     found.add(str(message.get("utterance_id")))
         return frozenset(found)
 

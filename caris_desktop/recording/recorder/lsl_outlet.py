@@ -15,6 +15,8 @@ _SOURCE_ID = "caris-desktop-markers"
 # fields of these events are what there is without words.
 _WITHOUT_WORDS: dict[type, tuple[str, ...]] = {
     events.Marked: ("stamp_ns", "label", "kind", "mark_id", "start_ns", "end_ns", "state"),
+    events.StepEntered: ("stamp_ns", "step_id", "title", "number", "how"),
+    events.ProtocolEnded: ("stamp_ns", "left_step_id", "skipped"),
     events.RecordingPaused: ("stamp_ns", "paused"),
     events.SessionStarted: ("stamp_ns",),
     events.SessionEnded: ("stamp_ns",),
@@ -37,8 +39,8 @@ class OutletUnavailableError(Exception):
 class MarkerOutlet:
     """One string per event, as JSON: ``event``, ``stamp_ns`` of the session clock, and fields of the event's own.
 
-    Marks with their labels, and when the recording begins, pauses and ends; with ``words`` every event with all that
-    is in it. The sample's timestamp is the same moment on LSL's clock. One thread.
+    Marks with their labels, the steps of the protocol, and when the recording begins, pauses and ends; with ``words``
+    every event with all that is in it. The sample's timestamp is the same moment on LSL's clock. One thread.
     """
 
     def __init__(self) -> None:

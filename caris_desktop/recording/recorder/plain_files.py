@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.domain.events import CommandSent, LlmExchange, PersonAppeared, UtteranceChanged
+from caris_desktop.domain.events import CommandSent, LlmExchange, PersonAppeared, UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.schema import to_jsonable
@@ -46,7 +46,8 @@ class PlainFiles:
         self._pose: Pose2D | None = None
         self._written_pose: Pose2D | None = None
         self._written_pose_ns = 0
-        self._spoken: set[str] = set()
+        self._spoken: dict[str, tuple[str, str]] = {}  # who and what
+        self._heard_from: dict[str, int] = {}
         self._exchanges = 0
         self._people: dict[str, tuple[int, int, set[int]]] = {}
         self._people_changed = self._people_new = True
@@ -64,8 +65,12 @@ class PlainFiles:
                 self._add_command(value)
             case RobotPose():
                 self._add_pose(value)
+            case UtteranceChanged(speaker="participant"):
+                self._add_heard(value)
             case UtteranceChanged():
                 self._add_utterance(value)
+            case UtteranceCorrected():
+                self._add_correction(value)
             case LlmExchange():
                 self._add_exchange(value)
             case People():
@@ -141,17 +146,40 @@ class PlainFiles:
         if utterance.state == "requested":
             return
         first = utterance.utterance_id not in self._spoken
-        self._spoken.add(utterance.utterance_id)
+        self._spoken[utterance.utterance_id] = (utterance.speaker, utterance.text)
         if utterance.state in ("interrupted", "failed"):
             remark = f"  [{utterance.state}{': ' + utterance.detail if utterance.detail else ''}]"
         elif first:
             remark = f"  [{utterance.origin}]"
         else:
             return
-        text = " ".join(utterance.text.split())
-        self._speech.write(
-            f"{self._times(utterance.stamp_ns)} {utterance.speaker}: {text}{remark}\n".encode("utf-8", "replace")
-        )
+        self._write_speech(utterance.stamp_ns, utterance.speaker, utterance.text, remark)
+
+    def _add_heard(self, utterance: UtteranceChanged) -> None:
+        """Its words are known when it is over; the line has the time at which it began."""
+        if utterance.state == "started":
+            self._heard_from[utterance.utterance_id] = utterance.stamp_ns
+        elif utterance.state in ("finished", "interrupted") and utterance.text:
+            from_ns = self._heard_from.pop(utterance.utterance_id, utterance.stamp_ns)
+            self._spoken[utterance.utterance_id] = ("participant", utterance.text)
+            who = f" ({utterance.person_id})" if utterance.person_id else ""
+            self._write_speech(from_ns, f"participant{who}", utterance.text, f"  [{utterance.origin}]")
+
+    def _add_correction(self, corrected: UtteranceCorrected) -> None:
+        """A line of its own: what was written stays."""
+        known = self._spoken.get(corrected.utterance_id)
+        if known is None or (corrected.text is None and corrected.speaker is None and corrected.person_id is None):
+            return
+        who = known[0] if corrected.speaker is None else corrected.speaker
+        text = known[1] if corrected.text is None else corrected.text
+        self._spoken[corrected.utterance_id] = (who, text)
+        who = f"{who or 'not sure who'}{f' ({corrected.person_id})' if corrected.person_id else ''}"
+        was = f", before: {' '.join(known[1].split())}" if text != known[1] else ""
+        self._write_speech(corrected.stamp_ns, who, text, f"  [corrected{was}]")
+
+    def _write_speech(self, stamp_ns: int, who: str, text: str, remark: str) -> None:
+        line = f"{self._times(stamp_ns)} {who}: {' '.join(text.split())}{remark}\n"
+        self._speech.write(line.encode("utf-8", "replace"))
 
     def _add_exchange(self, exchange: LlmExchange) -> None:
         self._exchanges += 1

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.events import Problem, Severity
+from caris_desktop.domain.events import ANSWER, Problem, Severity
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.streams import StreamSpec
@@ -174,8 +174,9 @@ class _Recorder:
         image_bgr = self._frames.read(wanted.ref)
         if image_bgr is None:
             self._tell_problem(
-                "No photo was taken.", "The picture was gone before it could be kept.", "Take it again.", "warning"
-            )
+                "No photo was taken.", "The picture was gone before it could be kept.", "Take it again.", "warning",
+                cause=ANSWER,
+            )  # fmt: skip
             return
         self._blurring.use_demand(wanted.blur)
         self._blurring.add(
@@ -191,6 +192,7 @@ class _Recorder:
                 "The photo could not be kept.",
                 f"{wanted.without_session.parent} cannot be written ({error}).",
                 "Make room or rights for the study's folder, then take it again.",
+                cause=ANSWER,
             )
             return
         self._send(photo_event(wanted, f"{path.parent.name}/{path.name}"))
@@ -293,8 +295,10 @@ class _Recorder:
 
     # To the console
 
-    def _tell_problem(self, what: str, meaning: str, advice: str, severity: Severity = "error") -> None:
-        self._send(Problem(clock.now_ns(), severity, what, meaning, advice, until="recording"))
+    def _tell_problem(
+        self, what: str, meaning: str, advice: str, severity: Severity = "error", *, cause: str = ""
+    ) -> None:
+        self._send(Problem(clock.now_ns(), severity, what, meaning, advice, "recording", cause))
 
     def _send_report(self, report: RecorderReport) -> None:
         self._reported_ns = time.monotonic_ns()

@@ -20,9 +20,11 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.events import (
+    ANSWER,
     Gap,
     PhotoTaken,
     Problem,
+    ProblemEnd,
     RecordingPaused,
     SessionEnded,
     SessionStarted,
@@ -99,6 +101,9 @@ class SessionRecorder:
         self._broken: OSError | None = None
         self.started_ns = clock.now_ns() if started_ns is None else started_ns
         self._waited_until_ns = 0 if started_ns is None else clock.now_ns()
+        # How far the record is, in arrivals: behind the clock where the disk or the computer is slow. What the recorder
+        # tells itself has that moment too: arrivals never fall, and what waits behind it came sooner than now.
+        self._written_until_ns = self.started_ns
         self.dropped: Counter[str] = Counter()
         self._header = start.header
         self._frames = frames
@@ -175,6 +180,7 @@ class SessionRecorder:
         arrived_ns = now_ns if arrived_ns is None else arrived_ns
         # What came between the wish for a recording and its folder could not be written sooner.
         self._behind_ns = max(self._behind_ns, now_ns - max(arrived_ns, self._waited_until_ns))
+        self._written_until_ns = max(self._written_until_ns, arrived_ns)
         spec = BY_TYPE.get(type(value))
         if spec is None:
             self._miss(type(value).__name__, "this kind is not in the stream table")
@@ -206,10 +212,18 @@ class SessionRecorder:
     def take_photo(self, wanted: TakePhoto) -> None:
         """Keep one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
         if not self._photos_permitted:
-            self.problem("warning", "No photo was taken.", "This scenario does not permit photos.", "Nothing to do.")
+            self.problem(
+                "warning",
+                "No photo was taken.",
+                "This scenario does not permit photos.",
+                "Nothing to do.",
+                cause=ANSWER,
+            )
             return
         if self.paused:
-            self.problem("warning", "No photo was taken.", "The recording is paused.", "Resume it, then try again.")
+            self.problem(
+                "warning", "No photo was taken.", "The recording is paused.", "Resume it, then try again.", cause=ANSWER
+            )
             return
         image_bgr = self._frames.read(wanted.ref)
         if image_bgr is None:
@@ -226,8 +240,9 @@ class SessionRecorder:
 
     def _tell_photo_gone(self) -> None:
         self.problem(
-            "warning", "No photo was taken.", "The picture was gone before it could be kept.", "Take it again."
-        )
+            "warning", "No photo was taken.", "The picture was gone before it could be kept.", "Take it again.",
+            cause=ANSWER,
+        )  # fmt: skip
 
     def _when_covered(
         self,
@@ -276,7 +291,7 @@ class SessionRecorder:
             self._put_held()
             self._put_blocks(self._audio.finish_blocks())
             self._tell_missed()
-            self._record(RecordingPaused(at_ns, True, actor))
+            self._record(RecordingPaused(at_ns, True, actor), arrived_ns=at_ns)
             self._pauses.append([at_ns, None])
             self._guarded(self._log.flush)
             self._log_sync.ask()
@@ -284,7 +299,7 @@ class SessionRecorder:
             self._pauses[-1][1] = self._sound_from_ns = self._goes_on_ns = at_ns
             # Latched values that the console sends again are new in the record, however recently they were put.
             self._latched.clear()
-            self._record(RecordingPaused(at_ns, False, actor))
+            self._record(RecordingPaused(at_ns, False, actor), arrived_ns=at_ns)
 
     # By time
 
@@ -343,7 +358,7 @@ class SessionRecorder:
         self._take_media_results()
         self._tell_missed()
         self._ended_ns, self._reason = clock.now_ns(), reason
-        self._record(SessionEnded(self._ended_ns, self.folder.name, reason, actor))
+        self._record(SessionEnded(self._ended_ns, self.folder.name, reason, actor), arrived_ns=self._ended_ns)
         self._log_sync.close(timeout_s=_CLOSE_SYNC_S)
         self._media_sync.close(timeout_s=_CLOSE_SYNC_S)
         self._reserve.release()
@@ -436,7 +451,8 @@ class SessionRecorder:
 
     def _put_blocks(self, blocks: list[AudioBlock]) -> None:
         for block in blocks:
-            self._put(BY_TYPE[AudioBlock], block, clock.now_ns())
+            # With the sound that completed it: later than that, it would be later than what comes next.
+            self._put(BY_TYPE[AudioBlock], block, self._written_until_ns)
 
     def _put_held(self, *, older_than_ns: int | None = None) -> None:
         """Values that waited for their turn; those that are due at ``older_than_ns``, or all."""
@@ -450,7 +466,7 @@ class SessionRecorder:
     def _record(self, event: Any, *, arrived_ns: int | None = None) -> None:
         """An event of the recorder's own: written, then told. What goes wrong during a pause is only told."""
         if not (self.paused and isinstance(event, Problem)):
-            self._put(BY_TYPE[type(event)], event, clock.now_ns() if arrived_ns is None else arrived_ns)
+            self._put(BY_TYPE[type(event)], event, self._written_until_ns if arrived_ns is None else arrived_ns)
         self._report(event)
 
     def _put(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:
@@ -495,11 +511,20 @@ class SessionRecorder:
         for (stream, reason), count in missed.items():
             self._record(Gap(clock.now_ns(), stream, count, reason))
 
-    def problem(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
-        """Tell the wizard, and the record."""
+    def problem(
+        self,
+        severity: Severity,
+        what: str,
+        meaning: str,
+        advice: str,
+        *,
+        until: ProblemEnd = "recording",
+        cause: str = "",
+    ) -> None:
+        """Tell the wizard, and the record; ``cause`` as in Problem."""
         _log.warning("%s %s %s", what, meaning, advice)
-        # Whatever it is, it was about this recording.
-        self._record(Problem(clock.now_ns(), severity, what, meaning, advice, until="recording"))
+        # Whatever it is, it is over with this recording at the latest.
+        self._record(Problem(clock.now_ns(), severity, what, meaning, advice, until, cause))
 
     def _troubles(self) -> list[str]:
         troubles = []
@@ -537,6 +562,7 @@ class SessionRecorder:
                 "The photo could not be kept.",
                 "The session goes on without it.",
                 "Free some room on the disk." if failure.disk_full else f"Try again. ({failure.detail})",
+                cause=ANSWER,
             )
             return
         if failure.lost:
@@ -563,6 +589,8 @@ class SessionRecorder:
                 "Frames are left out evenly and counted, until there is time for all of them again. Nothing else is "
                 "missing.",
                 "Close other programs, or choose a smaller picture or fewer frames for this camera.",
+                until="quiet",
+                cause="busy",
             )
 
     def _tell_covered_whole(self) -> None:
@@ -579,6 +607,8 @@ class SessionRecorder:
                 "People have to be covered in what is kept, and where they are is not known in time. The recording "
                 "goes on, and shows everything again but them as soon as they are found in time.",
                 "See what Diagnostics says about people; close other programs if this computer is busy.",
+                until="quiet",
+                cause="busy",
             )
 
     # The disk
@@ -641,6 +671,8 @@ class SessionRecorder:
             f"The recording is {behind_s:.1f} s behind.",
             "What happens waits in memory and keeps its times; only pictures are left out, and counted.",
             "Close other programs. If it lasts, record with fewer or smaller cameras.",
+            until="quiet",
+            cause="busy",
         )
 
     def _live_on_reserve(self) -> None:
@@ -653,6 +685,7 @@ class SessionRecorder:
             "The disk is full: from here on only events and robot data are recorded.",
             f"They have {_megabytes(self._reserve.left_bytes)} that were kept for them; then the recording ends.",
             "Free some room on the disk now, or stop the recording.",
+            cause="disk",
         )
 
     def _tell_disk(self, disk: DiskState) -> None:
@@ -668,6 +701,7 @@ class SessionRecorder:
                 f"The video gets fewer frames when {_megabytes(self._limits.lower_video_free_bytes)} are left, and "
                 f"ends at {_megabytes(self._limits.end_video_free_bytes)}.",
                 "Delete or move files that you do not need.",
+                cause="disk",
             )
         if disk.slow and not self._told_slow:
             self._told_slow = True
@@ -677,6 +711,8 @@ class SessionRecorder:
                 "Every second frame of the videos is left out meanwhile. A power cut now could cost the last "
                 f"{disk.delay_s + 1:.0f} s.",
                 "Close programs that use this disk, or choose a study folder on another one for the next session.",
+                until="quiet",
+                cause="disk",
             )
 
     def _end_video(self, what: str) -> None:
@@ -689,6 +725,7 @@ class SessionRecorder:
             what,
             "Video is no longer recorded; events, robot data and speech still are.",
             "Free some room on the disk, then stop and start the recording.",
+            cause="disk",
         )
 
     def _end_audio(self, error: OSError | None) -> None:

@@ -10,6 +10,11 @@ LlmUse = Literal["said", "edited", "dismissed", "unused"]
 _SAID_WITHIN_NS = 5_000_000_000
 
 
+def questions_of(exchanges: Iterable[LlmExchange]) -> tuple[LlmExchange, ...]:
+    """What the wizard asked. Of suggestions and proposals there are events of their own."""
+    return tuple(exchange for exchange in exchanges if exchange.purpose == "question")
+
+
 def answer_uses(
     exchanges: Iterable[LlmExchange], uses: Iterable[AnswerUsed], utterances: Sequence[SpokenUtterance]
 ) -> dict[str, LlmUse]:

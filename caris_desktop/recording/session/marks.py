@@ -1,11 +1,20 @@
-"""The marks of a session as the wizard left them: one value for each, whatever was changed about it."""
+"""The marks and notes of a session as the wizard left them: one value for each, whatever was changed about it."""
 
+from __future__ import annotations
+
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Marked, MarkKind
-from caris_desktop.recording.session.session_reader import Session
+
+if TYPE_CHECKING:
+    # The running console folds its own marks, and reads no session.
+    from caris_desktop.recording.session.session_reader import Session
+
+_TAG = re.compile(r"(?<!\S)#(\w[\w-]*)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,6 +22,7 @@ class FinalMark:
     """A moment, or a stretch where ``end_ns`` is set, on the session clock; ``end_ns`` is not before ``start_ns``.
 
     ``marked_ns`` is when ``actor`` first said so, ``open_at_end`` a stretch that nobody ended: the session did.
+    ``rewritten``: its note had other words before.
     """
 
     mark_id: str
@@ -24,6 +34,17 @@ class FinalMark:
     marked_ns: int
     open_at_end: bool = False
     actor: Actor = ""
+    rewritten: bool = False
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """Words of the note that begin with #, without that, in their order."""
+        return tuple(dict.fromkeys(_TAG.findall(self.note)))
+
+
+def notes_among(marks: Iterable[FinalMark]) -> tuple[FinalMark, ...]:
+    """What was written down: notes, and marks with a note."""
+    return tuple(mark for mark in marks if mark.kind == "note" or mark.note)
 
 
 def final_marks(session: Session) -> tuple[FinalMark, ...]:
@@ -66,4 +87,5 @@ def _final(mark_id: str, history: list[Marked], ended_ns: int) -> FinalMark | No
         marked_ns=first.stamp_ns,
         open_at_end=last.state == "open",
         actor=first.actor,
+        rewritten=len({event.note for event in history if event.note}) > 1,
     )

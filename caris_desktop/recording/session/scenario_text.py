@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,7 +38,7 @@ def read_scenario(event: ScenarioOpened) -> ScenarioText:
         file_name=event.file_name,
         sha256=event.sha256,
         description=_string(content.get("description")),
-        phrases=_strings(content.get("phrases")),
+        phrases=tuple(_sentences(content.get("phrases"))),
         labels=_strings(recording.get("labels")),
         places=tuple(place for entry in _list(content.get("places")) if (place := _place(_mapping(entry))) is not None),
         permissions={
@@ -74,6 +75,15 @@ def _metres(value: Any) -> float | None:
     except OverflowError:
         return None
     return number if math.isfinite(number) else None
+
+
+def _sentences(phrases: Any) -> Iterator[str]:
+    """Of phrases as they are, with what goes along with them, or in groups."""
+    for entry in _list(phrases):
+        group = _mapping(entry)
+        yield from (sentence for sentence in (_string(entry), _string(group.get("say"))) if sentence)
+        for inner in _list(group.get("phrases")):
+            yield from (sentence for sentence in (_string(inner), _string(_mapping(inner).get("say"))) if sentence)
 
 
 def _panels(node: Any, depth: int = 0) -> list[str]:

@@ -5,11 +5,21 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.events import RecordingPaused, Speaker, UtteranceChanged, UtteranceOrigin, UtteranceState
+from caris_desktop.domain.corrections import Correction, Corrections, WhoSpoke
+from caris_desktop.domain.events import (
+    RecordingPaused,
+    UtteranceChanged,
+    UtteranceCorrected,
+    UtteranceOrigin,
+    UtteranceState,
+)
 from caris_desktop.recording.session.session_reader import Session
 
 HEARD_FROM_NS = 200_000_000
 """A syllable. Of what was cut short before nobody heard a word."""
+UtteranceEvent = UtteranceChanged | UtteranceCorrected
+UTTERANCE_STREAMS = ("event/utterance_changed", "event/utterance_corrected")
+"""What tells of utterances."""
 _ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
 
 
@@ -20,11 +30,16 @@ class SpokenUtterance:
     ``start_ns`` and ``end_ns`` are None where nothing was said: it was still waiting when it was dropped, the voice
     failed, or the session ended first. ``state`` is the last one recorded: ``started`` with an ``end_ns`` means that
     the end itself was not recorded, and ``end_ns`` is then when the recording paused or ended, or the same speaker
-    went on. ``requested_ns`` is None for what was heard rather than asked for. ``actor`` had it said.
+    went on. ``estimated``: nobody told exactly when it began or ended. ``requested_ns`` is None for what was heard
+    rather than asked for. ``actor`` had it said.
+
+    ``speaker``, ``text`` and ``person_id`` are as corrected: ``heard_text`` is what was made out before somebody
+    changed it, None where nobody did. ``speaker`` is empty where nobody was sure. ``person_id`` is who says it, or to
+    whom the robot says it.
     """
 
     utterance_id: str
-    speaker: Speaker
+    speaker: WhoSpoke
     text: str
     origin: UtteranceOrigin
     requested_ns: int | None
@@ -34,35 +49,46 @@ class SpokenUtterance:
     voice: str = ""
     detail: str = ""
     actor: Actor = ""
+    person_id: str = ""
+    heard_text: str | None = None
+    tags: tuple[str, ...] = ()
+    confidence: float | None = None
+    language: str = ""
+    estimated: bool = False
 
     @property
     def said(self) -> bool:
         """Whether anybody heard at least a part of it."""
-        if self.start_ns is None:
-            return False
+        if self.start_ns is None or (self.origin == "heard" and self.state == "failed"):
+            return False  # what was taken for a voice was none, or the robot's
         cut_short = self.state in ("interrupted", "failed") and self.end_ns is not None
         return not cut_short or (self.end_ns or 0) - self.start_ns >= HEARD_FROM_NS
 
 
 def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
     """Every utterance of a session, in the order in which they began (or were asked for). Raises SessionError."""
-    events = [value for _, value in session.values("event/utterance_changed", "event/recording_paused")]
+    events = [value for _, value in session.values(*UTTERANCE_STREAMS, "event/recording_paused")]
     return spoken_of(
-        (event for event in events if isinstance(event, UtteranceChanged)),
+        (event for event in events if isinstance(event, UtteranceEvent)),
         ended_ns=session.ended_ns,
         paused_ns=[event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused],
     )
 
 
 def spoken_of(
-    events: Iterable[UtteranceChanged], *, ended_ns: int, paused_ns: Iterable[int] = ()
+    events: Iterable[UtteranceEvent], *, ended_ns: int, paused_ns: Iterable[int] = ()
 ) -> tuple[SpokenUtterance, ...]:
     """Fold ``events``, in the order of recording. ``paused_ns`` are the moments from which nothing was recorded."""
     utterances: dict[str, SpokenUtterance] = {}
+    corrections = Corrections()
     for event in events:
+        if isinstance(event, UtteranceCorrected):
+            corrections.take(event)
+            continue
         known = utterances.get(event.utterance_id)
         utterances[event.utterance_id] = _with(known or _unknown(event), event)
-    ordered = sorted(utterances.values(), key=_begins_ns)
+    corrected = (_corrected(utterance, corrections.of(utterance.utterance_id)) for utterance in utterances.values())
+    ordered = sorted(corrected, key=_begins_ns)
     breaks_ns = sorted([*paused_ns, ended_ns])
     starts_ns: dict[str, list[int]] = {}
     for utterance in ordered:
@@ -102,7 +128,22 @@ def _with(known: SpokenUtterance, event: UtteranceChanged) -> SpokenUtterance:
         voice=event.voice or known.voice,
         detail=event.detail or known.detail,
         # Of what is interrupted the event names who did that.
+        person_id=event.person_id or known.person_id,
+        confidence=known.confidence if event.confidence is None else event.confidence,
+        language=event.language or known.language,
+        estimated=known.estimated or event.estimated,
         actor=known.actor or (event.actor if event.state != "interrupted" else ""),
+    )
+
+
+def _corrected(utterance: SpokenUtterance, made: Correction) -> SpokenUtterance:
+    return replace(
+        utterance,
+        text=utterance.text if made.text is None else made.text,
+        heard_text=None if made.text in (None, utterance.text) else utterance.text,
+        speaker=utterance.speaker if made.speaker is None else made.speaker,
+        person_id=utterance.person_id if made.person_id is None else made.person_id,
+        tags=made.tags or (),
     )
 
 

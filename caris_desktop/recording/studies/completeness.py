@@ -15,6 +15,7 @@ _STREAMS = {
     "pose": "poses",
     "map": "maps",
     "people": "lists of the people in view",
+    "transcription": "pieces of sound for the transcript",
 }
 
 

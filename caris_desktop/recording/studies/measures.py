@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import (
+    LATE_FROM_S,
     AnswerUsed,
     CommandSent,
     DriveEnded,
@@ -33,30 +34,40 @@ from caris_desktop.domain.events import (
     Marked,
     PhotoDeleted,
     PhotoTaken,
+    PreflightChecked,
     Problem,
     RecordingPaused,
+    ResponseTimed,
     RobotChosen,
     ScenarioOpened,
     Speaker,
     StopRequested,
     UtteranceChanged,
+    UtteranceCorrected,
 )
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.recording.session.answers import answer_uses
+from caris_desktop.recording.session.answers import answer_uses, questions_of
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.losses import lost_values
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.pauses import pauses_of
+from caris_desktop.recording.session.protocol import (
+    PROTOCOL_EVENTS,
+    ProtocolEvent,
+    StepRecord,
+    StepVisit,
+    step_visits_of,
+    steps_of,
+)
+from caris_desktop.recording.session.responses import AT_ONCE_S, RESPONSE_LIMIT_S, Response, responses_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
 from caris_desktop.recording.session.visits import VISIT_EVENTS, Visit, most_at_once, visits_of
 
 T = TypeVar("T")
 
-RESPONSE_LIMIT_S = 30.0
-"""What the robot says later than this after a participant is not taken for a response."""
 COMMAND_HOLDS_S = 0.3
 """A velocity command counts as driving until the next one, but no longer than this."""
 PLAUSIBLE_SPEED_MPS = 5.0
@@ -64,8 +75,8 @@ PLAUSIBLE_SPEED_MPS = 5.0
 
 _EVENTS = (
     AnswerUsed, DriveEnded, EmergencyStopChanged, Gap, GoalChanged, GuardChanged, LinkChanged, LinkQuality, LlmExchange,
-    Marked, *VISIT_EVENTS, PhotoDeleted, PhotoTaken, Problem, RecordingPaused, RobotChosen, ScenarioOpened,
-    StopRequested, UtteranceChanged,
+    Marked, *VISIT_EVENTS, *PROTOCOL_EVENTS, PhotoDeleted, PhotoTaken, PreflightChecked, Problem, RecordingPaused,
+    RobotChosen, ScenarioOpened, ResponseTimed, StopRequested, UtteranceChanged, UtteranceCorrected,
 )  # fmt: skip
 
 
@@ -105,6 +116,7 @@ class SessionFacts:
     odometry: NDArray[np.float64]
     pose_ns: NDArray[np.int64]
     poses: NDArray[np.float64]
+    protocol: tuple[ProtocolEvent, ...]
     events: dict[type[Any], tuple[Any, ...]]
 
     def of(self, kind: type[T]) -> tuple[T, ...]:
@@ -122,8 +134,11 @@ def read_facts(session: Session, progress: Callable[[float], None] = lambda _: N
     """Read what the figures need, in one pass. ``progress`` may raise to cancel. Raises SessionError."""
     events: dict[type[Any], list[Any]] = {kind: [] for kind in (*_EVENTS, CommandSent, Odometry, RobotPose)}
     span_ns = max(1, session.ended_ns - session.started_ns)
+    protocol: list[ProtocolEvent] = []
     for number, (_, value) in enumerate(session.values(*(BY_TYPE[kind].name for kind in events))):
         events[type(value)].append(value)
+        if isinstance(value, PROTOCOL_EVENTS):
+            protocol.append(value)
         if number % 2000 == 0:
             progress(min(1.0, max(0.0, (value.stamp_ns - session.started_ns) / span_ns)))
     commands = _in_time(events.pop(CommandSent))
@@ -132,7 +147,7 @@ def read_facts(session: Session, progress: Callable[[float], None] = lambda _: N
     return SessionFacts(
         session=session,
         utterances=spoken_of(
-            events[UtteranceChanged],
+            [*events[UtteranceChanged], *events[UtteranceCorrected]],
             ended_ns=session.ended_ns,
             paused_ns=[event.stamp_ns for event in events[RecordingPaused] if event.paused],
         ),
@@ -148,6 +163,7 @@ def read_facts(session: Session, progress: Callable[[float], None] = lambda _: N
         odometry=_rows([_odometry(item) for item in odometry], 4),
         pose_ns=_stamps(poses),
         poses=_rows([_pose(item.pose_in_map) for item in poses], 3),
+        protocol=tuple(protocol),
         events={kind: tuple(values) for kind, values in events.items()},
     )
 
@@ -288,6 +304,7 @@ class Measures:
     responses: tuple[Reply, ...]
     content_responses: tuple[Reply, ...]
     reactions: tuple[Reply, ...]
+    gaps: tuple[Response, ...]
     talk: dict[Speaker, Talk]
     origins: dict[str, int]
     unsaid: int
@@ -303,6 +320,7 @@ class Measures:
     people: int
     identities: int
     photos: int
+    steps: tuple[StepRecord, ...]
 
     @property
     def wizard_errors(self) -> int:
@@ -311,6 +329,11 @@ class Measures:
     @property
     def errors_per_10_min(self) -> float | None:
         return per_10_min(self.wizard_errors, self.recorded_s)
+
+    @property
+    def gaps_s(self) -> tuple[float, ...]:
+        """From the end of each turn of a participant that was answered to the first sound, negative for overlaps."""
+        return tuple(response.gap_s for response in self.gaps if response.first)
 
     @property
     def response_times_s(self) -> tuple[float, ...]:
@@ -329,18 +352,22 @@ def measure(facts: SessionFacts) -> Measures:
         lost[gap.stream] += gap.count
     trouble = link_trouble(facts.of(LinkChanged), session.ended_ns)
     seen = visits(facts)
+    questions = questions_of(facts.of(LlmExchange))
     return Measures(
         recorded_s=recorded_s,
         paused_s=paused_s,
         pauses=len(facts.pauses),
         responses=response_times(said, facts.pauses),
         content_responses=response_times([item for item in said if item.origin != "filler"], facts.pauses),
-        reactions=reaction_times(facts.utterances, facts.of(LlmExchange), facts.pauses),
+        reactions=reaction_times(facts.utterances, questions, facts.pauses),
+        gaps=responses_of(
+            facts.utterances, facts.of(ResponseTimed), [(pause.start_ns, pause.end_ns) for pause in facts.pauses]
+        ),
         talk=talk(said),
         origins=dict(Counter(utterance.origin for utterance in robot if utterance.said)),
         unsaid=sum(not utterance.said for utterance in robot),
         interrupted=sum(utterance.said and utterance.state == "interrupted" for utterance in robot),
-        models=model_use(facts.of(LlmExchange), facts.of(AnswerUsed), facts.utterances),
+        models=model_use(questions, facts.of(AnswerUsed), facts.utterances),
         driving=_driving(facts),
         marks=dict(Counter(mark.label for mark in facts.marks if mark.kind == "mark")),
         errors=dict(Counter(mark.label for mark in facts.marks if mark.kind == "wizard_error")),
@@ -351,7 +378,13 @@ def measure(facts: SessionFacts) -> Measures:
         people=most_at_once(seen),
         identities=len({visit.person_id for visit in seen}),
         photos=len(facts.photos),
+        steps=steps_of(facts.protocol, step_visits(facts)),
     )
+
+
+def step_visits(facts: SessionFacts) -> tuple[StepVisit, ...]:
+    """When the wizard was in which step of the protocol."""
+    return step_visits_of(facts.protocol, ended_ns=facts.session.ended_ns, pauses=_spans(facts.pauses))
 
 
 def per_10_min(count: int, seconds: float) -> float | None:
@@ -404,10 +437,11 @@ def _reply(end_ns: int | None, at_ns: int | None, utterance: SpokenUtterance, pa
 
 
 def talk(said: Iterable[SpokenUtterance]) -> dict[Speaker, Talk]:
-    """How much each speaker said, in the order participant, robot, wizard."""
+    """How much each speaker said, in the order participant, robot, wizard; not who nobody was sure about."""
     by_speaker: dict[Speaker, list[SpokenUtterance]] = {"participant": [], "robot": [], "wizard": []}
     for utterance in said:
-        by_speaker[utterance.speaker].append(utterance)
+        if utterance.speaker:
+            by_speaker[utterance.speaker].append(utterance)
     return {
         speaker: Talk(
             utterances=len(items),
@@ -641,6 +675,21 @@ def _median(replies: Iterable[Reply]) -> float | None:
     return statistics.median(delays_s) if delays_s else None
 
 
+def quantile(values: Sequence[float], share: float) -> float | None:
+    """None for no values."""
+    return float(np.quantile(values, share)) if values else None
+
+
+def share_at_once(gaps_s: Sequence[float]) -> float | None:
+    """How many gaps are shorter than ``AT_ONCE_S``; None for none."""
+    return sum(gap_s < AT_ONCE_S for gap_s in gaps_s) / len(gaps_s) if gaps_s else None
+
+
+def _of_steps(figure: Callable[[Sequence[StepRecord]], float]) -> Callable[[Measures], float | None]:
+    """Nothing, rather than none, where there was no protocol."""
+    return lambda measures: figure(measures.steps) if measures.steps else None
+
+
 def _accepted(measures: Measures) -> float | None:
     answered = sum(model.answered for model in measures.models)
     return sum(model.said + model.edited for model in measures.models) / answered if answered else None
@@ -666,6 +715,20 @@ FIGURES: tuple[Figure, ...] = (
         "Median time from the end of a participant's utterance, or a language model's answer, to the wizard's request.",
         lambda m: _median(m.reactions),
     ),
+    Figure(
+        "gap_s", "s", "Median time from the end of a participant's voice to the first sound, overlaps below zero.",
+        lambda m: quantile(m.gaps_s, 0.5),
+    ),
+    Figure("gap_lower_quartile_s", "s", "A quarter of these gaps is shorter.", lambda m: quantile(m.gaps_s, 0.25)),
+    Figure("gap_upper_quartile_s", "s", "A quarter of these gaps is longer.", lambda m: quantile(m.gaps_s, 0.75)),
+    Figure(
+        "gaps_under_1_s_fraction", "0-1", "How many of these gaps are shorter than a second, overlaps among them.",
+        lambda m: share_at_once(m.gaps_s),
+    ),
+    Figure(
+        "overlaps", "", "How often the robot began before the participant was done; nothing where nobody was answered.",
+        lambda m: sum(gap_s < 0.0 for gap_s in m.gaps_s) if m.gaps_s else None,
+    ),
     Figure("participant_talk_s", "s", "How long participants spoke; nothing where nobody was transcribed.",
            lambda m: m.talk["participant"].speech_s if "participant" in m.talk else None),
     Figure("robot_talk_s", "s", "How long the robot spoke.", _speech_s("robot")),
@@ -677,6 +740,8 @@ FIGURES: tuple[Figure, ...] = (
     Figure("filler_utterances", "", "Robot utterances that fill a wait.", _from("filler")),
     Figure("assistant_utterances", "", "Robot utterances from the language model.", _from("assistant")),
     Figure("suggestion_utterances", "", "Robot utterances from suggested replies.", _from("suggestion")),
+    Figure("dictated_utterances", "", "Robot utterances that the wizard dictated.", _from("dictated")),
+    Figure("own_voice_utterances", "", "How often the wizard spoke through the robot.", _from("own_voice")),
     Figure("llm_exchanges", "", "Questions to a language model.", lambda m: sum(model.asked for model in m.models)),
     Figure("llm_accepted_fraction", "0-1", "Of its answers, how many were said, edited or not.", _accepted),
     Figure("distance_m", "m", "The way the robot made, by its odometry (else its pose).",
@@ -689,6 +754,12 @@ FIGURES: tuple[Figure, ...] = (
     Figure("goals_reached", "", "Navigation goals that were reached.", lambda m: m.driving.goals.get("reached", 0)),
     Figure("guard_interventions", "", "How often the obstacle guard slowed or stopped the robot.",
            lambda m: m.driving.guard_interventions),
+    Figure("protocol_steps", "", "Steps of the protocol; nothing, as below, where there was none.", _of_steps(len)),
+    Figure("steps_visited", "", "Of these, how many were begun.", _of_steps(lambda s: sum(x.visits > 0 for x in s))),
+    Figure("steps_skipped", "", "Of these, how many were skipped.", _of_steps(lambda s: sum(x.skipped > 0 for x in s))),
+    Figure("steps_late", "", "Of these, how many took a second or more longer than expected.",
+           _of_steps(lambda s: sum(x.late_s >= LATE_FROM_S for x in s))),
+    Figure("steps_late_s", "s", "By how much longer, all in all.", _of_steps(lambda s: sum(x.late_s for x in s))),
     Figure("marks", "", "Marks of the wizard.", lambda m: sum(m.marks.values())),
     Figure("wizard_errors", "", "Errors that the wizard marked.", lambda m: m.wizard_errors),
     Figure("wizard_errors_per_10_min", "1/10 min", "The same for ten minutes.", lambda m: m.errors_per_10_min),

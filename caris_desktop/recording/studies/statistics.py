@@ -28,7 +28,7 @@ from caris_desktop.recording.studies.study_index import (
 )
 
 _log = logging.getLogger(__name__)
-_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 2
+_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 4
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
 # Which columns of which tables the queries need, so that a table that no session has is empty rather than absent.
@@ -38,6 +38,7 @@ _TABLES: dict[str, dict[str, str]] = {
         "speaker": "VARCHAR", "origin": "VARCHAR", "said": "BOOLEAN", "requested_ns": "BIGINT", "start_ns": "BIGINT",
         "end_ns": "BIGINT", "text": "VARCHAR",
     },
+    "responses": {"means": "VARCHAR", "first": "BOOLEAN", "gap_s": "DOUBLE"},
     "annotations": {"coder": "VARCHAR", "tier": "VARCHAR", "value": "VARCHAR", "duration_s": "DOUBLE"},
     "marks": {"stamp_ns": "BIGINT", "label": "VARCHAR", "kind": "VARCHAR", "duration_s": "DOUBLE"},
     "odometry": {
@@ -47,8 +48,8 @@ _TABLES: dict[str, dict[str, str]] = {
     "pose": {"stamp_ns": "BIGINT", "pose_in_map_x_m": "DOUBLE", "pose_in_map_y_m": "DOUBLE"},
     "event_recording_paused": {"stamp_ns": "BIGINT", "paused": "BOOLEAN"},
     "event_llm_exchange": {
-        "stamp_ns": "BIGINT", "exchange_id": "VARCHAR", "outcome": "VARCHAR", "provider": "VARCHAR",
-        "model": "VARCHAR", "model_version": "VARCHAR", "server": "VARCHAR", "seed": "BIGINT",
+        "stamp_ns": "BIGINT", "exchange_id": "VARCHAR", "outcome": "VARCHAR", "purpose": "VARCHAR",
+        "provider": "VARCHAR", "model": "VARCHAR", "model_version": "VARCHAR", "server": "VARCHAR", "seed": "BIGINT",
     },
     "answers": {"exchange_id": "VARCHAR", "outcome": "VARCHAR", "use": "VARCHAR"},
     "event_command_sent": {
@@ -59,6 +60,10 @@ _TABLES: dict[str, dict[str, str]] = {
     "event_stop_requested": {"stamp_ns": "BIGINT"},
     "event_emergency_stop_changed": {"stamp_ns": "BIGINT", "latched": "BOOLEAN"},
     "goals": {"goal_id": "VARCHAR", "state": "VARCHAR"},
+    "protocol": {
+        "step_id": "VARCHAR", "title": "VARCHAR", "step_number": "BIGINT", "visits": "BIGINT", "expected_s": "DOUBLE",
+        "time_s": "DOUBLE", "late_s": "DOUBLE", "skipped": "BIGINT",
+    },
     "event_guard_changed": {"stamp_ns": "BIGINT", "state": "VARCHAR"},
     "event_gap": {"count": "BIGINT"},
     "event_problem": {"stamp_ns": "BIGINT"},
@@ -67,6 +72,7 @@ _TABLES: dict[str, dict[str, str]] = {
 _UNITS = {
     **{figure.name: (figure.unit, figure.description) for figure in FIGURES},
     "each_response_time_s": ("s", "Every response time, of all sessions together."),
+    "each_gap_s": ("s", "Every gap before an answer, of all sessions together; below zero where they overlap."),
     "each_reaction_time_s": ("s", "Every reaction time of the wizard, of all sessions together."),
 }
 
@@ -285,6 +291,8 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
             labels = _rows(database, "SELECT * FROM labels")
             codes = _rows(database, "SELECT * FROM codes")
             models = _rows(database, "SELECT * FROM models")
+            gaps = _rows(database, "SELECT * FROM gaps_by_means")
+            steps = _rows(database, "SELECT * FROM steps")
     except duckdb.Error as error:
         _log.exception("the statistics of %s", out)
         raise StatisticsError(f"The tables in {out} cannot be computed with: {error}") from error
@@ -311,6 +319,8 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
     _write_csv(out / "labels.csv", labels)
     _write_csv(out / "codes.csv", codes)
     _write_csv(out / "models.csv", models)
+    _write_csv(out / "gaps.csv", gaps)
+    _write_csv(out / "steps.csv", steps)
     _write_csv(
         out / "summary.csv",
         [

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused, UtteranceChanged
+from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.session.folder_lock import is_held
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.marks import final_marks_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
-from caris_desktop.recording.session.utterances import spoken_of
+from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, UtteranceEvent, spoken_of
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 
 _log = logging.getLogger(__name__)
@@ -490,7 +490,7 @@ def _content(folder: Path) -> _Content:
 _UTTERANCES = ("robot", "participant", "wizard")
 _MARKS = ("mark", "wizard_error", "note")
 _TOLD_BY = (
-    "event/utterance_changed", "event/recording_paused", "event/marked", "event/llm_exchange", "event/problem",
+    *UTTERANCE_STREAMS, "event/recording_paused", "event/marked", "event/llm_exchange", "event/problem",
 )  # fmt: skip
 
 
@@ -501,7 +501,7 @@ def _items(session: Session) -> Iterator[_Item]:
     # One pass: a session that was cut off has no index to jump by.
     events = [value for _, value in session.values(*_TOLD_BY)]
     paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
-    utterances = [event for event in events if isinstance(event, UtteranceChanged)]
+    utterances = [event for event in events if isinstance(event, UtteranceEvent)]
     for utterance in spoken_of(utterances, ended_ns=session.ended_ns, paused_ns=paused_ns):
         if utterance.said and utterance.start_ns is not None:
             yield item(utterance.start_ns, utterance.speaker, utterance.text)

@@ -1,17 +1,37 @@
-"""Assistant: ask the language model, read its answer as it comes, and have it said or not."""
+"""Assistant: ask the language model, read its answers as they come, and have them said or not."""
+
+from typing import Any, Literal
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QResizeEvent
-from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QBoxLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QStackedLayout,
+    QVBoxLayout,
+    QWidget,
+)
 
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
 from caris_desktop.domain import intents
-from caris_desktop.live.status import AssistantStatus
+from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus
 from caris_desktop.ui import tokens, words
-from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.assistant.along_chips import AlongChips
+from caris_desktop.ui.assistant.exchange_rows import ROW_PX, ExchangeRows
+from caris_desktop.ui.assistant.setup_bar import SetupBar
+from caris_desktop.ui.assistant.words_page import WordsPage
+from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 _MOST_TYPED = 32_000
+_ROOMY_PX = 380
+"""From this height on what goes along is in view all the time, below while a question is being written."""
+_LOW_PX = 210
+_NO_EXCHANGE = ExchangeStatus("", "", "cancelled")
 
 
 class AssistantPanel(Panel):
@@ -22,11 +42,13 @@ class AssistantPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("assistant_panel")
-        self._exchange_id = ""
+        self._shown = _NO_EXCHANGE
+        self._chosen = ""
         self._editing = False
-        self._answering = False
         self._too_long = 0
-        self.field = QLineEdit()
+        self._offered: list[ActionButton] = []
+        self.field = _QuestionField()
+        self.field.stepped.connect(self._step)
         self.field.setObjectName("assistant_field")
         self.field.setAccessibleName("Question to the assistant")
         self.field.setPlaceholderText("Ask the assistant…")
@@ -38,6 +60,22 @@ class AssistantPanel(Panel):
         self._ask = ActionButton(self.theme, "Ask", key="Enter", height_px=40)
         self._ask.setObjectName("assistant_ask")
         self._ask.clicked.connect(self._on_ask)
+        self.setup_bar = SetupBar(self.theme, self.state, self.console.do)
+        self.setup_bar.template_chosen.connect(self._on_template)
+        self.along = AlongChips(self.theme)
+        self.setup_bar.picture_chosen.connect(self.along.add_picture)
+        self.setup_bar.words_wanted.connect(self._open_words)
+        self.with_what = ActionButton(self.theme, "", icon="sliders-horizontal", look="ghost", height_px=30)
+        self.with_what.setObjectName("assistant_with_what")
+        self.with_what.setCheckable(True)
+        self.with_what.setToolTip("Model, role, style, prepared questions, pictures")
+        self.with_what.setAccessibleName("With what the assistant is asked")
+        self.with_what.toggled.connect(lambda _on: self._show_parts())
+        self._rows = ExchangeRows(self.theme)
+        self._rows.chosen.connect(self._choose)
+        self._rows.say_wanted.connect(self._on_say_row)
+        self._rows.edit_wanted.connect(self._on_edit_row)
+        self._rows.away_wanted.connect(self._on_away)
         self._question = QLabel()
         self._question.setObjectName("assistant_question")
         self._question.setWordWrap(True)
@@ -47,69 +85,108 @@ class AssistantPanel(Panel):
         self._answer.setObjectName("assistant_answer")
         self._answer.setAccessibleName("The assistant's answer")
         self._answer.setReadOnly(True)
-        if self.state.present.live:
+        if self.state.present.live and self._speaks:
             self._answer.setPlaceholderText("Answers wait here until you say them.")
         self._answer.setTabChangesFocus(True)
         self._answer.setMinimumHeight(30)
         self._note = QLabel()
         self._note.setObjectName("assistant_note")
         self._note.setWordWrap(True)
-        self._say = ActionButton(self.theme, "Say it", icon="speaker-high", look="primary")
-        self._say.setObjectName("assistant_say")
-        self._say.clicked.connect(self._on_say)
-        self._edit = ActionButton(self.theme, "Edit first", icon="pencil-simple")
-        self._edit.setObjectName("assistant_edit")
-        self._edit.clicked.connect(self._on_edit)
-        self._cancel = ActionButton(self.theme, "Cancel", icon="x")
-        self._cancel.setObjectName("assistant_cancel")
-        self._cancel.clicked.connect(lambda: self.console.do(intents.CancelAnswer()))
+        self._say = self._button("Say it", "assistant_say", self._on_say, icon="speaker-high", primary=True)
+        self._edit = self._button("Edit first", "assistant_edit", self._on_edit, icon="pencil-simple")
+        self._again = self._button("Ask again", "assistant_again", self._on_again, icon="arrow-clockwise")
+        self._dismiss = self._button("Dismiss", "assistant_dismiss", lambda: self._on_away(self._shown.exchange_id))
+        self._cancel = self._button(
+            "Cancel",
+            "assistant_cancel",
+            lambda: self.console.do(intents.CancelAnswer(self._shown.exchange_id)),
+            icon="x",
+        )
+        self._arrange()
+        self.state.assistant.changed.connect(self._on_assistant_changed)
+        self.state.assistant_setup.changed.connect(self._on_setup_changed)
+        self.table.rebuilt.connect(self.catch_up)
+        self.theme.changed.connect(self._style)
+        app = QApplication.instance()
+        if isinstance(app, QApplication):
+            app.focusChanged.connect(self._on_focus_changed)
+        self._style()
+
+    def _button(self, text: str, name: str, act: Any, *, icon: str = "", primary: bool = False) -> ActionButton:
+        button = ActionButton(self.theme, text, icon=icon, look="primary" if primary else "plain")
+        button.setObjectName(name)
+        button.clicked.connect(act)
+        return button
+
+    def _arrange(self) -> None:
         top = QHBoxLayout()
         top.setSpacing(8)
         top.addWidget(self.field, 1)
         top.addWidget(self._ask)
         self._buttons = QBoxLayout(QBoxLayout.Direction.LeftToRight)
         self._buttons.setSpacing(8)
-        for button in (self._say, self._edit, self._cancel):
+        for button in (self._say, self._edit, self._again, self._cancel, self._dismiss):
             self._buttons.addWidget(button)
         self._buttons.addStretch(1)
         self._middle = QBoxLayout(QBoxLayout.Direction.TopToBottom)
         self._middle.setSpacing(8)
         self._middle.addWidget(self._answer, 1)
         self._middle.addLayout(self._buttons)
-        self._column = QVBoxLayout(self)
-        self._column.setContentsMargins(14, 12, 14, 12)
+        self._main = QWidget()
+        self._column = QVBoxLayout(self._main)
+        self._column.setContentsMargins(0, 0, 0, 0)
         self._column.setSpacing(8)
         self._column.addLayout(top)
+        self._column.addWidget(self.setup_bar)
+        self._column.addWidget(self.along)
+        self._column.addWidget(self._rows)
         self._column.addWidget(self._question)
         self._column.addLayout(self._middle, 1)
         self._column.addWidget(self._note)
-        self.state.assistant.changed.connect(self._on_assistant_changed)
-        self.table.rebuilt.connect(self.catch_up)
-        self.theme.changed.connect(self._style)
-        self._style()
+        self._words = WordsPage(self.theme, self.console.do)
+        self._words.closed.connect(self._close_words)
+        self._frame = QVBoxLayout(self)
+        self._frame.setContentsMargins(14, 12, 14, 12)
+        self._pages = QStackedLayout()
+        self._frame.addLayout(self._pages)
+        self._pages.addWidget(self._main)
+        self._pages.addWidget(self._words)
 
     def focus_target(self) -> QWidget:
         return self.field
+
+    def title_widgets(self) -> list[QWidget]:
+        return [self.with_what]
 
     def sizeHint(self) -> QSize:
         return QSize(420, 240)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(260, 112)
+        return QSize(260, 136)
+
+    def what_lasts(self) -> Any:
+        return self.field.text(), self.along.left_out, self.along.pictures
+
+    def take_over(self, lasting: Any) -> None:
+        text, left_out, pictures = lasting
+        self.field.setText(text)
+        self.along.keep(left_out, pictures)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._question.setVisible(bool(self._question.text()) and self.height() >= 196)
         # Where it is low, the buttons stand beside the answer: it must be read before it is said.
-        low = self.height() < 210
+        low = self.height() < _LOW_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if low else QBoxLayout.Direction.TopToBottom)
         self._buttons.setDirection(QBoxLayout.Direction.TopToBottom if low else QBoxLayout.Direction.LeftToRight)
-        self._column.setContentsMargins(14, 8 if low else 12, 14, 8 if low else 12)
+        self._frame.setContentsMargins(14, 8 if low else 12, 14, 8 if low else 12)
+        self._show_parts()
 
     def _style(self) -> None:
         for label in (self._question, self._note):
             label.setFont(self.theme.font(tokens.STATUS_PX))
-        self._on_assistant_changed(self.state.assistant.value)
+        self.catch_up()
+
+    # Writing a question
 
     def _asked(self) -> str:
         return " ".join(self.field.text().split())
@@ -119,27 +196,110 @@ class AssistantPanel(Panel):
         if too_long or self._too_long:
             self._too_long = too_long
             self._on_assistant_changed(self.state.assistant.value)
+        self._show_parts()
+
+    def _on_focus_changed(self, _before: QWidget | None, _now: QWidget | None) -> None:
+        if self.in_view:
+            self._show_parts()
+
+    def _on_template(self, text: str) -> None:
+        said = next((turn.text for turn in reversed(self.state.transcript.value) if turn.speaker == "participant"), "")
+        self.field.setText(text.replace("{said}", f"“{said}”" if said else "…"))
+        self.field.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def _on_ask(self) -> None:
         question = self._asked()
-        if question and not self._too_long and self.state.assistant.value.state in ("ready", "failed"):
+        if not question or self._too_long:
+            return
+        # What is refused stays in the field, pictures and all.
+        if not self.console.do(intents.Ask(question, self.along.left_out, self.along.pictures)):
+            self._chosen = ""
             self._stop_editing()
             self.field.clear()
-            self.console.do(intents.Ask(question))
+            self.with_what.setChecked(False)
+            self.along.forget_pictures()
+            self.catch_up()
+
+    def _show_parts(self) -> None:
+        """What there is room for: while a question is written, what it is asked with comes before the last answer."""
+        focus = QApplication.focusWidget()
+        beside = focus is not None and (self.setup_bar.isAncestorOf(focus) or self.along.isAncestorOf(focus))
+        live, height = self._live, self.height()
+        writing = live and not self._editing and (bool(self.field.text()) or beside)
+        roomy = height >= _ROOMY_PX
+        wanted = live and self.with_what.isChecked()
+        self.setup_bar.setVisible(wanted or (live and (roomy or (writing and height >= _LOW_PX - 50))))
+        self.along.setVisible(live and (roomy or writing) and bool(self.along.chips))
+        read = roomy or not (writing or wanted)
+        self._answer.setVisible(read)
+        for button in self._offered:
+            # Where there is no room for it, Delete and the cross of its line do the same.
+            button.setVisible(read and (button is not self._dismiss or height >= _LOW_PX))
+        several = len(self.state.assistant.value.exchanges) > 1
+        self._rows.setVisible(several and read and height >= _LOW_PX - 40)
+        lines = min(len(self.state.assistant.value.exchanges), 3 if roomy else 2)
+        self._rows.setMaximumHeight(lines * (ROW_PX + 2) + 2)
+        self._question.setVisible(bool(self._question.text()) and height >= 196 and read and not several)
+
+    @property
+    def _speaks(self) -> bool:
+        return bool(self.console.scenario.permissions.speech)
+
+    @property
+    def _live(self) -> bool:
+        # In a replay, whose table has no marks to set either, nothing is asked or said.
+        return self.table.spec("mark") is not None
+
+    # What can be done with an answer
+
+    def _choose(self, exchange_id: str) -> None:
+        if exchange_id != self._shown.exchange_id:
+            self._chosen = exchange_id
+            self._stop_editing()
+            self.catch_up()
+
+    def _step(self, by: int) -> None:
+        """To the question before or after the one that is shown."""
+        ids = [each.exchange_id for each in self.state.assistant.value.exchanges]
+        if self._shown.exchange_id in ids:
+            at = ids.index(self._shown.exchange_id) + by
+            if 0 <= at < len(ids):
+                self._choose(ids[at])
 
     def _on_say(self) -> None:
         text = " ".join(self._answer.toPlainText().split())
         if text:
+            exchange_id = self._shown.exchange_id
             self._stop_editing()
-            self.console.do(intents.SayAnswer(text))
+            self.console.do(intents.SayAnswer(text, exchange_id))
+
+    def _on_say_row(self, exchange_id: str) -> None:
+        self._choose(exchange_id)
+        if self._say.isEnabled():
+            self._on_say()
+
+    def _on_edit_row(self, exchange_id: str) -> None:
+        self._choose(exchange_id)
+        if self._edit.isEnabled():
+            self._on_edit()
 
     def _on_edit(self) -> None:
         self._editing = True
+        self._chosen = self._shown.exchange_id  # another answer that comes meanwhile takes nobody's place
         self._answer.setReadOnly(False)
         self._restyle_answer()
         self._answer.setFocus(Qt.FocusReason.OtherFocusReason)
         self._answer.moveCursor(self._answer.textCursor().MoveOperation.End)
         self._on_assistant_changed(self.state.assistant.value)
+
+    def _on_again(self) -> None:
+        """The question returns to the field, where it is changed or asked once more."""
+        self.field.setText(self._shown.question)
+        self.field.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def _on_away(self, exchange_id: str) -> None:
+        if exchange_id:
+            self.console.do(intents.DismissAnswer(exchange_id))
 
     def _stop_editing(self) -> None:
         if self._editing:
@@ -153,41 +313,84 @@ class AssistantPanel(Panel):
         self._answer.style().unpolish(self._answer)
         self._answer.style().polish(self._answer)
 
+    # What the model is told
+
+    def _open_words(self) -> None:
+        self._words.show_setup(self.state.assistant_setup.value)
+        self._pages.setCurrentWidget(self._words)
+        self._words.field.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def _close_words(self) -> None:
+        self._pages.setCurrentWidget(self._main)
+        self.field.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def _on_setup_changed(self, setup: AssistantSetup) -> None:
+        if not self.in_view:
+            return
+        if not setup.pictures:
+            self.along.forget_pictures()
+        self.along.show_parts(setup.parts)
+        self.setup_bar.show_setup(setup, live=self._live)
+        self._words.show_setup(setup)
+        self._show_parts()
+
+    # What is shown
+
     def catch_up(self) -> None:
+        self._on_setup_changed(self.state.assistant_setup.value)
         self._on_assistant_changed(self.state.assistant.value)
 
     def _on_assistant_changed(self, status: AssistantStatus) -> None:
         if not self.in_view:
             return
-        if status.exchange_id != self._exchange_id:
-            self._exchange_id = status.exchange_id
+        exchanges = status.exchanges or _the_one_of(status)
+        chosen = next((each for each in exchanges if each.exchange_id == self._chosen), None)
+        shown = chosen or (exchanges[0] if exchanges else _NO_EXCHANGE)
+        if shown.exchange_id != self._shown.exchange_id:
             self._stop_editing()
-        if not self._editing and self._answer.toPlainText() != status.answer:
-            self._show_answer(status.answer)
-        answering = status.state == "answering"
-        if self._answering and not answering:
+        if not self._editing and self._answer.toPlainText() != shown.answer:
+            self._show_answer(shown.answer)
+        if self._shown.under_way and not shown.under_way:
             # Written to the end: read from the beginning.
             self._answer.verticalScrollBar().setValue(0)
-        self._answering = answering
-        has_answer = bool(status.answer.strip()) and not answering
-        self._question.setText(f"You asked: {words.shortened(status.question, 140)}" if status.question else "")
-        self._question.setVisible(bool(status.question) and self.height() >= 196)
-        # In a replay, whose table has no marks to set either, nothing is asked or said.
-        live = self.table.spec("mark") is not None
+        self._shown = shown
+        live = self._live
+        speaks = self._speaks
+        self._rows.show_rows(exchanges, shown.exchange_id, live=live, speaks=speaks)
+        has_answer = bool(shown.answer.strip()) and not shown.under_way
+        self._question.setText(f"You asked: {words.shortened(shown.question, 140)}" if shown.question else "")
         self.field.setReadOnly(not live)
+        show_part(self.with_what, live)
         self._cancel.setEnabled(live)
-        self._say.setEnabled(has_answer and live)
-        self._edit.setEnabled(has_answer and not self._editing and live)
-        self._say.setVisible(not answering)
-        self._edit.setVisible(not answering)
-        self._cancel.setVisible(answering)
-        self._ask.setEnabled(live and not self._too_long and status.state in ("ready", "failed"))
-        self._show_note(status, answering=answering)
+        self._say.setEnabled(has_answer and live and speaks)
+        self._edit.setEnabled(has_answer and not self._editing and live and speaks)
+        self._dismiss.setEnabled(live)
+        self._again.setEnabled(live)
+        again = shown.state in ("failed", "cancelled") and bool(shown.question) and not has_answer
+        offered = {
+            self._say: speaks and not shown.under_way and not again,
+            self._edit: speaks and not shown.under_way and not again,
+            self._again: again,
+            self._cancel: shown.under_way,
+            self._dismiss: bool(shown.exchange_id) and not shown.under_way,
+        }
+        self._offered = [button for button, is_offered in offered.items() if is_offered]
+        for button in offered:
+            if button not in self._offered:
+                button.hide()
+        self._ask.setEnabled(live and not self._too_long and status.state in ("ready", "answering", "failed"))
+        self._show_note(status, shown)
+        self._show_fact(status)
+        self._show_parts()
+
+    def _show_fact(self, status: AssistantStatus) -> None:
+        under_way = sum(exchange.under_way for exchange in status.exchanges)
         match status.state:
             case "ready":
                 self.set_fact(status.model or "ready")
             case "answering":
-                self.set_fact(f"{status.model} is writing", "blue")
+                what = f"{under_way} answers are being written" if under_way > 1 else f"{status.model} is writing"
+                self.set_fact(what, "blue")
             case "starting":
                 self.set_fact("getting ready")
             case "failed":
@@ -206,7 +409,7 @@ class AssistantPanel(Panel):
         bar = self._answer.verticalScrollBar()
         bar.setValue(bar.maximum())
 
-    def _show_note(self, status: AssistantStatus, *, answering: bool) -> None:
+    def _show_note(self, status: AssistantStatus, shown: ExchangeStatus) -> None:
         role = "dim"
         if self._too_long:
             text, role = (
@@ -214,22 +417,52 @@ class AssistantPanel(Panel):
                 f"The assistant takes {MAX_QUESTION_CHARACTERS:,}: shorten it to ask.",
                 "amber",
             )
-        elif status.state == "failed":
+        elif shown.state == "failed" and shown.exchange_id:
+            text, role = shown.detail or "The assistant gave no answer. Ask again.", "amber"
+        elif status.state == "failed" and not shown.answer:
             text, role = status.detail or "The assistant gave no answer. Ask again.", "amber"
         elif status.state == "starting":
             text = "The language model is starting. Phrases and typing work meanwhile."
         elif status.state == "off":
             text = status.detail or "No language model is set up."
-        elif answering and not status.answer:
-            text = "Thinking…"
+        elif shown.state == "preparing":
+            text = "Reading the pictures…"
+        elif shown.under_way and not shown.answer:
+            text = shown.detail or "Thinking…"
         elif self._editing:
             text = "Change the words. Enter says them."
+        elif shown.use:
+            text = "Said." if shown.use == "said" else "Said, with your changes."
         else:
-            text = status.detail
+            text = shown.detail
         self._note.setText(text)
         self._note.setVisible(bool(text))
         for label, color in ((self._note, role), (self._question, "dim")):
             self.theme.color_text(label, color)
+
+
+def _the_one_of(status: AssistantStatus) -> tuple[ExchangeStatus, ...]:
+    """Recordings of before know of one question at a time."""
+    if not (status.exchange_id or status.question or status.answer):
+        return ()
+    state: Literal["answering", "answered", "failed"] = "answered"
+    if status.state in ("answering", "failed"):
+        state = status.state
+    return (ExchangeStatus(status.exchange_id, status.question, state, status.model, status.answer, status.detail),)
+
+
+class _QuestionField(QLineEdit):
+    """The arrow keys up and down go through the questions that were asked."""
+
+    stepped = Signal(int)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        step = {Qt.Key.Key_Up: -1, Qt.Key.Key_Down: 1}.get(Qt.Key(event.key()))
+        if step is None or event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier:
+            super().keyPressEvent(event)
+        else:
+            self.stepped.emit(step)
+            event.accept()
 
 
 class _AnswerField(QPlainTextEdit):

@@ -280,6 +280,7 @@ class DiagnosticsPanel(Panel):
     """A sortable table of topics, and the figures of each link above it."""
 
     title = "Diagnostics"
+    reads = ()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)

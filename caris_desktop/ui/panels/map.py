@@ -14,7 +14,7 @@ from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
-from caris_desktop.ui import words
+from caris_desktop.ui import event_words, words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -38,6 +38,7 @@ class MapPanel(Panel):
     """
 
     title = "Map"
+    reads = ("permissions",)
     drives = True
 
     def __init__(self, context: PanelContext) -> None:
@@ -313,7 +314,7 @@ class MapPanel(Panel):
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, GoalChanged) and event.state not in words.UNDER_WAY:
-            told = words.event_sentence(event, str)
+            told = event_words.event_sentence(event, str)
             role = {"reached": "good", "failed": "bad"}.get(event.state, "hint")
             if told is not None:
                 self._ended = (told[1], role, time.monotonic() + GOAL_ENDED_SHOWN_S)

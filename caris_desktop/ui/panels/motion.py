@@ -66,6 +66,7 @@ class MotionPanel(Panel):
     """Two strips, forward and turning: dashed is what was commanded, solid what odometry measured."""
 
     title = "Motion"
+    reads = ()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)

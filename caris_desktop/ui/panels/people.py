@@ -1,5 +1,7 @@
 """People: who is in front of the robot, who was, who is known, and what they are called."""
 
+from dataclasses import replace
+
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QLabel, QStackedLayout, QVBoxLayout, QWidget
@@ -9,7 +11,7 @@ from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import PeopleUndone, PersonForgotten, PersonIdentified
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import words
+from caris_desktop.ui import event_words, words
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.asked import AskedAbout
 from caris_desktop.ui.people.people_list import PeopleList
@@ -26,6 +28,7 @@ class PeoplePanel(Panel):
     """One row for each person: who is here, who was, who is known. Names are typed right into the row."""
 
     title = "People"
+    reads = ("permissions", "perception")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -112,7 +115,7 @@ class PeoplePanel(Panel):
         return QSize(340, 220)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(220, 60)
+        return QSize(220, 68)  # a row, whole
 
     def set_in_view(self, in_view: bool) -> None:
         super().set_in_view(in_view)
@@ -162,7 +165,7 @@ class PeoplePanel(Panel):
     def _show_asked(self, _asked: object = None) -> None:
         asked: AskedAbout | None = self.state.asked_person.value
         if self.in_view:
-            keys = self.table.key_text("person_yes"), self.table.key_text("person_no")
+            keys = self.table.key_text("answer_yes"), self.table.key_text("answer_no")
             self.list.show_asked("" if asked is None else asked.person_id, *keys)
 
     def _refresh(self) -> None:
@@ -284,7 +287,10 @@ class PeoplePanel(Panel):
 
     def _on_history_found(self, history: PersonHistory | None) -> None:
         if self._card is not None and history is not None and history.person_id == self._card.person_id:
-            self._card.show_history(history)
+            entries = tuple(
+                replace(entry, text=words.with_names(entry.text, self._name_of)) for entry in history.entries
+            )
+            self._card.show_history(replace(history, entries=entries))
 
     def _on_escape(self) -> None:
         self.list.give_up_naming()
@@ -339,14 +345,14 @@ class PeoplePanel(Panel):
             self._follow_with_card(event.person_id, "")
         if isinstance(event, PeopleUndone):
             self._undo.put_away()
-        elif isinstance(event, words.DECISIONS_ABOUT_PEOPLE) and event.actor == WIZARD:
+        elif isinstance(event, event_words.DECISIONS_ABOUT_PEOPLE) and event.actor == WIZARD:
             self._decided = event
             self._tell_decision()
             self._undo.offer()
 
     def _tell_decision(self) -> None:
         """In words that have the name of now: the event comes before the rows that follow from it."""
-        told = words.event_sentence(self._decided, self._name_of)
+        told = event_words.event_sentence(self._decided, self._name_of)
         if told is not None:
             self._undo.say(told[1])
 

@@ -24,10 +24,10 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import event_words, tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
-from caris_desktop.ui.people.shown_people import as_permitted
+from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.status_bar import ROOM_LOW_S
 from caris_desktop.ui.theme import Theme
@@ -36,7 +36,8 @@ from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.row_list import RowList
 
 LOG_ROWS = 2000
-LOG_LINE_PX = 26
+LOG_LINE_PX, LOG_LEAST_LINES = 26, 3
+_AROUND_PX = 16
 _ICONS = {
     "Said": "chat-text", "Moved": "navigation-arrow", "People": "user", "Session": "info", "Problems": "warning",
 }  # fmt: skip
@@ -108,7 +109,7 @@ class SessionPanel(Panel):
         self._filter.setToolTip("Which events to show")
         self._filter_menu = QMenu(self)
         self._filter_menu.setObjectName("log_filter_menu")
-        for category in ("", *words.CATEGORIES):
+        for category in ("", *event_words.CATEGORIES):
             action = self._filter_menu.addAction(category or "Everything")
             action.triggered.connect(lambda _checked=False, chosen=category: self.show_category(chosen))
         self._filter.clicked.connect(self._open_filter_menu)
@@ -122,13 +123,13 @@ class SessionPanel(Panel):
         for button in (self._toggle, self._pause, self._note, self._folder, self._export, self._sessions):
             top.add(button)
         layout = QVBoxLayout(self)
-        layout.setContentsMargins(14, 12, 8, 8)
+        layout.setContentsMargins(14, _AROUND_PX // 2, 8, _AROUND_PX // 2)
         layout.setSpacing(8)
         layout.addWidget(top)
         layout.addWidget(self._what)
         layout.addWidget(self._labels)
         layout.addWidget(self._log, 1)
-        self._log.setMinimumHeight(LOG_LINE_PX)
+        self._log.setMinimumHeight(LOG_LEAST_LINES * LOG_LINE_PX)
         self.state.time_jumped.connect(self._on_time_jumped)
         self.state.recording.changed.connect(self._refresh)
         self.state.event_happened.connect(self._on_event)
@@ -143,7 +144,7 @@ class SessionPanel(Panel):
         return QSize(420, 220)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(240, 96)
+        return QSize(240, 100)
 
     def log_lines(self) -> list[str]:
         """The sentences of the log, of the chosen category, oldest first."""
@@ -161,10 +162,7 @@ class SessionPanel(Panel):
         self._refresh()
 
     def _name_of(self, person_id: str) -> str:
-        naming = self.console.scenario.permissions.naming_people
-        persons = as_permitted((*self.state.persons.value, *self.state.everybody.value), naming=naming)
-        person = next((person for person in persons if person.person_id == person_id), None)
-        return "Somebody" if person is None else words.person_name(person)
+        return name_of(self.console, person_id)
 
     def _on_event(self, event: object) -> None:
         entry = self._entry_of(event)
@@ -179,7 +177,7 @@ class SessionPanel(Panel):
         self._refresh()
 
     def _entry_of(self, event: object) -> LogEntry | None:
-        said = words.event_sentence(event, self._name_of)
+        said = event_words.event_sentence(event, self._name_of)
         if said is None:
             return None
         stamp_ns: int = getattr(event, "stamp_ns", self.state.present.now_ns())
@@ -192,7 +190,7 @@ class SessionPanel(Panel):
         self._log.scrollToBottom()
 
     def show_category(self, category: str) -> None:
-        """Show only events of one of ``words.CATEGORIES``; all of them for an empty string."""
+        """Show only events of one of ``event_words.CATEGORIES``; all of them for an empty string."""
         self._filter.set_label(category or "Everything")
         self._model.set_category(category)
         self._log.scrollToBottom()
@@ -231,13 +229,12 @@ class SessionPanel(Panel):
         at_rest = status.state in ("idle", "failed")
         # A replay shows what was recorded; nothing in it records, marks or starts anything.
         replay = self.table.spec("mark") is None
-        show_part(self._buttons, not replay)
         in_session, at_rest = in_session and not replay, at_rest and not replay
         show_part(self._folder, status.folder is not None and at_rest)
         show_part(self._export, status.folder is not None and at_rest)
         show_part(self._sessions, self._has_library and at_rest)
         show_part(self._pause, in_session)
-        show_part(self._note, status.state == "recording" and not replay)
+        show_part(self._note, status.state == "recording" and self.table.spec("note") is not None)
         paused = status.state == "paused"
         self._pause.set_label(
             "Go on" if paused else "Pause", icon="record" if paused else "pause", look="primary" if paused else "plain"
@@ -283,9 +280,16 @@ class SessionPanel(Panel):
         self._fit()
 
     def _fit(self) -> None:
-        """In a low panel the log stays, then the labels; the line on the recording goes first."""
+        """In a low panel some lines of the log stay, then the labels; the line on the recording goes first.
+
+        Whatever the buttons do stands in the top bar too.
+        """
         width = self.width() - 22
-        room_px = self.height() - 20 - self._buttons.heightForWidth(width) - LOG_LINE_PX - 8
+        room_px = self.height() - _AROUND_PX - LOG_LEAST_LINES * LOG_LINE_PX
+        replay = self.table.spec("mark") is None
+        buttons_px = 0 if replay else self._buttons.heightForWidth(width) + 8
+        show_part(self._buttons, not replay and room_px >= buttons_px)
+        room_px -= buttons_px
         labels = self.console.scenario.recording.labels if self.table.spec("mark") is not None else ()
         marking = self.state.recording.value.state == "recording" and bool(labels)
         labels_px = self._labels.heightForWidth(width) + 8 if marking else 0

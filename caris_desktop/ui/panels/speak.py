@@ -1,102 +1,165 @@
-"""Speak: what the robot says. One large field, phrases one key away, and what is being said now."""
+"""Speak: what the robot says. One large field, phrases one key away, what is being said now and what is said next."""
 
-from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from PySide6.QtCore import QPoint, QSize, Qt
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QApplication, QHBoxLayout, QLabel, QMenu, QScrollArea, QVBoxLayout, QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.live.status import SpeechStatus
+from caris_desktop.domain.actor import WIZARD
+from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.sound import WIZARD_MICROPHONE, Hearing
+from caris_desktop.live.status import AskedGap, SpeechStatus
+from caris_desktop.scenario.phrases import sentences
 from caris_desktop.ui import tokens, words
-from caris_desktop.ui.actions import PHRASE_COUNT
+from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.panel import Panel, PanelContext
-from caris_desktop.ui.people.shown_people import as_permitted
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.people.shown_people import as_permitted, name_of
+from caris_desktop.ui.speak.field import SpeakField
+from caris_desktop.ui.speak.gap_row import GapRow
+from caris_desktop.ui.speak.phrase_rows import PhraseRows
+from caris_desktop.ui.speak.queue_list import ROW_PX, QueueList
+from caris_desktop.ui.speak.voice_choices import VoiceChoice, voice_choices
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.flow_layout import FlowRow
-from caris_desktop.ui.widgets.key_cap import KeyCap, draw_key_cap, key_cap_width
+from caris_desktop.ui.widgets.key_cap import KeyCap
+from caris_desktop.ui.widgets.talk_button import TALK, TalkButton
 
-_HISTORY = 50
 _HINT = "Type what the robot says…"
-_CHIP_SIZES = ((40, tokens.BODY_PX + 1, 8), (32, tokens.BODY_PX, 6), (28, tokens.BODY_PX - 1, 5))
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    """How the panel uses its room. ``low``: the groups have no line of their own; ``tight``: there are no hints."""
+
+    chip_px: int
+    text_px: int
+    gap_px: int
+    queue_rows: int
+    low: bool = False
+    tight: bool = False
+
+
+_SIZES = (
+    _Size(40, tokens.BODY_PX + 1, 8, 4),
+    _Size(32, tokens.BODY_PX, 6, 3),
+    _Size(32, tokens.BODY_PX, 6, 3, low=True),
+    _Size(32, tokens.BODY_PX, 6, 1, low=True),
+    _Size(28, tokens.BODY_PX - 1, 5, 1, low=True, tight=True),
+)
+_ROOMY_PX, _TIGHT_PX = 60, 24
+"""What margins, gaps and hints take."""
+_IN_FIELD = (("↑", "earlier lines"), ("Tab", "complete"))
+_IN_QUEUE = (("⇧↑", "earlier"), ("⇧↓", "later"), ("Enter", "change"), ("Delete", "take back"))
+_TICK_MS = 200
+_MANY = 12
+
+
+def _scrolled(inside: QWidget) -> QScrollArea:
+    """In an area of its own, at its top."""
+    body = QWidget()
+    column = QVBoxLayout(body)
+    column.setContentsMargins(0, 0, 0, 0)
+    column.setSpacing(0)
+    column.addWidget(inside)
+    column.addStretch(1)
+    area = QScrollArea()
+    area.setWidgetResizable(True)
+    area.setWidget(body)
+    area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+    return area
 
 
 class SpeakPanel(Panel):
-    """Enter says the line and empties the field; the arrow keys bring earlier lines back."""
+    """Enter says the line and empties the field; what is refused stays in it."""
 
     title = "Speak"
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("speak_panel")
-        self.field = SpeakField(self.theme)
+        self._say_instead: Callable[[str], bool] | None = None
+        self._last_typed = ""
+        self._dictation_id = ""
+        self._before_gap: QWidget | None = None
+        self.field = SpeakField(
+            self.theme, self._say, earlier=lambda: self.state.said_before.value, sentences=self._sentences
+        )
         self.field.setObjectName("speak_field")
-        self.field.said.connect(self._on_said)
-        self._silence = ActionButton(self.theme, "Silence", icon="speaker-slash", height_px=30)
+        self.field.setPlaceholderText(_HINT)
+        self.field.textChanged.connect(self._on_text_changed)
+        self._gap = GapRow(self.theme)
+        self._gap.filled.connect(self._fill_gap)
+        self._gap.given_up.connect(lambda: self._fill_gap(""))
+        self._silence = ActionButton(self.theme, "Silence", icon="speaker-slash", height_px=30, may_lose_words=True)
         self._silence.setObjectName("silence_button")
         self._silence.bind(self.table, "silence")
-        self._row = FlowRow(gap_px=6)
-        self._chips: list[ActionButton] = []
-        for action_id in (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler"):
-            spec = self.table.spec(action_id)
-            if spec is None:
-                continue
-            chip = ActionButton(self.theme, spec.text, key_first=True, height_px=32, may_shrink=True)
-            chip.setObjectName(action_id)
-            chip.bind(self.table, action_id)
-            chip.setToolTip(spec.text)
-            self._row.add(chip)
-            self._chips.append(chip)
-        self._queue = QLabel()
-        self._queue.setTextFormat(Qt.TextFormat.PlainText)
-        self._queue.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-        self._queue.setObjectName("speak_queue")
+        permitted = self.state.present.live and self.table.spec(TALK) is not None
+        self._talk = [TalkButton(self.theme, self.table, self.hold, self.state)] if permitted else []
+        self._voice = ActionButton(self.theme, icon="sliders-horizontal", height_px=30)
+        self._voice.setObjectName("voice_button")
+        self._voice.setAccessibleName("Voice")
+        self._voice.setToolTip("Who speaks, with which voice, how fast and how loud")
+        self._voice.clicked.connect(self._open_voice_menu)
+        self._voice_menu = QMenu(self)
+        self._voice_menu.setObjectName("voice_menu")
+        self._phrases = PhraseRows(self.theme, self.console, self.table)
+        self._queue = QueueList(self.theme, self.console, self.table)
+        self._queue.left_over.connect(self.field.bring)
+        self._queue.emptied.connect(self.field.setFocus)
+        phrases = _scrolled(self._phrases)
+        queue = self._queue_area = _scrolled(self._queue)
+        queue.setVisible(False)
+        self._queue.row_chosen.connect(lambda row: queue.ensureWidgetVisible(row, 0, 0))
         self._hints = QWidget()
-        hints = QHBoxLayout(self._hints)
-        hints.setContentsMargins(0, 0, 0, 0)
-        hints.setSpacing(8)
-        self._hint_labels: list[QLabel] = []
-        for cap, text in (("↑", "earlier lines"),):
-            hints.addWidget(KeyCap(self.theme, cap))
-            self._hint_labels.append(QLabel(text))
-            hints.addWidget(self._hint_labels[-1])
-        self._back_cap = KeyCap(self.theme, self.table.key_text("focus_driving"))
-        self._back = QLabel("back to driving")
-        self._hint_labels.append(self._back)
-        if self.table.spec("focus_driving") is not None:
-            hints.addSpacing(8)
-            hints.addWidget(self._back_cap)
-            hints.addWidget(self._back)
-        hints.addStretch(1)
-        body = QWidget()
-        column = QVBoxLayout(body)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(10)
-        column.addWidget(self._row)
-        column.addWidget(self._queue)
-        column.addStretch(1)
-        scroll = QScrollArea()
-        scroll.setWidgetResizable(True)
-        scroll.setWidget(body)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self._hint_row = QHBoxLayout(self._hints)
+        self._hint_row.setContentsMargins(0, 0, 0, 0)
+        self._hint_row.setSpacing(8)
+        self._hinted: tuple[tuple[str, str], ...] = ()
         layout = self._column = QVBoxLayout(self)
         layout.setContentsMargins(14, 10, 14, 6)
         layout.setSpacing(8)
         layout.addWidget(self.field)
-        layout.addWidget(scroll, 1)
+        layout.addWidget(self._gap)
+        layout.addWidget(phrases, 1)
+        layout.addWidget(queue)
         layout.addWidget(self._hints)
         self.state.speech.changed.connect(self._on_speech_changed)
         self.state.selected_person.changed.connect(self._say_to_whom)
         self.state.persons.changed.connect(self._say_to_whom)
-        self.theme.changed.connect(self._style)
-        self._style()
+        self.state.event_happened.connect(self._on_event)
+        self.state.hearing_of(WIZARD_MICROPHONE).changed.connect(self._on_wizard_heard)
+        self.table.keys_changed.connect(self._show_hints)
+        self.table.availability_changed.connect(self._show_hints)
+        self.table.rows_changed.connect(self._fit)
+        self.hold.escape_pressed.connect(self._on_escape)
+        self.theme.changed.connect(self._show_hints)
+        self.every(_TICK_MS, self._tell_time_left)
         self._on_speech_changed(self.state.speech.value)
+        self._show_hints()
 
     def title_widgets(self) -> list[QWidget]:
-        return [self._silence]
+        return [*self._talk, self._voice, self._silence] if self.state.present.live else [self._silence]
 
     def focus_target(self) -> QWidget:
-        return self.field
+        return self._gap.field if self._gap.isVisible() else self.field
+
+    def focus_list(self) -> None:
+        if self._queue.isVisible():
+            self._queue.setFocus(Qt.FocusReason.ShortcutFocusReason)
+
+    def what_lasts(self) -> str:
+        return self.field.toPlainText()
+
+    def take_over(self, lasting: str) -> None:
+        self.field.bring(lasting)
+
+    def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
+        self.field.bring(text)
+        self._say_instead = say
+        self.field.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
     def sizeHint(self) -> QSize:
         return QSize(600, 220)
@@ -106,30 +169,112 @@ class SpeakPanel(Panel):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # Every phrase in view is worth more than air: the largest size at which none must be scrolled for.
-        for chip_px, text_px, gap_px in _CHIP_SIZES:
-            smallest = chip_px == _CHIP_SIZES[-1][0]
-            self._row.set_gap(gap_px)
-            for chip in self._chips:
-                chip.set_size(height_px=chip_px, text_px=text_px)
-            self.field.setMinimumHeight(40 if smallest else 48)
-            self._column.setContentsMargins(14, 7 if smallest else 10, 14, 4 if smallest else 6)
-            self._column.setSpacing(6 if smallest else 8)
-            self._hints.setVisible(not smallest)
-            if self._row.heightForWidth(self.width() - 36) <= self.height() - 106:
+        self._fit()
+
+    def _fit(self) -> None:
+        """Every phrase in view is worth more than air: the largest size at which none must be scrolled for."""
+        for size in _SIZES:
+            self._phrases.set_size(chip_px=size.chip_px, text_px=size.text_px, gap_px=size.gap_px, low=size.low)
+            self.field.set_line_height(40 if size.tight else 48)
+            self._column.setContentsMargins(14, 7 if size.tight else 10, 14, 4 if size.tight else 6)
+            self._column.setSpacing(6 if size.tight else 8)
+            self._hints.setVisible(not size.tight)
+            queue_px = ROW_PX * min(self._queue.count, size.queue_rows)
+            rest_px = self.field.height() + queue_px + (_TIGHT_PX if size.tight else _ROOMY_PX)
+            if self._phrases.height_for(self.width() - 36) <= self.height() - rest_px:
                 break
+        self._queue_area.setFixedHeight(queue_px)
+        self._queue_area.setVisible(queue_px > 0)
 
-    def _style(self) -> None:
-        for label in (self._queue, *self._hint_labels):
-            label.setFont(self.theme.font(tokens.STATUS_PX + 1))
-            self.theme.color_text(label, "dim")
+    def _open_voice_menu(self) -> None:
+        self._voice_menu.clear()
+        for group in voice_choices(self.state.voice.value):
+            many = len(group) > _MANY
+            menu = self._voice_menu.addMenu("All voices") if many else self._voice_menu
+            for choice in group:
+                self._add_choice(menu, choice)
+                if many and choice.chosen:
+                    self._add_choice(self._voice_menu, choice)
+            self._voice_menu.addSeparator()
+        self._voice_menu.popup(self._voice.mapToGlobal(QPoint(0, self._voice.height() + 4)))
 
-    def _on_said(self, text: str) -> None:
-        self.console.do(intents.Say(text, "typed"))
+    def _add_choice(self, menu: QMenu, choice: VoiceChoice) -> None:
+        action = menu.addAction(choice.text)
+        action.setCheckable(True)
+        action.setChecked(choice.chosen)
+        action.triggered.connect(lambda: self.console.do(choice.intent))
+
+    # ---- what is typed
+
+    def _say(self, text: str) -> bool:
+        say, self._say_instead = self._say_instead, None
+        if say is not None:
+            if say(text):
+                return True
+            self._say_instead = say
+            return False
+        self._last_typed = text
+        return not self.console.do(intents.Say(text, "dictated" if self.field.was_dictated else "typed"))
+
+    def _on_wizard_heard(self, hearing: Hearing) -> None:
+        """Words may come after the key was let go; those that go to the robot as sound are not written down here."""
+        if self.state.sound.value.talking == "dictation":
+            self._dictation_id = hearing.utterance_id
+        if hearing.utterance_id and hearing.utterance_id == self._dictation_id:
+            self.field.dictate(hearing.utterance_id, hearing.committed, hearing.tentative)
+
+    def _on_text_changed(self) -> None:
+        if not self.field.toPlainText():
+            self._say_instead = None  # what was to be edited is gone
+
+    def _sentences(self) -> Sequence[str]:
+        """What a line may go on as: the phrases first, those of the chosen group before all others."""
+        scenario = self.console.scenario
+        chosen = (phrase.say for phrase in phrases_on_keys(scenario, self.state.phrase_group.value))
+        return [*chosen, *sentences(scenario.phrases), *scenario.every_filler, *reversed(self.state.said_before.value)]
+
+    def _on_event(self, event: object) -> None:
+        """What could not be said is brought back, where nothing else has been begun meanwhile."""
+        match event:
+            case UtteranceChanged(state="failed", origin="typed" | "dictated", actor=actor) if actor == WIZARD:
+                if self.state.present.live and self._last_typed and not self.field.toPlainText():
+                    self.field.bring(self._last_typed)
+                self._last_typed = ""
+
+    # ---- what is asked for
+
+    def _ask_for_gap(self, asked: AskedGap | None) -> None:
+        if asked is None:
+            if self._gap.isVisible():
+                back = self._before_gap if self._gap.field.hasFocus() else None
+                self._gap.hide()
+                if back is not None:
+                    back.setFocus(Qt.FocusReason.OtherFocusReason)
+            return
+        if not self._gap.isVisible():
+            self._before_gap = QApplication.focusWidget()
+        self._gap.ask(asked)
+        # Whoever drives by bare keys goes on driving, and comes here when they choose to.
+        if not (self.hold.held and self.table.driving_focus):
+            self._gap.field.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def _fill_gap(self, said: str) -> None:
+        asked: AskedGap | None = self.state.speech.value.gap
+        self.console.do(intents.FillGap(said))
+        if not said and asked is not None and asked.text == self._last_typed and not self.field.toPlainText():
+            self.field.bring(asked.text)
+
+    def _on_escape(self) -> None:
+        self._queue.give_up_edit()
+        if self._gap.isVisible():
+            self._fill_gap("")
+
+    # ---- what is shown
 
     def catch_up(self) -> None:
         self._on_speech_changed(self.state.speech.value)
         self._say_to_whom()
+        self._show_hints()
 
     def _say_to_whom(self, _value: object = None) -> None:
         """The empty field names whom the wizard selected: what is said goes into that person's history."""
@@ -143,70 +288,48 @@ class SpeakPanel(Panel):
     def _on_speech_changed(self, speech: SpeechStatus) -> None:
         if not self.in_view:
             return
+        self._ask_for_gap(speech.gap)
+        self._tell_time_left()
+        self._queue.show_waiting(speech.waiting)
+        self._fit()
+
+    def _tell_time_left(self) -> None:
+        speech: SpeechStatus = self.state.speech.value
         if speech.now is not None:
-            self.set_fact(f"now saying “{words.shortened(speech.now.text, 60)}”", "blue")
+            said = words.with_names(speech.now.text, lambda person_id: name_of(self.console, person_id))
+            self.set_fact(f"now saying “{words.shortened(said, 48)}”{self._time_left(speech)}", "blue")
         elif not speech.ready and self.state.present.live:
             self.set_fact(speech.detail or "the voice is getting ready", "amber" if speech.detail else "dim")
         else:
             self.set_fact("quiet")
-        waiting = " · ".join(f"“{words.shortened(utterance.text, 60)}”" for utterance in speech.waiting[:3])
-        more = f" and {len(speech.waiting) - 3} more" if len(speech.waiting) > 3 else ""
-        self._queue.setText(f"Next: {waiting}{more}")
-        self._queue.setVisible(bool(speech.waiting))
 
+    def _time_left(self, speech: SpeechStatus) -> str:
+        left_s = 0.0 if speech.ends_ns is None else (speech.ends_ns - self.state.present.now_ns()) / 1e9
+        return f" {left_s:.1f} s left" if left_s > 0 else ""
 
-class SpeakField(QLineEdit):
-    """The line that the robot says next, with its Enter key drawn at the end."""
-
-    said = Signal(str)
-
-    def __init__(self, theme: Theme) -> None:
-        super().__init__()
-        self._theme = theme
-        self._history: list[str] = []
-        self._position = 0
-        self._draft = ""
-        self.setPlaceholderText(_HINT)
-        self.setAccessibleName("What the robot says next")
-        self.setMinimumHeight(48)
-        self.setMaxLength(1000)
-        self.returnPressed.connect(self._on_return)
-        theme.changed.connect(self.update)
-
-    def _on_return(self) -> None:
-        text = " ".join(self.text().split())
-        if not text:
+    def _show_hints(self) -> None:
+        if not self.in_view:
             return
-        if not self._history or self._history[-1] != text:
-            self._history = [*self._history, text][-_HISTORY:]
-        self._position = len(self._history)
-        self._draft = ""
-        self.clear()
-        self.said.emit(text)
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if event.key() == Qt.Key.Key_Up:
-            self._recall(-1)
-        elif event.key() == Qt.Key.Key_Down:
-            self._recall(1)
+        hints: tuple[tuple[str, str], ...]
+        if self.table.available("queued_edit"):
+            hints = _IN_QUEUE
+        elif self.table.available("focus_queue"):
+            hints = (*_IN_FIELD, (self.table.key_text("focus_queue"), "change what is next"))
         else:
-            super().keyPressEvent(event)
-
-    def _recall(self, step: int) -> None:
-        position = min(max(0, self._position + step), len(self._history))
-        if position == self._position:
-            return
-        if self._position == len(self._history):
-            self._draft = self.text()
-        self._position = position
-        self.setText(self._draft if position == len(self._history) else self._history[position])
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self.setTextMargins(0, 0, round(key_cap_width(self._theme, "Enter")) + 10, 0)
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        super().paintEvent(event)
-        painter = QPainter(self)
-        width = key_cap_width(self._theme, "Enter")
-        draw_key_cap(painter, self._theme, "Enter", self.width() - width - 14, self.height() / 2)
+            hints = _IN_FIELD
+        if self.table.spec("focus_driving") is not None:
+            hints = (*hints, (self.table.key_text("focus_driving"), "back to driving"))
+        if hints != self._hinted:
+            self._hinted = hints
+            while (item := self._hint_row.takeAt(0)) is not None:
+                if (widget := item.widget()) is not None:
+                    widget.deleteLater()
+            for cap, text in hints:
+                label = QLabel(text)
+                label.setFont(self.theme.font(tokens.STATUS_PX + 1))
+                self._hint_row.addWidget(KeyCap(self.theme, cap))
+                self._hint_row.addWidget(label)
+                self._hint_row.addSpacing(8)
+            self._hint_row.addStretch(1)
+        for label in self._hints.findChildren(QLabel):
+            self.theme.color_text(label, "dim")

@@ -13,6 +13,7 @@ from caris_desktop.domain.events import DriveEnded, PhotoTaken
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef, People, RobotPose
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import words
@@ -53,6 +54,7 @@ class VideoPanel(Panel):
     """Title bar with rate and age, photo button where the scenario allows one, and the picture."""
 
     title = "Video"
+    reads = ("permissions",)
     drives = True
 
     def __init__(self, context: PanelContext) -> None:
@@ -201,7 +203,7 @@ class VideoPanel(Panel):
         naming = self.console.scenario.permissions.naming_people
         persons = as_permitted(self.state.persons.value, naming=naming)
         asked: AskedAbout | None = self.state.asked_person.value
-        key = self.table.key_text("person_yes")
+        key = self.table.key_text("answer_yes")
         self.view.show_names(
             {
                 person.person_id: (
@@ -287,8 +289,14 @@ class VideoPanel(Panel):
                 hints.append((f"Slowed down: {drive.cap_reason}", "warning"))
         else:
             free = self.table.driving_focus
-            hints.append(("W A S D or arrows drive" if free else "Alt+W A S D drives while you type", "hint"))
+            text = tr("{keys} or arrows drive") if free else tr("Alt+{keys} drives while you type")
+            hints.append((text.format(keys=self._drive_keys()), "hint"))
         return hints
+
+    def _drive_keys(self) -> str:
+        """The four that drive, as the present keyboard has them and as the wizard chose them."""
+        rows = (self.table.spec(name) for name in ("drive_forward", "turn_left", "drive_back", "turn_right"))
+        return " ".join(cap for row in rows if row is not None for cap in self.table.caps(row, row.driving_keys[:1]))
 
     # ---- a click on the floor
 

@@ -12,7 +12,7 @@ from caris_desktop.domain.events import ConsentKind
 from caris_desktop.domain.intents import Intent
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.people.store import HistoryEntry
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import event_words, tokens, words
 from caris_desktop.ui.panel import show_part
 from caris_desktop.ui.people.history_list import ROW_PX, HistoryList
 from caris_desktop.ui.people.shown_people import is_identified
@@ -87,7 +87,7 @@ class AboutPage(QWidget):
         self._note.left.connect(self._keep_note)
         self._consents: dict[ConsentKind, CheckBox] = {}
         for kind in get_args(ConsentKind):
-            box = self._consents[kind] = CheckBox(theme, words.CONSENTS[kind])
+            box = self._consents[kind] = CheckBox(theme, event_words.CONSENTS[kind])
             box.setObjectName(f"consent_{kind}")
             box.clicked.connect(lambda given, kind=kind: self._on_consent(kind, given))
         self._search = EnterField()

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.people.presence import PersonRow, unnamed_label
 from caris_desktop.ui import words
 
@@ -91,6 +92,16 @@ def recognised(person: PersonRow) -> str:
 def as_permitted(persons: Iterable[PersonRow], *, naming: bool) -> tuple[PersonRow, ...]:
     """The rows as they are, or where the scenario names nobody as unnamed presence, also of whom another one named."""
     return tuple(persons) if naming else tuple(map(_unnamed, persons))
+
+
+def name_of(console: WizardConsole, person_id: str) -> str:
+    """What this scenario calls somebody who is here or known; Somebody, where it is neither."""
+    state = console.state
+    rows = (*state.persons.value, *state.everybody.value)
+    row = next((row for row in rows if row.person_id == person_id), None)
+    if row is None:
+        return "Somebody"
+    return words.person_name(row if console.scenario.permissions.naming_people else _unnamed(row))
 
 
 def _unnamed(person: PersonRow) -> PersonRow:

@@ -5,7 +5,8 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.recording.annotation.model import Vocabulary
 from caris_desktop.ui import tokens
-from caris_desktop.ui.actions import CODE_COUNT, Actions
+from caris_desktop.ui.action_rows import CODE_COUNT
+from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.panel import show_part
 from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.timeline_model import Row, exact_text

@@ -12,7 +12,8 @@ from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.ui import tokens, words
-from caris_desktop.ui.actions import REPLAY_ACTIONS, Actions
+from caris_desktop.ui.action_rows import REPLAY_ACTIONS
+from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.scrubber import Scrubber, moment_words
@@ -47,7 +48,7 @@ class ReplayBar(QWidget):
         self._replay = replay
         actions.add_rows(REPLAY_ACTIONS, self)
         self._thumbnails = Thumbnails(replay, self)
-        self.scrubber = Scrubber(theme, self._thumbnails)
+        self.scrubber = Scrubber(theme, self._thumbnails, replay.with_names)
         self.scrubber.seek_wanted.connect(self._on_seek_wanted)
         self._title = ReplayTitle(theme, *session_title(replay.session))
         self._play = ActionButton(theme, "Pause", icon="pause", look="primary", height_px=36)

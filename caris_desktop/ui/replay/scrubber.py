@@ -41,7 +41,7 @@ class Scrubber(QWidget):
 
     seek_wanted = Signal(object)
 
-    def __init__(self, theme: Theme, thumbnails: Thumbnails) -> None:
+    def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
         super().__init__()
         self.setObjectName("replay_scrubber")
         self.setAccessibleName("Moment of the session")
@@ -52,6 +52,7 @@ class Scrubber(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._thumbnails = thumbnails
+        self._named = named
         self._start_ns = self._end_ns = self._position_ns = 0
         self._overview: SessionOverview | None = None
         self._problems_ms: list[int] = []
@@ -203,7 +204,9 @@ class Scrubber(QWidget):
         if not near:
             return ""
         nearest = min(near, key=lambda moment: (moment.kind != "mark", abs(self.x_of(moment.at_ns) - at_px)))
-        return nearest.text if nearest.kind == "utterance" else f"Mark: {nearest.text or 'without a label'}"
+        if nearest.kind == "utterance":
+            return self._named(nearest.text)
+        return f"Mark: {nearest.text or 'without a label'}"
 
     def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
         if self._bubble is not None and self._bubble.isVisible():
@@ -285,6 +288,11 @@ class MomentBubble(QWidget):
     @property
     def shown_picture(self) -> QImage | None:
         return self._picture
+
+    @property
+    def text(self) -> str:
+        """What was said or marked there."""
+        return self._text
 
     @property
     def time_text(self) -> str:

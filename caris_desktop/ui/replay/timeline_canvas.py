@@ -3,7 +3,7 @@
 Everything that stays while the replay plays is drawn once into a layer; a moving playhead repaints a narrow stripe.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from PySide6.QtCore import QEvent, QPoint, QPointF, QRect, QRectF, QSize, Qt, Signal
@@ -47,7 +47,7 @@ class TimelineCanvas(QWidget):
     selection_changed = Signal()
     view_changed = Signal()  # zoom or scroll
 
-    def __init__(self, theme: Theme, thumbnails: Thumbnails) -> None:
+    def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
         super().__init__()
         self.setObjectName("timeline_canvas")
         self.setAccessibleName("Timeline")
@@ -56,7 +56,7 @@ class TimelineCanvas(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.shown = Shown()
         self.places = TimelineGeometry(self.shown)
-        self._drawing = TimelineDrawing(theme, thumbnails)
+        self._drawing = TimelineDrawing(theme, thumbnails, named)
         self._over = TimelineOverlay(theme, self.shown, self.places, self._drawing)
         self._fits = True
         self._selected = ""

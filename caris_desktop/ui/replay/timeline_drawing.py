@@ -4,7 +4,7 @@ Only the visible part is looked at. Boxes of annotations are set as pixels of on
 there are; only labels that can be read are drawn one by one.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -98,11 +98,15 @@ class Shown:
 
 
 class TimelineDrawing:
-    """Makes the two pictures that the canvas is put together from; asks for the thumbnails that they lack."""
+    """Makes the two pictures that the canvas is put together from; asks for the thumbnails that they lack.
 
-    def __init__(self, theme: Theme, thumbnails: Thumbnails) -> None:
+    ``named`` gives a label as it is shown.
+    """
+
+    def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
         self._theme = theme
         self._thumbnails = thumbnails
+        self._named = named
         self._labels: dict[tuple[str, int, bool], QStaticText] = {}
 
     def color_of(self, shown: Shown, coder: str) -> QColor:
@@ -306,7 +310,9 @@ class TimelineDrawing:
         if label is None:
             if len(self._labels) > _LABELS_KEPT:
                 self._labels.clear()
-            text = metrics.elidedText(" ".join(value[:400].split()), Qt.TextElideMode.ElideRight, room_px // 3 * 3)
+            text = metrics.elidedText(
+                " ".join(self._named(value[:400]).split()), Qt.TextElideMode.ElideRight, room_px // 3 * 3
+            )
             label = QStaticText(text)
             label.setTextFormat(Qt.TextFormat.PlainText)
             self._labels[key] = label

@@ -14,7 +14,9 @@ from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument, Vocabulary
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.ui import tokens
-from caris_desktop.ui.actions import TIMELINE_ACTIONS, Actions, normalized
+from caris_desktop.ui.action_rows import TIMELINE_ACTIONS
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card
 from caris_desktop.ui.replay.coding_strip import CodingStrip
@@ -57,7 +59,7 @@ class TimelineView(QWidget):
         self._tracks: dict[str, Track] = {}
         self._own_tracks: dict[str, Track] = {}
         self._record_tracks: dict[str, Track] = {}
-        self.canvas = TimelineCanvas(theme, Thumbnails(replay, self))
+        self.canvas = TimelineCanvas(theme, Thumbnails(replay, self), replay.with_names)
         self.canvas.installEventFilter(self)
         self.acts = TimelineActs(theme, replay, self.canvas, self)
         self.acts.open_changed.connect(self._on_selection_changed)
@@ -243,7 +245,8 @@ class TimelineView(QWidget):
         item = self.canvas.selected
         if item is not None:
             times = f"{exact_text(item.start_ms)} – {exact_text(item.end_ms)}"
-            return f"{item.value or 'No label yet'} · {times} · {length_text(item.end_ms - item.start_ms)}"
+            label = self._replay.with_names(item.value) or "No label yet"
+            return f"{label} · {times} · {length_text(item.end_ms - item.start_ms)}"
         if self._replay.overview.value is None:
             return "looking through the session…"
         count, coders = len(self.document.annotations), len(editing.coders_of(self.document))
@@ -285,8 +288,8 @@ class TimelineView(QWidget):
             self.acts.give_up()
             return True
         texts = _texts_of(event)
-        for spec in TIMELINE_ACTIONS:
-            if spec.within == "timeline" and any(normalized(key) in texts for key in spec.keys):
+        for spec in self._actions.listening_in("timeline"):
+            if any(normalized(key) in texts for key in spec.keys):
                 if not event.isAutoRepeat() or spec.callback in _REPEATED:
                     self._actions.run(spec.id)
                 return True

@@ -14,7 +14,10 @@ from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 
 Look = Literal["plain", "primary", "danger", "ghost", "outline_danger", "amber"]
 
+Badge = Literal["", "dot", "lock"]
+
 _ICON_PX = 17
+_BADGE_PX = 11
 
 
 class ActionButton(QAbstractButton):
@@ -33,6 +36,7 @@ class ActionButton(QAbstractButton):
         text_px: int = tokens.BODY_PX,
         menu_arrow: bool = False,
         may_shrink: bool = False,
+        may_lose_words: bool = False,
         semibold: bool = False,
         parent: QWidget | None = None,
     ) -> None:
@@ -40,6 +44,7 @@ class ActionButton(QAbstractButton):
         self._theme = theme
         self._icon_name = icon
         self._dot: str | None = None
+        self._badge: Badge = ""
         self._key = key
         self._look: Look = look
         self._key_first = key_first
@@ -47,6 +52,7 @@ class ActionButton(QAbstractButton):
         self._text_px = text_px
         self._menu_arrow = menu_arrow
         self._may_shrink = may_shrink
+        self._may_lose_words = may_lose_words
         self._semibold = semibold
         self._weight = self._weight_for(look)
         self.setText(text)
@@ -55,6 +61,11 @@ class ActionButton(QAbstractButton):
         self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         theme.changed.connect(self.update)
+
+    @property
+    def may_shrink(self) -> bool:
+        """Whether its text is cut short, or goes, where there is no room; its tip and its accessible name have it."""
+        return self._may_shrink or self._may_lose_words
 
     @property
     def key(self) -> str:
@@ -90,6 +101,16 @@ class ActionButton(QAbstractButton):
         self.updateGeometry()
         self.update()
 
+    def set_badge(self, badge: Badge) -> None:
+        """A small mark on the corner; what it means is for the tip and the accessible name to say."""
+        if badge != self._badge:
+            self._badge = badge
+            self.update()
+
+    @property
+    def badge(self) -> Badge:
+        return self._badge
+
     def _weight_for(self, look: Look) -> int:
         bold = self._semibold or look in ("danger", "primary", "outline_danger")
         return tokens.WEIGHT_SEMIBOLD if bold else tokens.WEIGHT_NORMAL
@@ -112,6 +133,8 @@ class ActionButton(QAbstractButton):
     def minimumSizeHint(self) -> QSize:
         # A long label may be cut short (with its full text in the tooltip), its key never.
         full = self.sizeHint()
+        if self._may_lose_words:
+            return QSize(self.width_with(""), full.height())
         if not self._may_shrink:
             return full
         return QSize(min(full.width(), round(key_cap_width(self._theme, self._key)) + 72), full.height())
@@ -177,11 +200,22 @@ class ActionButton(QAbstractButton):
                 rect.adjusted(1, 1, -1, -1), tokens.CONTROL_RADIUS_PX - 1, tokens.CONTROL_RADIUS_PX - 1
             )
         self._draw_content(painter, ink, on)
+        if self._badge:
+            corner = QRectF(self.width() - _BADGE_PX - 3, 3, _BADGE_PX, _BADGE_PX)
+            if self._badge == "lock":
+                draw_icon(painter, corner, "lock-simple", theme.color("amber"))
+            else:
+                painter.setPen(QPen(theme.color("panel"), 2))
+                painter.setBrush(theme.color("amber"))
+                painter.drawEllipse(corner)
 
     def _draw_content(self, painter: QPainter, ink: QColor, on: str) -> None:
         theme, center = self._theme, self.height() / 2
-        side = float(self._side_px(self.text()))
-        left = max(side, (self.width() - self._content_width(self.text())) / 2)
+        text = self.text()
+        if self._may_lose_words and self.width() < self.width_with(text) - 1:
+            text = ""
+        side = float(self._side_px(text))
+        left = max(side, (self.width() - self._content_width(text)) / 2)
         right_end = self.width() - side
         cap = key_cap_width(theme, self._key)
         if self._dot is not None:
@@ -196,13 +230,13 @@ class ActionButton(QAbstractButton):
             draw_key_cap(painter, theme, self._key, left, center, on=on)
             left += cap + 8
         after = (cap + 8 if cap and not self._key_first else 0.0) + (20.0 if self._menu_arrow else 0.0)
-        if self.text():
+        if text:
             font = theme.font(self._text_px, self._weight)
             painter.setFont(font)
             painter.setPen(ink)
             metrics = QFontMetricsF(font)
             room = right_end - left - after
-            shown = metrics.elidedText(self.text(), Qt.TextElideMode.ElideRight, room + 1)
+            shown = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room + 1)
             painter.drawText(
                 QRectF(left, 0, room + 2, self.height()),
                 int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft),

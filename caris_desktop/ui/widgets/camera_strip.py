@@ -142,7 +142,7 @@ class SmallPicture(QAbstractButton):
         if image_bgr is None:
             return
         self._taken_s = now_s
-        self._image = _shrunk(image_bgr, self.size() * self.devicePixelRatioF())
+        self._image = shrunk(image_bgr, self.size() * self.devicePixelRatioF())
         self._frame = frame
         self.update()
 
@@ -229,7 +229,7 @@ class SmallPicture(QAbstractButton):
         self._painted.draw(painter, QPointF(4, 4), size, ("name", text, warns), paint)
 
 
-def _shrunk(image_bgr: NDArray[np.uint8], room: QSize) -> QImage:
+def shrunk(image_bgr: NDArray[np.uint8], room: QSize) -> QImage:
     """A smooth copy that fits the room. Of a large one rows and columns are left out first, which is quick."""
     step = max(1, image_bgr.shape[1] // max(1, 2 * room.width()))
     thinned = np.ascontiguousarray(image_bgr[::step, ::step])

@@ -17,6 +17,10 @@ class FlowRow(QWidget):
     def add(self, widget: QWidget) -> None:
         self._flow.addWidget(widget)
 
+    def remove(self, widget: QWidget) -> None:
+        self._flow.removeWidget(widget)
+        widget.hide()
+
     def set_gap(self, gap_px: int) -> None:
         self._flow.set_gap(gap_px)
 

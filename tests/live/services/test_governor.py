@@ -1,15 +1,23 @@
 """Who pays when the machine is busy: in steps, with patience on the way back."""
 
+import asyncio
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
+from typing import Any
 
+import pytest
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.composition import find_scenario
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.domain.events import ChatMessage
+from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
+from caris_desktop.live.model_client import Asking, ModelClient, Purpose
 from caris_desktop.live.services.governor import LOOK_EVERY_MS, STEPS, STEPS_WITH_BLUR, GovernorService, LoadSteps
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AssistantStatus, LoadStatus
+from caris_desktop.live.status import LoadStatus
 from caris_desktop.scenario.model import BlurSettings
 
 SECOND_NS = 1_000_000_000
@@ -67,8 +75,22 @@ class People:
         self.every_s = seconds
 
 
+async def answers_for_ever(*_: object, **__: object) -> AsyncIterator[str]:
+    yield "Well"
+    await asyncio.Event().wait()
+
+
+async def no_version(_endpoint: ModelEndpoint, *, local_only: bool) -> str:
+    return ""
+
+
+EMBEDDED = ModelEndpoint("embedded", "http://127.0.0.1:9", "embedded")
+OLLAMA_HERE = ModelEndpoint("ollama", "http://127.0.0.1:9", "small")
+ELSEWHERE = ModelEndpoint("openai", "https://models.example.org/v1", "large")
+
+
 class Governed:
-    def __init__(self) -> None:
+    def __init__(self, asyncio_thread: AsyncioThread | None = None) -> None:
         self.owner = QObject()
         self.state = LiveState(self.owner)
         self.people = People()
@@ -76,8 +98,19 @@ class Governed:
         bus = Bus(self.state, self.owner)
         self.passes: list[float] = []
         bus.pass_at_most_every = self.passes.append  # type: ignore[method-assign]
+        nobody: Any = None
+        self.models = ModelClient(
+            asyncio_thread or nobody, answers_for_ever, lambda _: None, self.owner, ask_version=no_version
+        )
         self.governor = GovernorService(
-            self.state, bus, self.people, parent=self.owner, now_ns=lambda: self.now_ns  # type: ignore[arg-type]
+            self.state, bus, self.people, self.models, parent=self.owner,  # type: ignore[arg-type]
+            now_ns=lambda: self.now_ns,
+        )  # fmt: skip
+
+    def ask(self, purpose: Purpose) -> Asking:
+        return self.models.ask(
+            [ChatMessage("user", "Where?")], purpose=purpose, max_tokens=9, temperature=0.0,
+            on_text=lambda _: None, on_end=lambda _: None,
         )  # fmt: skip
 
     def run(self, seconds: float, *, late_ms: float) -> None:
@@ -102,21 +135,41 @@ def test_where_people_have_to_be_covered_looking_for_them_pays_nothing(qapp: QAp
     tour = find_scenario("tour-guide")
     governed.governor.use_scenario(replace(tour, blur=BlurSettings("everybody")))
     governed.run(60.0, late_ms=60.0)
-    governed.state.assistant.set(AssistantStatus("answering"))
     assert (governed.people.every_s, governed.passes[-1]) == (0.0, STEPS_WITH_BLUR[-1][1])
     no_pictures = replace(tour.permissions, video_recording=False, photos=False)
     assert not replace(tour, blur=BlurSettings("everybody"), permissions=no_pictures).covers_people
     assert governed.state.load.value == LoadStatus(3, "picture and panels slower")
 
 
-def test_an_answer_of_the_model_on_this_computer_comes_before_boxes(qapp: QApplication) -> None:
-    governed = Governed()
-    tour = find_scenario("tour-guide")
-    elsewhere = replace(tour, assistant=replace(tour.assistant, model="openai:small"))
-    for scenario, every_s in ((tour, STEPS[2][0]), (elsewhere, 0.0)):
-        governed.governor.use_scenario(scenario)
-        governed.state.assistant.set(AssistantStatus("answering"))
+@pytest.fixture
+def asyncio_thread() -> Iterator[AsyncioThread]:
+    thread = AsyncioThread()
+    yield thread
+    thread.stop()
+
+
+@pytest.mark.parametrize("purpose", ["question", "replies", "actions"])
+def test_an_answer_of_a_model_on_this_computer_comes_before_boxes(
+    qapp: QApplication, asyncio_thread: AsyncioThread, purpose: Purpose
+) -> None:
+    governed = Governed(asyncio_thread)
+    for endpoint, every_s in ((EMBEDDED, STEPS[2][0]), (OLLAMA_HERE, STEPS[2][0]), (ELSEWHERE, 0.0)):
+        governed.models.use(endpoint, shown_as="Small", local_only=False)
+        first, second = governed.ask(purpose), governed.ask(purpose)
         assert governed.people.every_s == every_s
         assert governed.state.load.value == LoadStatus(), "the machine keeps up all the same"
-        governed.state.assistant.set(AssistantStatus("ready"))
+        first.cancel()
+        assert governed.people.every_s == every_s, "another one is still waited for"
+        second.cancel()
         assert governed.people.every_s == 0.0
+
+
+def test_where_people_have_to_be_covered_an_answer_does_not_take_their_looks(
+    qapp: QApplication, asyncio_thread: AsyncioThread
+) -> None:
+    governed = Governed(asyncio_thread)
+    governed.governor.use_scenario(replace(find_scenario("tour-guide"), blur=BlurSettings("everybody")))
+    governed.models.use(EMBEDDED, shown_as="Small", local_only=True)
+    asking = governed.ask("replies")
+    assert governed.people.every_s == 0.0
+    asking.cancel()

@@ -26,7 +26,9 @@ def test_inference_starts_anew_for_a_scenario_that_wants_another_detector_and_fo
     owner, ring = QObject(), FrameRing.create(max_frame_bytes=64 * 48 * 3)
     state = LiveState(owner)
     parts = PeopleParts(ProcessBody("inference", bodies.brightness), lambda: (Presence(), []), _by_model)
-    service = PeopleService(state, Bus(state, owner), parts, rings=RingsToRead((ring.name,)), parent=owner)
+    service = PeopleService(
+        state, Bus(state, owner), parts, rings=RingsToRead((ring.name,)), who_speaks=lambda _said: "", parent=owner
+    )
     shipped = find_scenario("tour-guide")
     first, second = (replace(shipped, perception=replace(shipped.perception, model=name)) for name in ("one", "two"))
     service.use_scenario(first)

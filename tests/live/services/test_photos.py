@@ -9,16 +9,19 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.composition import find_scenario
-from caris_desktop.domain import intents
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken, Problem, SessionEnded, SessionStarted
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.bus import Bus
+from caris_desktop.live.services.assistant import ReadPictures
 from caris_desktop.live.services.photos import PhotosService
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
@@ -36,13 +39,24 @@ class Recording:
 class Assistant:
     refusal: ToldFailure | None = None
     asked: list[Any] = field(default_factory=list)
+    refused: list[ToldFailure] = field(default_factory=list)
+    read: ReadPictures | None = None
 
-    def check_picture(self) -> None:
+    def use_pictures(self, read: ReadPictures) -> None:
+        self.read = read
+
+    def ask(self, asked: intents.Ask) -> None:
         if self.refusal is not None:
             raise self.refusal
+        assert self.read is not None
+        self.read(asked.pictures, lambda jpegs: self.asked.append((asked, jpegs)), self.refused.append)
 
-    def ask_about_photo(self, question: str, photo: str, jpeg: bytes, actor: str) -> None:
-        self.asked.append((question, photo, jpeg, actor))
+
+class Frames:
+    """What the camera shows, for whoever is outside of this window."""
+
+    def read_to_give(self, ref: FrameRef) -> NDArray[np.uint8] | None:
+        return np.full((ref.height_px, ref.width_px, 3), 90, np.uint8)
 
 
 class Bench:
@@ -57,7 +71,7 @@ class Bench:
         self.slow_work = SlowWork(self.owner)
         self.service = PhotosService(
             self.state, bus, self.slow_work, self.recording, self.assistant,  # type: ignore[arg-type]
-            study=study, parent=self.owner,
+            frames=Frames(), study=study, parent=self.owner,  # type: ignore[arg-type]
         )  # fmt: skip
         bus.follow(self.service.follows())
         self.happened: list[Any] = []
@@ -184,12 +198,22 @@ def test_without_the_permission_there_are_none(bench: Bench) -> None:
 def test_the_model_gets_the_picture_where_it_may_and_can_see(bench: Bench) -> None:
     photo = bench.taken(bench.begin_session())
     bench.do(intents.AskAboutPhoto(photo, "What is this?", actor="wizard:b"))
-    ((question, name, jpeg, actor),) = bench.until(lambda: bench.assistant.asked)
-    assert (question, name, actor) == ("What is this?", photo, "wizard:b")
+    ((asked, (jpeg,)),) = bench.until(lambda: bench.assistant.asked)
+    assert asked == intents.Ask("What is this?", pictures=(photo,), actor="wizard:b")
     assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape[1] == 1024
     bench.assistant.refusal = ToldFailure("It cannot see.", "", "")
     with pytest.raises(ToldFailure, match="cannot see"):
         bench.do(intents.AskAboutPhoto(photo, "What is this?"))
+
+
+def test_the_model_gets_what_a_camera_shows_now(bench: Bench) -> None:
+    asked = intents.Ask("What is this?", pictures=("camera front",))
+    with pytest.raises(ToldFailure, match="shows no picture now"):
+        bench.assistant.ask(asked)
+    bench.state.take(FrameRef(clock.now_ns(), None, "front", "", 0, 1, 1280, 720))
+    bench.assistant.ask(asked)
+    ((_, (jpeg,)),) = bench.until(lambda: bench.assistant.asked)
+    assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape == (576, 1024, 3)
 
 
 def test_a_file_that_cannot_be_changed_is_told_of(bench: Bench) -> None:

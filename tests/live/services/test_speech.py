@@ -6,22 +6,28 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
+import psutil
 import pytest
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.conversation.speech_messages import Prepare
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import RobotCommand
-from caris_desktop.domain.events import LinkChanged, UtteranceChanged
+from caris_desktop.domain.events import LinkChanged, SuggestionChanged, UtteranceChanged, VoiceChanged
+from caris_desktop.domain.intents import SetVoice
+from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
 from caris_desktop.live.recorder_feed import ARRIVED, RecorderFeed
 from caris_desktop.live.services.speech import SpeechService
+from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.speech_queue import VoiceKind
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
+from caris_desktop.scenario.file import load_scenario
 from tests.live.bodies import voice
 
 WITHIN_S = 30.0
@@ -64,7 +70,8 @@ class Bench:
         self.feed = RecorderFeed(self.recorder)  # type: ignore[arg-type]
         self.bus.tap(self.feed.put)
         self.feed.start("begin")
-        self.children = Children(self.bus, self.owner)
+        self.slow_work = SlowWork(self.owner)
+        self.children = Children(self.bus, self.owner, slow_work=self.slow_work)
         self.speech = SpeechService(
             self.state, self.bus, self.children, ProcessBody("speech", voice), robot=self, parent=self.owner
         )
@@ -83,6 +90,7 @@ class Bench:
 
     def close(self) -> None:
         self.children.close()
+        self.slow_work.finish(lambda _what, work: work())
         self.speech.stop()
         self.speech.end()
         self.link.stop(grace_s=2.0)
@@ -91,6 +99,13 @@ class Bench:
 
 @pytest.fixture(scope="module")
 def shared_bench(qapp: QApplication) -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def own_bench(qapp: QApplication) -> Iterator[Bench]:
     bench = Bench()
     yield bench
     bench.close()
@@ -161,3 +176,69 @@ def test_what_a_link_tells_that_was_replaced_is_on_no_record(bench: Bench, qtbot
         ("requested", ""),
         ("failed", "the link was lost"),
     ]
+
+
+def test_what_may_be_said_next_is_made_ahead_of_time_the_likeliest_first(
+    bench: Bench, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[Any] = []
+
+    def send(message: Any) -> bool:
+        sent.append(message)
+        return True
+
+    monkeypatch.setattr(bench.speech, "send", send)
+    scenario = replace(
+        load_scenario(layouts_dir() / "tour-guide.yaml"), voice="robot", phrases=("Hi.",), filler="Hm.", fillers=()
+    )
+    bench.speech.use_scenario(scenario)
+    assert [message for message in sent if isinstance(message, Prepare)] == [], "the robot speaks"
+    bench.speech.use_scenario(replace(scenario, voice="computer"))
+    assert sent[-1] == Prepare(("Hm.", "Hi."))
+    shown = SuggestionChanged(1, "s-1", "displayed", "u-1", 1, 1, "Yes, of course.", "embedded")
+    bench.bus.publish(shown)
+    bench.bus.publish(replace(shown, suggestion_id="s-2", text="Ask {p-1}."))
+    qtbot.waitUntil(lambda: sent[-1] == Prepare(("Yes, of course.", "Hm.", "Hi.")))
+    bench.bus.publish(replace(shown, state="dismissed"))
+    qtbot.waitUntil(lambda: sent[-1] == Prepare(("Hm.", "Hi.")))
+
+
+def test_another_voice_is_used_told_and_shown(bench: Bench, qtbot: QtBot) -> None:
+    said: list[Any] = []
+
+    def note(event: object) -> None:
+        said.append(event)
+
+    bench.state.event_happened.connect(note)
+    bench.speech.handlers()[SetVoice](SetVoice("both", "espeak:de", rate=1.5, actor="wizard:b"))
+    qtbot.waitUntil(lambda: any(isinstance(event, VoiceChanged) for event in said), timeout=20_000)
+    bench.state.event_happened.disconnect(note)
+    (changed,) = (event for event in said if isinstance(event, VoiceChanged))
+    assert (changed.output, changed.name, changed.rate, changed.actor) == ("both", "espeak:de", 1.5, "wizard:b")
+    shown = bench.state.voice.value
+    assert (shown.output, shown.name, shown.rate) == ("both", "espeak:de", 1.5)
+    bench.speech.queue.say("Hello", "typed")
+    assert bench.recorder.wait_for(lambda: len(bench.recorder.utterances) == 3)
+    assert [(event.state, event.voice) for event in bench.recorder.utterances] == [
+        ("requested", "both"),
+        ("started", "both"),
+        ("finished", "both"),
+    ]
+    qtbot.waitUntil(lambda: bench.state.speech.value.now is None, timeout=20_000)
+
+
+def test_where_the_robot_does_not_speak_this_computers_voice_does_not_run(own_bench: Bench, qtbot: QtBot) -> None:
+    bench = own_bench
+    speaks = replace(load_scenario(layouts_dir() / "tour-guide.yaml"), voice="computer")
+    bench.speech.use_scenario(speaks)
+    voices = bench.speech.processes
+    child, pid = voices()["speech"], voices()["speech"].pid
+    bench.speech.queue.say("This is cut off", "phrase")
+    bench.speech.queue.say("This is never said", "phrase")
+    bench.speech.use_scenario(replace(speaks, permissions=replace(speaks.permissions, speech=False)))
+    assert voices() == {}
+    qtbot.waitUntil(lambda: bench.state.speech.value.now is None, timeout=20_000)
+    assert bench.state.speech.value.waiting == ()
+    qtbot.waitUntil(lambda: not psutil.pid_exists(pid), timeout=20_000)
+    bench.speech.use_scenario(speaks)
+    assert voices()["speech"] is not child

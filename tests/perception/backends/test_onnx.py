@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from caris_desktop.perception.backends.onnx_graph import cut_graph
+from caris_desktop.domain.onnx_graph import cut_graph
 from caris_desktop.perception.backends.outputs import decode
 from caris_desktop.perception.weights import offline_package_weights
 

@@ -11,9 +11,9 @@ import pytest
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.pictures import PictureError
-from caris_desktop.domain.sensing import CameraState, DepthGrid, FrameRef
+from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid, FrameRef
 from caris_desktop.perception.cameras import camera_process, camera_source
-from caris_desktop.perception.cameras.camera_process import PlayVideo
+from caris_desktop.perception.cameras.camera_process import HearCamera, PlayVideo
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture, picture_of
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.device_camera import DeviceCamera
@@ -235,3 +235,31 @@ def test_depth_goes_along_with_its_picture_in_few_points(start: Start) -> None:
     assert (grid.stamp_ns, grid.camera) == (camera.of(FrameRef)[1].stamp_ns, "mast")
     assert grid.depths_mm.shape == (45, 80)
     assert (grid.depths_mm[20, 5], grid.depths_mm[20, 70]) == (1500, 3000)
+
+
+class HearingCamera:
+    """Hears something with each picture."""
+
+    width_px, height_px, fps = 64, 48, None
+
+    def __init__(self) -> None:
+        self.on_sound: Callable[[int, Any], None] = lambda _stamp_ns, _samples: None
+
+    def read(self) -> Picture:
+        time.sleep(0.005)
+        self.on_sound(clock.now_ns(), np.full((320, 1), 7, np.int16))
+        return Picture(np.zeros((48, 64, 3), np.uint8))
+
+    def close(self) -> None: ...
+
+
+def test_a_cameras_microphone_is_heard_only_while_it_is_asked_for(start: Start) -> None:
+    camera = start("0", open_one=lambda _chosen: HearingCamera())
+    camera.until(has(FrameRef))
+    assert camera.of(AudioChunk) == []
+    camera.connection.send(HearCamera(True))
+    camera.until(has(AudioChunk))
+    chunk = camera.of(AudioChunk)[0]
+    assert (chunk.source, chunk.sample_rate_hz, chunk.samples.shape) == ("robot microphone", 16000, (320, 1))
+    camera.connection.send(HearCamera(False))
+    camera.until(lambda received: all(isinstance(each, FrameRef) for each in received[-5:]))

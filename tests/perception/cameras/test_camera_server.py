@@ -3,7 +3,9 @@
 import asyncio
 import base64
 import json
+import threading
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -17,6 +19,8 @@ from caris_desktop.perception.cameras.camera_source import CameraError, CameraSo
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.http_camera import Parts
 from caris_desktop.perception.cameras.newest_frame import NewestFrame
+from caris_desktop.perception.cameras.served_sound import PIECE, RATE_HZ, ServedSound, Take
+from caris_desktop.perception.cameras.webrtc_camera import WebRtcCamera
 
 TOKEN = "0123456789abcdef"
 
@@ -78,13 +82,14 @@ def served(
     test: Callable[[NewestFrame, Callable[[], Awaitable[Client]]], Awaitable[None]],
     *,
     token: str = "",
+    sound: ServedSound | None = None,
     open_one: Callable[[ChosenCamera], CameraSource] | None = None,
 ) -> None:
     """Run ``test(frames, new_client)`` beside a server."""
 
     async def run() -> None:
         frames = NewestFrame(parse_camera("0"), open_one or (lambda _chosen: NumberedCamera()))
-        server = CameraServer(frames, token=token)
+        server = CameraServer(frames, token=token, sound=sound)
         listening = await server.serve("127.0.0.1", 0)
         reading = asyncio.create_task(frames.run())
         clients: list[Client] = []
@@ -243,3 +248,64 @@ def test_a_camera_that_is_lost_comes_back_to_those_who_still_look(monkeypatch: p
 
     served(test, open_one=open_one)
     assert all(camera.closed for camera in cameras)
+
+
+class Tone:
+    """A source of 440 Hz, as long as somebody listens."""
+
+    def __init__(self) -> None:
+        self.ended = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def begin(self, take: Take) -> None:
+        self.ended.clear()
+        self._thread = threading.Thread(target=self._run, args=(take,))
+        self._thread.start()
+
+    def end(self) -> None:
+        self.ended.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    @property
+    def open(self) -> bool:
+        return self._thread is not None and not self.ended.is_set()
+
+    def _run(self, take: Take) -> None:
+        number = 0
+        while not self.ended.wait(PIECE / RATE_HZ):
+            at = np.arange(number * PIECE, (number + 1) * PIECE)
+            take((np.sin(at * 2 * np.pi * 440 / RATE_HZ) * 8000).astype(np.int16))
+            number += 1
+
+
+@pytest.mark.logs("aioice|webrtc")
+def test_sound_comes_beside_the_picture_to_whoever_may_hear_it_and_only_then_is_the_microphone_open() -> None:
+    source = Tone()
+
+    def look(port: int, *, listen: bool) -> list[tuple[int, Any]]:
+        chosen = replace(parse_camera(f"whep+http://127.0.0.1:{port}/whep"), sound=listen)
+        camera, heard = WebRtcCamera(chosen), list[tuple[int, Any]]()
+        camera.on_sound = lambda stamp_ns, samples: heard.append((stamp_ns, samples))
+        try:
+            until_ns = clock.now_ns() + 8_000_000_000
+            while clock.now_ns() < until_ns and sum(len(samples) for _, samples in heard) < (16000 if listen else 1):
+                assert camera.read() is not None
+                if not listen:
+                    break
+        finally:
+            camera.close()
+        return heard
+
+    async def test(_frames: NewestFrame, new_client: Callable[[], Awaitable[Client]]) -> None:
+        port = (await new_client())._port
+        assert await asyncio.to_thread(look, port, listen=False) == []
+        assert not source.open
+        heard = await asyncio.to_thread(look, port, listen=True)
+        samples = np.concatenate([piece[:, 0] for _, piece in heard]).astype(float)
+        assert np.argmax(np.abs(np.fft.rfft(samples[-8000:]))) * 2 == pytest.approx(440, abs=6)
+        length_ns = (len(samples) - len(heard[-1][1])) * 1_000_000_000 // 16000
+        assert heard[-1][0] - heard[0][0] == pytest.approx(length_ns, rel=0.1)
+        assert await asyncio.to_thread(source.ended.wait, 10.0), "nobody listens any more"
+
+    served(test, sound=ServedSound(source))

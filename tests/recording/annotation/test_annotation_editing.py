@@ -17,6 +17,7 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
+from tests.support.examples import examples
 
 GAZE = Vocabulary("Gaze", (VocabularyEntry("robot", "at the robot"), VocabularyEntry("away")))
 RECORD = AnnotationDocument(
@@ -173,7 +174,7 @@ def test_taking_over_leaves_the_record_out_and_loses_nothing() -> None:
         editing.take_over(document, late)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.data())
 def test_any_edits_keep_the_rules_and_can_be_undone(data: st.DataObject) -> None:
     """Whatever a coder tries: the rules hold, refusals change nothing, undo and redo walk the same states."""

@@ -33,6 +33,7 @@ from caris_desktop.recording.exporters.eaf import LinkedMedia, eaf_text
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.export_checks import check_what_elan_insists_on
 from tests.recording.told_session import at, heard, said, tell, tour
+from tests.support.examples import examples
 from tests.support.recorded_session import make_session, number_in
 
 SCHEMA = Path(__file__).parents[4] / "shared" / "data" / "EAFv3.0.xsd"
@@ -109,7 +110,7 @@ _TEXTS = st.text(st.characters(codec=None), max_size=30) | st.sampled_from(
 _NAMES = st.text(st.sampled_from(string.printable + "äß李\x00\u202e"), min_size=1, max_size=12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     st.lists(st.tuples(_NAMES, st.sampled_from(["anna", "ben", "ts1", "Ö <>"]), st.booleans()), max_size=4),
     st.lists(st.tuples(st.integers(0, 3), st.integers(0, 5000), st.integers(1, 300), _TEXTS), max_size=12),

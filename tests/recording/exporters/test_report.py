@@ -22,6 +22,7 @@ from caris_desktop.domain.events import (
     PersonLeft,
     PhotoDeleted,
     PhotoTaken,
+    PracticeEnded,
     Problem,
     RobotChosen,
     UtteranceChanged,
@@ -364,7 +365,8 @@ def test_the_paragraph_for_many(tmp_path: Path) -> None:
 
 def test_training_is_what_the_same_wizard_practised_before(tmp_path: Path) -> None:
     sessions_dir = tmp_path / "sessions"
-    tell(sessions_dir / "p1", [], lasts_s=600, trial={"wizard": "Mia", "purpose": "practice"}, later_s=0)
+    ended = PracticeEnded(1_000_000_000, done=9, steps=10, minutes=9.5, score=78)
+    tell(sessions_dir / "p1", [ended], lasts_s=600, trial={"wizard": "Mia", "purpose": "practice"}, later_s=0)
     tell(sessions_dir / "p2", [], lasts_s=300, trial={"wizard": "mia ", "purpose": "Practice"}, later_s=3600)
     tell(sessions_dir / "p3", [], lasts_s=900, trial={"wizard": "Tom", "purpose": "practice"}, later_s=3600)
     tell(sessions_dir / "p4", [], lasts_s=900, trial={"wizard": "Mia", "purpose": "practice"}, later_s=90000)
@@ -382,7 +384,8 @@ def test_training_is_what_the_same_wizard_practised_before(tmp_path: Path) -> No
     assert steps == sorted(steps)
     assert steps[-1] == 1.0
     text = (out / "methods.md").read_text(encoding="utf-8")
-    assert "Mia: 15 min 00 s in two practice sessions. Of Noor no practice session is in the record." in text
+    assert "Mia: 15 min 00 s in two practice sessions, 78 of 100 points in the guided exercise." in text
+    assert "Of Noor no practice session is in the record." in text
     assert "Two wizards: Mia (two sessions) and Noor (one session)." in text
     assert "Three participants in three sessions." in text
     assert "A: 2, B: 1" in text

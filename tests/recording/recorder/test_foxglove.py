@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.events import Problem, UtteranceChanged
+from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import CameraLens, LaserScan, OccupancyGrid, People, PlannedPath, RobotPose
 from caris_desktop.recording.session.session_reader import open_session
@@ -48,7 +48,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
     nowhere = replace(unplaced, robot_from_laser=None)
     more = [(at_ns, value) for value in (lens, replace(lens, camera="head", model=replace(MODEL, on_head=True)))]
     path = PlannedPath(at_ns, None, np.array([[1.0, 2.0], [1.5, 2.5]], np.float32))
-    more += [(at_ns, value) for value in (problem, unplaced, nowhere, path)]
+    corrected = UtteranceCorrected(at_ns, "u-1", text="Hello robot.")
+    more += [(at_ns, value) for value in (problem, corrected, unplaced, nowhere, path)]
     return rerecorded(made, sorted([*made.values, *more], key=lambda pair: pair[0]))
 
 
@@ -242,6 +243,8 @@ def test_a_log_tells_each_utterance_once_and_every_problem(made: MadeSession, se
     (problem,) = on(seen, "/event/problem")
     assert problem.content["level"] == 3
     assert problem.content["message"] == "The picture stopped. Driving goes on. Wait."
+    (corrected,) = on(seen, "/event/utterance_corrected")
+    assert (corrected.content["level"], corrected.content["message"]) == (2, "corrected: Hello robot.")
 
 
 def test_what_is_for_others_only_is_nothing_to_our_reader(made: MadeSession, caplog: pytest.LogCaptureFixture) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import ChatMessage, Problem, UtteranceChanged
+from caris_desktop.domain.events import ChatMessage, Problem, StepEntered, UtteranceChanged
 from caris_desktop.recording.recorder.lsl_outlet import STREAM_NAME
 from caris_desktop.recording.recorder.messages import OfferMarkers, PauseRecording, RecorderReport
 from caris_desktop.recording.session.session_reader import open_session
@@ -48,7 +48,8 @@ def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any
     said = UtteranceChanged(clock.now_ns(), "u1", "robot", "Grüß dich! " * 200, "phrase", "started")
     marked = replace(mark("here"), note="she looked away")
     session_s, lsl_s = clock.now_ns() / 1e9, pylsl.local_clock()
-    recorder.send(command(1), pose(1.0), marked, said, PauseRecording(True), PauseRecording(False))
+    step = StepEntered(clock.now_ns(), "arm", "Robot arm", 3, "branch", "greet", "Asks who that is")
+    recorder.send(command(1), pose(1.0), marked, step, said, PauseRecording(True), PauseRecording(False))
     recorder.stop_session()
     heard = []
     while not heard or heard[-1][0]["event"] != "session_ended":
@@ -60,16 +61,18 @@ def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any
     assert [marker["event"] for marker, _ in heard] == [
         "session_started",
         "marked",
+        "step_entered",
         *(["utterance_changed"] if words else []),
         "recording_paused",
         "recording_paused",
         "session_ended",
     ]
     assert heard[1][0]["label"] == "here"
-    assert ("looked away" in str(heard)) == words
+    assert (heard[2][0]["title"], heard[2][0]["number"]) == ("Robot arm", 3)
+    assert ("looked away" in str(heard)) == ("who that is" in str(heard)) == words
     if words:
-        assert heard[2][0]["text"].startswith("Grüß dich!")
-        assert len(heard[2][0]["text"]) < 1100
+        assert heard[3][0]["text"].startswith("Grüß dich!")
+        assert len(heard[3][0]["text"]) < 1100
     for marker, lsl_stamp_s in heard:
         assert lsl_stamp_s - lsl_s == pytest.approx(marker["stamp_ns"] / 1e9 - session_s, abs=0.02)
     assert open_session(tmp_path / "s").closed_properly

@@ -6,7 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.events import CommandSent, PersonAppeared, UtteranceChanged, UtteranceState
+from caris_desktop.domain.events import (
+    CommandSent,
+    PersonAppeared,
+    UtteranceChanged,
+    UtteranceCorrected,
+    UtteranceState,
+)
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import People, PersonBox, RobotPose
 from caris_desktop.recording.recorder.plain_files import PlainFiles
@@ -77,6 +83,27 @@ def test_speech_shows_each_sentence_once_and_what_became_of_it(tmp_path: Path) -
         "4.000 participant: Can it hurt people? ö  [typed]",
         "5.000 robot: It is sa  [typed]",
         "6.000 robot: It is sa  [interrupted]",
+    ]
+
+
+def test_speech_has_what_participants_said_and_what_was_corrected(tmp_path: Path) -> None:
+    files = PlainFiles(tmp_path, CLOCK, on_full=lambda: False)
+
+    def hear(session_s: float, number: str, state: UtteranceState, text: str = "", person_id: str = "") -> None:
+        files.add(UtteranceChanged(at(session_s), number, "participant", text, "heard", state, person_id=person_id))
+
+    hear(1, "a", "started")
+    hear(2.5, "a", "finished", "Hello robber.", "p-1")
+    hear(3, "b", "started")
+    hear(3.5, "b", "failed")
+    files.add(UtteranceCorrected(at(5), "a", text="Hello robot."))
+    files.add(UtteranceCorrected(at(6), "a", speaker=""))
+    files.add(UtteranceCorrected(at(7), "a", tags=("greets",)))
+    files.close()
+    assert [line.split(maxsplit=1)[1].strip() for line in lines(tmp_path / "speech.txt")] == [
+        "1.000 participant (p-1): Hello robber.  [heard]",
+        "5.000 participant: Hello robot.  [corrected, before: Hello robber.]",
+        "6.000 not sure who: Hello robot.  [corrected]",
     ]
 
 

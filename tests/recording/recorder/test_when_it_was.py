@@ -1,24 +1,29 @@
 """When the robot's values were measured and its pictures taken: in the record, the video, captions and ELAN."""
 
 import json
+import pickle
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import webvtt
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import LinkQuality, UtteranceChanged
+from caris_desktop.domain.events import Gap, LinkQuality, RecordingPaused, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.sensing import BatteryState, FrameRef, Odometry
+from caris_desktop.domain.sensing import AudioChunk, BatteryState, FrameRef, Odometry, StatusShown
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.export import export_session
 from caris_desktop.recording.recorder.event_log import EventLog
+from caris_desktop.recording.recorder.messages import ARRIVED, PauseRecording
+from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.header_rebuilding import rebuilt_header
+from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.driving import RecorderUnderTest, picture, start
 from tests.recording.recorder.test_recorder_process import mcap_messages
 
@@ -87,6 +92,38 @@ def test_captions_and_elan_fit_what_is_seen(session: Path, tmp_path: Path) -> No
     # Before the session began the video is cut by its origin; after that it has been moved into its place.
     assert float(descriptor.get("TIME_ORIGIN", "0")) == pytest.approx(max(0.0, -began_ms), abs=1.0)
     assert "to within 1.5 ms" in (tmp_path / "elan" / "media.txt").read_text()
+
+
+def test_what_a_recorder_that_is_behind_writes_beside_sound_keeps_its_moment(tmp_path: Path) -> None:
+    """A replay shows each value from its arrival on, and never before what stands before it in the record."""
+    recorder = RecorderUnderTest(in_thread=True)
+    begun_ns = clock.now_ns() - 4000 * MS
+
+    def arrived(at_ms: int, message: object) -> None:
+        arrival = (begun_ns + at_ms * MS).to_bytes(8, "little", signed=True)
+        recorder.connection.send_bytes(ARRIVED + arrival + pickle.dumps(message))
+
+    arrived(0, start(tmp_path / "s"))
+    arrived(100, StatusShown(begun_ns, "camera", "front"))
+    for at_ms in range(200, 1200, 100):
+        arrived(at_ms, AudioChunk(begun_ns + (at_ms - 100) * MS, "microphone", 16_000, np.ones((1600, 1), np.int16)))
+    arrived(1300, StatusShown(begun_ns + 1300 * MS, "camera", "rear"))
+    # A gap, of which the recorder tells by itself, at the latest in a pause.
+    arrived(1320, AudioChunk(begun_ns + 200 * MS, "microphone", 16_000, np.ones((160, 1), np.int16)))
+    arrived(1350, PauseRecording(True))
+    arrived(1400, PauseRecording(False))
+    arrived(1450, StatusShown(begun_ns + 1450 * MS, "camera", "desk"))
+    recorder.stop_session()
+    recorder.close()
+    with SessionTimeline(open_session(tmp_path / "s")) as timeline:
+        shown = {
+            at_ms: [value.content for value in timeline.state_at(begun_ns + at_ms * MS) if type(value) is StatusShown]
+            for at_ms in (1290, 1310, 1440, 1460)
+        }
+        pauses_ms = [round((at_ns - begun_ns) / MS) for at_ns, _ in timeline.events(RecordingPaused)]
+        gaps = [gap.stream for _, gap in timeline.events(Gap)]
+    assert shown == {1290: ["front"], 1310: ["rear"], 1440: ["rear"], 1460: ["desk"]}
+    assert (pauses_ms, gaps) == ([1350, 1400], ["audio"])
 
 
 def test_a_head_made_anew_does_not_take_a_measured_moment_for_an_arrival(tmp_path: Path) -> None:

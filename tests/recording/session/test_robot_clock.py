@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.events import LinkQuality
 from caris_desktop.recording.session.robot_clock import RobotClock
+from tests.support.examples import examples
 
 S = 1_000_000_000
 START = 5_000 * S
@@ -35,7 +36,7 @@ def drifting(at_ns: int) -> int:
 
 
 @given(st.integers(-4 * S, 124 * S), st.integers(0, 20))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_a_drifting_clock_is_followed_within_what_is_stated(moment_ns: int, seed: int) -> None:
     robot = RobotClock(estimates(drifting, bound_ms=8.0, seed=seed))
     measured = robot.measured(drifting(START + moment_ns), arrival_ns=START + max(0, moment_ns) + S // 20)

@@ -38,6 +38,17 @@ def test_an_utterance_has_the_exact_times_at_which_it_began_and_ended() -> None:
     assert second.detail == "silenced"
 
 
+def test_times_that_nobody_told_are_marked_as_estimated() -> None:
+    events = [
+        said(10, "a", "requested"),
+        said(20, "a", "started", estimated=True),
+        said(50, "a", "finished"),
+        said(60, "b", "started"),
+        said(70, "b", "finished"),
+    ]
+    assert [one.estimated for one in spoken_of(events, ended_ns=1000)] == [True, False]
+
+
 def test_what_was_never_said_has_no_times() -> None:
     events = [
         said(10, "dropped", "requested"),

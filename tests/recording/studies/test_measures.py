@@ -145,6 +145,21 @@ def test_each_model_is_told_with_what_became_of_its_answers(tmp_path: Path) -> N
     )
 
 
+def test_suggestions_and_proposals_are_no_questions_of_the_wizard(tmp_path: Path) -> None:
+    questions = [
+        exchange(1, 1.0, 2.0, "a"),
+        *said(1, 4.0, 4.1, 6.0, "a"),
+        AnswerUsed(at(4.0), "x-1", "said", "a", "u-1"),
+    ]
+    plain = measured(tmp_path / "plain", questions)
+    replies = exchange(2, 2.5, 3.0, "{}", purpose="replies", turn_id="u-9", revision=2)
+    actions = exchange(3, 3.0, 3.5, "{}", purpose="actions", turn_id="u-9", revision=2)
+    with_suggestions = measured(tmp_path / "more", [*questions[:1], replies, actions, *questions[1:]])
+    assert with_suggestions.models == plain.models
+    assert with_suggestions.reactions == plain.reactions
+    assert [reply.delay_s for reply in plain.reactions] == [pytest.approx(2.0)]
+
+
 def odometry(session_s: float, x_m: float, forward_mps: float) -> Odometry:
     return Odometry(at(session_s), None, Pose2D(x_m, 0.0, 0.0), Twist2D(forward_mps=forward_mps))
 
@@ -320,6 +335,8 @@ def test_an_empty_session_has_figures_too(tmp_path: Path) -> None:
     assert unknown == {
         "response_time_s", "content_response_time_s", "reaction_time_s", "llm_accepted_fraction", "distance_m",
         "max_speed_mps", "wizard_errors_per_10_min", "responses", "participant_talk_s", "participant_utterances",
+        "gap_s", "gap_lower_quartile_s", "gap_upper_quartile_s", "gaps_under_1_s_fraction", "overlaps",
+        "protocol_steps", "steps_visited", "steps_skipped", "steps_late", "steps_late_s",
     }  # fmt: skip
     assert {value for value in values.values() if value is not None} == {0}
     assert len(values) == len(FIGURES)

@@ -6,12 +6,23 @@ import json
 import math
 import shutil
 import statistics
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from caris_desktop.domain.events import AnswerUsed, GoalChanged, PersonAppeared, PersonLeft
+from caris_desktop.domain.events import (
+    AnswerUsed,
+    GoalChanged,
+    PersonAppeared,
+    PersonLeft,
+    ResponseTimed,
+    Speaker,
+    UtteranceChanged,
+    UtteranceCorrected,
+    UtteranceOrigin,
+)
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.store import save_coder
@@ -19,7 +30,24 @@ from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies import statistics_command
 from caris_desktop.recording.studies.measures import FIGURES, Measures, measure, read_facts
 from caris_desktop.recording.studies.statistics import StatisticsError, StudyStatistics, queries, study_statistics
-from tests.recording.told_session import TRIAL, at, exchange, silenced, tell, tour
+from tests.recording.told_session import TRIAL, at, exchange, silenced, stepped, tell, tour
+
+
+def interrupted_turns() -> list[Any]:
+    """The robot speaks over a participant, a filler comes before an answer, and what was heard was the robot itself."""
+
+    def said(turn_id: str, speaker: Speaker, origin: UtteranceOrigin, from_s: float, to_s: float) -> list[Any]:
+        begun = UtteranceChanged(at(from_s), turn_id, speaker, "Words.", origin, "started")
+        return [begun, replace(begun, stamp_ns=at(to_s), state="finished")]
+
+    return [
+        *said("o-1", "participant", "heard", 60.0, 62.0), *said("o-2", "robot", "phrase", 61.4, 63.0),
+        *said("o-3", "participant", "heard", 64.0, 65.0), *said("o-4", "robot", "filler", 65.6, 66.0),
+        *said("o-5", "robot", "suggestion", 67.0, 68.0),
+        ResponseTimed(at(67.1), "o-3", "o-5", "edited_suggestion", at(65.0), at(65.5), at(65.8), at(66.9), at(67.0)),
+        *said("o-6", "participant", "heard", 67.1, 68.1), *said("o-7", "robot", "typed", 68.4, 69.0),
+        UtteranceCorrected(at(70.0), "o-6", speaker="robot"),
+    ]  # fmt: skip
 
 
 def hard_to_count() -> list[Any]:
@@ -44,6 +72,10 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
         values = tour(number, minutes=1.5 + number / 4, state_hz=4.0, building=False) if number != 1 else []
         if number == 0:
             values += hard_to_count()
+        if number == 1:
+            values = interrupted_turns()
+        if number != 2:
+            values += stepped((0.0, "greet", "started"), (12.0 + number, "ask", "next"), (15.0, "close", "skipped"))
         tell(study / "sessions" / f"it's s{number}", values, lasts_s=90 + number * 15, trial=trial)
     gaze = (Annotation("a", "t", 0, 1000, "away"), Annotation("b", "t", 2000, 2500, "away"))
     save_coder(study / "sessions" / "it's s0", AnnotationDocument((Tier("t", "Gaze", "Ann"),), (), gaze), "Ann")
@@ -94,7 +126,32 @@ def test_the_summary_is_that_of_the_sessions_that_count(made: StudyStatistics, m
     each = rows.pop((None, "each_response_time_s"))
     delays_s = [delay_s for name in groups[None] for delay_s in measures[name].response_times_s]
     assert (each.n, each.median) == (len(delays_s), pytest.approx(statistics.median(delays_s)))
-    assert {measure for _, measure in rows} == {"each_response_time_s", "each_reaction_time_s"}
+    assert {measure for _, measure in rows} == {"each_response_time_s", "each_reaction_time_s", "each_gap_s"}
+    each = rows.pop((None, "each_gap_s"))
+    gaps_s = [gap_s for name in groups[None] for gap_s in measures[name].gaps_s]
+    assert (each.n, each.smallest) == (len(gaps_s), pytest.approx(min(gaps_s)))
+    assert each.smallest < 0, "the robot spoke over somebody"
+
+
+def test_gaps_are_told_by_what_the_robot_answered_with(made: StudyStatistics, measures: dict[str, Measures]) -> None:
+    with (made.out / "gaps.csv").open(encoding="utf-8", newline="") as file:
+        rows = {(row["of"], row["condition"], row["means"]): row for row in csv.DictReader(file)}
+    mine = measures["it's s1"].gaps
+    assert [(one.turn_id, one.reply_id, one.means, round(one.gap_s, 3), one.first) for one in mine] == [
+        ("o-1", "o-2", "phrase", -0.6, True),
+        ("o-3", "o-4", "filler", 0.6, True),
+        ("o-3", "o-5", "edited_suggestion", 2.0, False),
+    ]
+    edited = rows["study", "", "edited_suggestion"]
+    assert (edited["n"], float(edited["median_s"]), float(edited["under_1_s_fraction"])) == ("1", 2.0, 0.0)
+    phrases = [
+        one.gap_s for name, of in measures.items() for one in of.gaps if one.means == "phrase" and name != "it's s3"
+    ]
+    row = rows["study", "", "phrase"]
+    assert (int(row["n"]), int(row["overlaps"])) == (len(phrases), sum(gap_s < 0 for gap_s in phrases))
+    quartiles = statistics.quantiles(phrases, n=4, method="inclusive")
+    told = [float(row[name]) for name in ("lower_quartile_s", "median_s", "upper_quartile_s")]
+    assert told == pytest.approx(quartiles, abs=1e-6)
 
 
 def test_results_are_files_to_go_on_from(made: StudyStatistics) -> None:
@@ -205,3 +262,19 @@ def test_the_command_prints_a_table(made: StudyStatistics, study: Path, capsys: 
     assert math.isclose(float(mean), row.mean, abs_tol=0.006)
     assert "Condition A" in out
     assert statistics_command.run(parser.parse_args([str(study / "nowhere")])) == 1
+
+
+def test_each_step_is_told_planned_against_actual_over_the_sessions_that_count(made: StudyStatistics) -> None:
+    with (made.out / "steps.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    study = [row for row in rows if row["of"] == "study"]
+    assert [(row["step_number"], row["title"], row["sessions"], row["visited_in"]) for row in study] == [
+        ("1", "Greet", "2", "2"), ("2", "Ask", "2", "2"), ("3", "Show", "2", "0"), ("4", "Close", "2", "2"),
+    ]  # fmt: skip
+    greet, ask, show, close = study
+    assert [float(greet[name]) for name in ("expected_s", "mean_s", "min_s", "max_s")] == [10.0, 12.5, 12.0, 13.0]
+    assert (greet["late_in"], ask["skipped_in"], show["mean_s"], close["late_in"]) == ("2", "2", "", "2")
+    assert {row["condition"] for row in rows if row["of"] == "condition"} == {"A", "B"}
+    assert made.summary and {row.measure: row.mean for row in made.summary if row.condition is None} | {
+        "protocol_steps": 4.0, "steps_visited": 3.0, "steps_skipped": 1.0, "steps_late": 2.0,
+    } == {row.measure: row.mean for row in made.summary if row.condition is None}  # fmt: skip

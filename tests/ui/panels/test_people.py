@@ -210,12 +210,11 @@ def test_a_suggestion_is_confirmed_by_one_key_from_anywhere(
     window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     field = find(window, "speak_field")
-    assert isinstance(field, QLineEdit)
     field.setFocus()
     QTest.keyClicks(field, "Hello")
     QTest.keyClick(field, Qt.Key.Key_Return, CTRL)
     assert console.calls == [("confirm_person", ("p-3", "p-mara"))]
-    assert field.text() == "Hello", "nothing was said"
+    assert field.property("text") == "Hello", "nothing was said"
     assert names(panel)[2] == "Mara Silva"
     assert "recognised" not in told(panel, "p-mara"), "that was the wizard"
     QTest.keyClick(field, Qt.Key.Key_Return, CTRL)

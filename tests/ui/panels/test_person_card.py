@@ -30,7 +30,7 @@ NOW_NS = round(datetime(2026, 11, 22, 14, 30).timestamp() * 1e9)
 MINUTE_NS = people_samples.MINUTE_NS
 HISTORY = (
     HistoryEntry("heard", NOW_NS - 2 * MINUTE_NS, "s2", "Can it hurt people?"),
-    HistoryEntry("said", NOW_NS - 3 * MINUTE_NS, "s2", "Over there is our robot arm."),
+    HistoryEntry("said", NOW_NS - 3 * MINUTE_NS, "s2", "Over there is our robot arm, {p-luis}."),
     HistoryEntry("visit", NOW_NS - 1440 * MINUTE_NS, "s1", until_utc_ns=NOW_NS - 1432 * MINUTE_NS),
 )
 
@@ -234,11 +234,11 @@ def test_the_history_over_all_sessions_is_shown_and_searched(
     card = panel.card
     assert card is not None
     assert console.named("look_up_person") == [("p-luis", "")]
-    assert history(card) == ["“Can it hurt people?”", "Robot: “Over there is our robot arm.”", "Visit, 8 min"]
+    assert history(card) == ["“Can it hurt people?”", "Robot: “Over there is our robot arm, Luis.”", "Visit, 8 min"]
     search = field(window, "person_history_search")
     search.setFocus()
     QTest.keyClicks(search, "arm")
-    qtbot.waitUntil(lambda: history(card) == ["Robot: “Over there is our robot arm.”"])
+    qtbot.waitUntil(lambda: history(card) == ["Robot: “Over there is our robot arm, Luis.”"])
     assert console.named("look_up_person")[-1] == ("p-luis", "arm"), "asked once the typing pauses"
     QTest.keyClicks(search, "x")
     qtbot.waitUntil(lambda: history(card) == [])

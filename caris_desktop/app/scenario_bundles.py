@@ -1,0 +1,99 @@
+"""Scenarios that are handed on as one file: with the user's own robot profile and face, unpacked beside these."""
+
+from pathlib import Path
+
+from caris_desktop.conversation.face.file import FaceError, parse_face, user_faces_dir
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.shipped import layouts_dir, resources_dir
+from caris_desktop.domain.translation import tr
+from caris_desktop.robot.profile import (
+    ProfileError,
+    load_profile,
+    parse_profile,
+    profile_text,
+    read_profile,
+    user_robots_dir,
+)
+from caris_desktop.scenario.bundle import (
+    Bundle,
+    BundleError,
+    Part,
+    PartKind,
+    bundle_name,
+    names_of,
+    read_bundle,
+    unpack,
+    write_bundle,
+)
+from caris_desktop.scenario.file import scenario_text
+from caris_desktop.scenario.library import user_scenarios_dir
+from caris_desktop.scenario.model import Scenario
+
+
+def share_scenario(scenario: Scenario, path: Path) -> None:
+    """Write it with what of the user's own it refers to. Raises ToldFailure."""
+    stem = scenario.path.stem if scenario.path is not None else scenario.title
+    own = Part("scenario", bundle_name(stem), scenario_text(scenario))
+    try:
+        write_bundle(Bundle(own, tuple(_beside(scenario))), path)
+    except (BundleError, ProfileError, OSError) as error:
+        raise ToldFailure(
+            tr("The scenario was not written as one file."), str(error), tr("Choose another folder or another name.")
+        ) from error
+
+
+def import_scenario(path: Path) -> tuple[Path, str]:
+    """Where the scenario of this file lies now, and what got another name, in words. Raises ToldFailure."""
+    folders: dict[PartKind, Path] = {
+        "scenario": user_scenarios_dir(), "robot": user_robots_dir(), "face": user_faces_dir()
+    }  # fmt: skip
+    try:
+        bundle = read_bundle(path)
+        for part in bundle.beside:
+            _check(part, path)
+        unpacked = unpack(bundle, folders, _known)
+    except (BundleError, ProfileError, FaceError) as error:
+        why = error.what if isinstance(error, FaceError) else str(error)
+        raise ToldFailure(
+            tr("The scenario was not imported."),
+            why,
+            tr("Nothing was changed. Ask whoever sent it for the file again."),
+        ) from error
+    return unpacked.path, names_of(unpacked.renamed)
+
+
+def _beside(scenario: Scenario) -> list[Part]:
+    """Its robot and its face, as far as they are the user's own. Nothing secret is in a profile's text."""
+    parts = []
+    if (user_robots_dir() / f"{scenario.robot}.yaml").is_file():
+        parts.append(Part("robot", scenario.robot, profile_text(load_profile(scenario.robot))))
+    face = user_faces_dir() / f"{scenario.face.face}.yaml"
+    if face.is_file():
+        parts.append(Part("face", scenario.face.face, face.read_text(encoding="utf-8-sig")))
+    return parts
+
+
+def _check(part: Part, bundle: Path) -> None:
+    shown = f"{bundle.name}, {part.kind}/{part.name}.yaml"
+    if part.kind == "robot":
+        parse_profile(part.text, file_name=shown, name=part.name)
+    else:
+        parse_face(part.text, file_name=shown, name=part.name)
+
+
+def _known(kind: PartKind, name: str) -> tuple[Path, str] | None:
+    """The file that goes by this name already, and its text; no text where it cannot be used."""
+    folders = {
+        "scenario": (user_scenarios_dir(), layouts_dir()),
+        "robot": (user_robots_dir(), resources_dir() / "robots"),
+        "face": (user_faces_dir(), resources_dir() / "faces"),
+    }
+    paths = (folder / f"{name}.yaml" for folder in folders[kind])
+    there = next((path for path in paths if path.is_file()), None)
+    if there is None:
+        return None
+    try:
+        text = profile_text(read_profile(there)) if kind == "robot" else there.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError, ProfileError):
+        text = ""
+    return there, text

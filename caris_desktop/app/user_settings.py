@@ -1,0 +1,141 @@
+"""What this user's windows keep from run to run: its version, its migrations, and what becomes of what cannot be read.
+
+Everybody's keys lie below a group of their own: ``appearance/``, ``gamepad/``, ``layout/``, ``scenario/``, ``sound/``,
+``window/``, ``replay/``, ``wizards/``.
+"""
+
+import logging
+import shutil
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+
+from PySide6.QtCore import QByteArray, QSettings, QStandardPaths
+
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
+
+VERSION = 1
+VERSION_KEY = "version"
+_log = logging.getLogger(__name__)
+
+_GROUPED = {
+    "theme": "appearance/theme",
+    "scenario": "scenario/last",
+    "microphone": "sound/microphone",
+    "wizard_microphone": "sound/wizard_microphone",
+    "gamepads": "gamepad/mappings",
+    "layouts_before_saving": "layout/before_saving",
+}
+_TYPES: dict[str, type] = {"window/geometry": QByteArray, "replay/geometry": QByteArray}
+
+
+def _into_groups(settings: QSettings) -> None:
+    """Version 0, of the first releases, had no version and its keys at the top."""
+    for old, new in _GROUPED.items():
+        if settings.contains(old):
+            value = settings.value(old)
+            settings.remove(old)  # first, as it also removes what lies below a group of that name
+            settings.setValue(new, value)
+
+
+_MIGRATIONS: tuple[Callable[[QSettings], None], ...] = (_into_groups,)
+"""The one at place N makes version N + 1 of version N."""
+
+
+def own_settings() -> QSettings:
+    """What this user's windows keep, of the console and of a replay alike."""
+    return QSettings("CARIS", "CARIS Desktop")
+
+
+def bring_up_to_date(settings: QSettings) -> ToldFailure | None:
+    """Migrate ``settings`` to the present version.
+
+    What is newer or cannot be read is copied aside and begun anew. Gives what the wizard is to be told, if anything.
+    """
+    settings.allKeys()  # only now is the file read
+    if settings.status() == QSettings.Status.AccessError:
+        _log.warning("the settings in %s cannot be read or written", settings.fileName())
+        return ToldFailure(
+            tr("Your settings cannot be read or kept."),
+            tr("The window begins as it did the first time, and forgets what you change in it when it closes."),
+            tr("See to it that {file} can be written to.").format(file=settings.fileName()),
+            severity="warning",
+        )
+    version = _version(settings)
+    if settings.status() != QSettings.Status.NoError or version is None:
+        return _begin_anew(settings, tr("Your settings could not be read."))
+    if version > VERSION:
+        return _begin_anew(settings, tr("Your settings are of a newer version of this program."))
+    for number in range(version, VERSION):
+        _MIGRATIONS[number](settings)
+    if version < VERSION:
+        settings.setValue(VERSION_KEY, VERSION)
+    wrong = [
+        key for key, kind in _TYPES.items() if settings.contains(key) and not isinstance(settings.value(key), kind)
+    ]
+    for key in wrong:
+        _log.warning("the setting %s is not what belongs there, and is forgotten", key)
+        settings.remove(key)
+    return None
+
+
+def _version(settings: QSettings) -> int | None:
+    """None for one that is no number."""
+    try:
+        version = int(str(settings.value(VERSION_KEY, 0)))
+    except ValueError:
+        return None
+    return version if version >= 0 else None
+
+
+def _begin_anew(settings: QSettings, what: str) -> ToldFailure:
+    try:
+        copy = _copy_aside(settings)
+    except OSError as error:
+        _log.warning("the settings could not be copied: %s", error)
+        return ToldFailure(
+            what,
+            tr("They could not be copied either ({why}), and are left as they are.").format(why=error),
+            tr("Make room, or take the file {file} away, and start again.").format(file=settings.fileName()),
+            severity="warning",
+        )
+    _log.warning("%s They are kept in %s", what, copy)
+    settings.clear()
+    settings.setValue(VERSION_KEY, VERSION)
+    return ToldFailure(
+        what,
+        tr("Theme, keys, arrangement and devices begin as they did the first time. A copy was kept."),
+        tr("Set what you need again. The copy is {file}.").format(file=copy),
+        severity="warning",
+    )
+
+
+def _copy_aside(settings: QSettings) -> Path:
+    """Raises OSError."""
+    source = Path(settings.fileName())
+    # On Windows it is a place in the registry.
+    folder = Path(QStandardPaths.writableLocation(QStandardPaths.StandardLocation.AppConfigLocation))
+    stem, ending = (source.stem, source.suffix) if source.is_file() else ("CARIS Desktop", ".ini")
+    folder = source.parent if source.is_file() else folder
+    copy = _unused(folder / f"{stem} {datetime.now():%Y-%m-%d %H-%M-%S}{ending}")
+    if source.is_file():
+        shutil.copyfile(source, copy)
+        return copy
+    folder.mkdir(parents=True, exist_ok=True)
+    written = QSettings(str(copy), QSettings.Format.IniFormat)
+    for key in settings.allKeys():
+        written.setValue(key, settings.value(key))
+    written.sync()
+    if written.status() != QSettings.Status.NoError:
+        raise OSError(f"{copy} cannot be written")
+    return copy
+
+
+def _unused(path: Path) -> Path:
+    number = 2
+    free = path
+    while free.exists():
+        free = path.with_name(f"{path.stem} ({number}){path.suffix}")
+        number += 1
+    return free

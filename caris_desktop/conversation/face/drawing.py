@@ -1,0 +1,126 @@
+"""What is drawn of a face: a few plain shapes that the window and the page on the robot draw alike.
+
+Lengths are hundredths of the shorter side of the screen, from its middle, x to the right and y down. A shape that is
+drawn later lies on top.
+"""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from caris_desktop.conversation.face.file import Face
+from caris_desktop.conversation.face.motion import Look
+
+_GAZE_SHARE = 0.22
+"""How far the eyes move, in their widths."""
+_MOUTH_OPENS = 0.45
+"""How far a mouth opens, in its widths."""
+_CAPTION_Y, _CAPTION_SIZE, _CAPTION_WIDTH = 33.0, 4.6, 88.0
+_RAISED = 7.0
+"""How far the face gives way to a caption."""
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A filled rectangle around (x, y) with rounded corners, turned clockwise."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    radius: float
+    turn_deg: float
+    ink: str
+    kind: Literal["box"] = "box"
+
+
+@dataclass(frozen=True, slots=True)
+class Lips:
+    """Filled between two curves from (left, y) to (right, y) whose middles are drawn to ``upper`` and ``lower``."""
+
+    left: float
+    right: float
+    y: float
+    upper: float
+    lower: float
+    stroke: float
+    ink: str
+    kind: Literal["lips"] = "lips"
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """Text in the middle, its first line at ``y``, at most ``width`` wide, on as many lines as it takes."""
+
+    text: str
+    y: float
+    size: float
+    width: float
+    ink: str
+    kind: Literal["words"] = "words"
+
+
+Shape = Box | Lips | Words
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """Everything that is drawn at one moment."""
+
+    background: str
+    shapes: tuple[Shape, ...]
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON says it; three decimals are finer than any screen."""
+        return {
+            "background": self.background,
+            "shapes": [
+                {name: round(value, 3) if isinstance(value, float) else value for name, value in asdict(shape).items()}
+                for shape in self.shapes
+            ],
+        }
+
+
+def drawing_of(face: Face, look: Look, *, caption: str = "") -> Drawing:
+    """The face with this look."""
+    eyes, mouth = face.eyes, face.mouth
+    raised = _RAISED if caption else 0.0
+    shift_x = look.gaze_right * _GAZE_SHARE * eyes.width
+    shift_y = -look.gaze_up * _GAZE_SHARE * eyes.width
+    height = max(eyes.height * look.eyes_open, min(eyes.height, 1.2))
+    radius = min(eyes.width, height) / 2 * eyes.roundness
+    shapes: list[Shape] = []
+    for side in (-1, 1):
+        x, y = side * eyes.apart / 2 + shift_x, -eyes.above - raised + shift_y
+        shapes.append(Box(x, y, eyes.width, height, radius, 0.0, face.ink))
+        if look.lids_deg:
+            # A lid: as the background, so that it covers the upper end of the eye at a slant.
+            turn_deg = side * look.lids_deg
+            drop = height * 0.30 * min(1.0, abs(look.lids_deg) / 18)
+            lid_y = y - height / 2 - eyes.height / 2 + drop
+            shapes.append(Box(x, lid_y, eyes.width * 1.8, eyes.height, 0.0, turn_deg, face.background))
+    half = mouth.width / 2 * (1.0 - 0.25 * look.mouth_open)
+    bend = look.smile * mouth.width * 0.33
+    open_by = look.mouth_open * _MOUTH_OPENS * mouth.width
+    left, right, mouth_y = -half + shift_x * 0.3, half + shift_x * 0.3, mouth.below - raised
+    upper = mouth_y + bend * (1 - 0.8 * look.mouth_open) - open_by * 0.3
+    shapes.append(Lips(left, right, mouth_y, upper, mouth_y + bend + open_by, mouth.stroke, face.ink))
+    if look.hearing > 0.02:
+        wide = 26.0 * look.hearing
+        shapes.append(Box(0.0, 46.0, wide, 1.1, 0.55, 0.0, _between(face.background, face.ink, 0.55)))
+    if caption:
+        shapes.append(Words(caption, _CAPTION_Y, _CAPTION_SIZE, _CAPTION_WIDTH, face.words))
+    return Drawing(face.background, tuple(shapes))
+
+
+def words_alone(face: Face, text: str) -> Drawing:
+    """Only a text, as large as its length allows."""
+    size = max(4.0, min(14.0, 44.0 / math.sqrt(max(1, len(text)) / 4)))
+    return Drawing(face.background, (Words(text, -size, size, 92.0, face.words),))
+
+
+def _between(first: str, second: str, share: float) -> str:
+    parts = [
+        round(int(first[at : at + 2], 16) * (1 - share) + int(second[at : at + 2], 16) * share) for at in (1, 3, 5)
+    ]
+    return "#" + "".join(f"{part:02x}" for part in parts)

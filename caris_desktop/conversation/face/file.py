@@ -1,0 +1,189 @@
+"""Face files: eyes, a mouth and expressions, declared once. Plain data; nothing in one is ever evaluated."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import platformdirs
+
+from caris_desktop.domain.declared import NotInFile, Rule, data_of, value_from
+from caris_desktop.domain.declared_check import problems, told
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.key_path import Problem
+from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_writing import yaml_text
+
+MAX_FILE_BYTES = 64 * 1024
+DEFAULT_FACE = "calm"
+_SHARE = "hundredths of the shorter side of the screen"
+
+_Colour = Annotated[str, Rule(pattern="^#[0-9a-fA-F]{6}$", allowed="a colour as #rrggbb.")]
+
+
+@dataclass(frozen=True, slots=True)
+class Eyes:
+    """Two rounded shapes, the middle of each `apart`/2 from the middle of the face."""
+
+    width: Annotated[float, Rule("Of one eye.", unit=_SHARE, at_least=2, at_most=40)] = 12.0
+    height: Annotated[float, Rule("Of one eye that is open.", unit=_SHARE, at_least=2, at_most=60)] = 22.0
+    apart: Annotated[
+        float, Rule("From the middle of one to that of the other.", unit=_SHARE, at_least=5, at_most=90)
+    ] = 34.0
+    above: Annotated[float, Rule("How far above the middle of the face.", unit=_SHARE, at_least=-30, at_most=45)] = 12.0
+    roundness: Annotated[float, Rule("1: as round as can be; 0: with corners.", at_least=0, at_most=1)] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Mouth:
+    """One stroke, which opens while the robot speaks."""
+
+    width: Annotated[float, Rule("From corner to corner.", unit=_SHARE, at_least=4, at_most=80)] = 22.0
+    stroke: Annotated[float, Rule("How thick its line is.", unit=_SHARE, at_least=0.5, at_most=10)] = 2.4
+    below: Annotated[float, Rule("How far below the middle of the face.", unit=_SHARE, at_least=-10, at_most=45)] = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """How the face looks with one expression."""
+
+    name: Annotated[str, Rule("What it is called; each name once.", shortest=1, longest=30)]
+    eyes_open: Annotated[float, Rule("0: closed, 1: open, more: wide open.", at_least=0, at_most=1.4)] = 1.0
+    lids_deg: Annotated[
+        float,
+        Rule("How the upper lids slant: above 0 worried, below 0 stern.", unit="degrees", at_least=-30, at_most=30),
+    ] = 0.0
+    smile: Annotated[float, Rule("1: a broad smile, -1: the corners hang.", at_least=-1, at_most=1)] = 0.3
+    mouth_open: Annotated[float, Rule("How far the mouth is open at rest.", at_least=0, at_most=1)] = 0.0
+    look_up: Annotated[float, Rule("Where the eyes look at rest: 1 up, -1 down.", at_least=-1, at_most=1)] = 0.0
+
+
+_USUAL_EXPRESSIONS = (
+    Expression("calm"),
+    Expression("happy", eyes_open=0.8, smile=0.9),
+    Expression("surprised", eyes_open=1.3, smile=0.0, mouth_open=0.5),
+    Expression("thinking", eyes_open=0.85, smile=0.05, look_up=0.8),
+    Expression("sad", eyes_open=0.75, lids_deg=18, smile=-0.6, look_up=-0.3),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Face:
+    """A face. The first of its expressions is the one that it begins with."""
+
+    title: Annotated[str, Rule("How the wizard finds it.", shortest=1, longest=60)]
+    background: Annotated[_Colour, Rule("Behind everything.")] = "#10151c"
+    ink: Annotated[_Colour, Rule("Eyes and mouth.")] = "#bfe3ff"
+    words: Annotated[_Colour, Rule("Captions.")] = "#9fc4e6"
+    eyes: Eyes = field(default_factory=Eyes)
+    mouth: Mouth = field(default_factory=Mouth)
+    blink_every_s: Annotated[
+        float, Rule("How often it blinks, more or less; 0: never.", unit="seconds", at_least=0, at_most=60)
+    ] = 4.0
+    expressions: Annotated[
+        tuple[Expression, ...], Rule("On Ctrl+Shift+F1 to Ctrl+Shift+F8 in this order.", shortest=1, longest=8)
+    ] = _USUAL_EXPRESSIONS
+    name: Annotated[str, NotInFile()] = ""
+    version: Annotated[Literal[1], Rule("Version of this file format.", wanted=True, order=-1)] = 1
+
+    def expression(self, name: str) -> Expression:
+        """The one of this name, or the first."""
+        return next((one for one in self.expressions if one.name == name), self.expressions[0])
+
+
+class FaceError(ToldFailure):
+    """A face file that cannot be used."""
+
+
+def user_faces_dir() -> Path:
+    """Where the user's own faces lie; need not exist."""
+    return Path(platformdirs.user_config_dir("caris-desktop", appauthor=False)) / "faces"
+
+
+def face_names(user_dir: Path | None = None) -> tuple[str, ...]:
+    """The names of all faces, the user's own among them."""
+    return tuple(
+        sorted({path.stem for folder in _folders(user_dir) if folder.is_dir() for path in folder.glob("*.yaml")})
+    )
+
+
+def load_face(name: str, user_dir: Path | None = None) -> Face:
+    """The face of this name; the user's own goes before a shipped one. Raises FaceError."""
+    for folder in _folders(user_dir):
+        path = folder / f"{name}.yaml"
+        # A name is a plain file name: it cannot leave the folder.
+        if path.parent == folder and path.is_file():
+            return read_face(path)
+    known = ", ".join(face_names(user_dir))
+    raise FaceError(f"There is no face “{name}”.", "The robot shows another one.", f"Choose one of these: {known}.")
+
+
+def read_face(path: Path) -> Face:
+    """Raises FaceError, which names file, line, what was found and what is allowed."""
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MAX_FILE_BYTES + 1)
+        if len(raw) > MAX_FILE_BYTES:
+            raise _unusable(f"{path}: too large for a face.", f"Allowed: {MAX_FILE_BYTES} bytes.")
+        return parse_face(raw.decode("utf-8-sig"), file_name=str(path), name=path.stem)
+    except (OSError, UnicodeDecodeError) as error:
+        raise _unusable(f"{path} cannot be read ({error}).", "Look whether it is there, and text.") from error
+
+
+def parse_face(text: str, *, file_name: str, name: str) -> Face:
+    """The face that a text describes. Raises FaceError."""
+    try:
+        source = parse_yaml(text)
+    except YamlSourceError as error:
+        raise _unusable(f"{file_name}, line {error.line}: {error}", "Mend the file.") from error
+    if not isinstance(source.data, dict):
+        raise _unusable(f"{file_name}, line 1: a face is a list of 'key: value' lines.", "Mend the file.")
+    wrong = list(problems(Face, source.data)) or list(_twice(source.data))
+    if wrong:
+        raise _unusable(told(file_name, source, wrong), "Mend the file.")
+    face: Face = value_from(Face, source.data)
+    return replace(face, name=name)
+
+
+def checked(face: Face) -> Face:
+    """The same face, where a file could say it. Raises FaceError."""
+    return parse_face(face_text(face), file_name="The face", name=face.name)
+
+
+def face_text(face: Face) -> str:
+    """The text of its file."""
+    return yaml_text(data_of(Face, face))
+
+
+def save_face(face: Face, user_dir: Path | None = None) -> Path:
+    """Write it among the user's own, whole or not at all. Raises FaceError."""
+    if not face.name or not all(character.isalnum() or character in "-_" for character in face.name):
+        raise FaceError(
+            f"“{face.name}” cannot be the name of a face.", "Nothing was written.", "Use letters and digits."
+        )
+    folder = user_faces_dir() if user_dir is None else user_dir
+    path = folder / f"{face.name}.yaml"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        replace_file(path, face_text(face).encode(), durable=True)
+    except OSError as error:
+        raise FaceError(f"The face was not saved ({error}).", "The file is as it was.", "Look at the disk.") from error
+    return path
+
+
+def _folders(user_dir: Path | None) -> tuple[Path, Path]:
+    return (user_faces_dir() if user_dir is None else user_dir, resources_dir() / "faces")
+
+
+def _twice(data: dict[str, Any]) -> Iterator[Problem]:
+    seen: set[str] = set()
+    for index, expression in enumerate(data.get("expressions", [])):
+        if expression["name"] in seen:
+            yield ("expressions", index), f"the expression '{expression['name']}' is listed twice."
+        seen.add(expression["name"])
+
+
+def _unusable(what: str, advice: str) -> FaceError:
+    return FaceError(what, "The robot shows another face.", advice)

@@ -1,0 +1,111 @@
+"""Which words of a turn stay: those on which two passes over the growing sound agree.
+
+After LocalAgreement-2 (Liu et al. 2020; Macháček et al. 2023, "Turning Whisper into Real-Time Transcription System").
+"""
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+_SENTENCE_END = (".", "?", "!", "。", "？", "！", "…")
+_ALIGN_WORDS = 8
+_SAME_TIME_S = 0.6
+_NOT_SPOKEN = re.compile(r"[^\w']+")
+
+
+@dataclass(frozen=True, slots=True)
+class HeardWord:
+    """A word as it is written, without spaces around it; seconds from the beginning of the sound. ``probability`` is
+    None where the engine does not tell.
+    """
+
+    text: str
+    start_s: float
+    end_s: float
+    probability: float | None = None
+
+    @property
+    def spoken(self) -> str:
+        """The same for what only looks different."""
+        return _NOT_SPOKEN.sub("", self.text.casefold())
+
+    def later_by(self, seconds: float) -> "HeardWord":
+        """The same in a longer stretch of sound, of which this is the part from there on."""
+        return replace(self, start_s=self.start_s + seconds, end_s=self.end_s + seconds)
+
+
+class Agreement:
+    """The words of one turn. What is committed never changes."""
+
+    def __init__(self) -> None:
+        self._committed: list[HeardWord] = []
+        self._tentative: list[HeardWord] = []
+
+    @property
+    def committed(self) -> str:
+        return " ".join(word.text for word in self._committed)
+
+    @property
+    def tentative(self) -> str:
+        return " ".join(word.text for word in self._tentative)
+
+    def texts_from(self, first: int) -> tuple[str, str]:
+        """What is committed and what is tentative, without the words before ``first``."""
+        behind = max(0, first - len(self._committed))
+        committed, tentative = self._committed[first:], self._tentative[behind:]
+        return " ".join(word.text for word in committed), " ".join(word.text for word in tentative)
+
+    @property
+    def words(self) -> tuple[HeardWord, ...]:
+        """All of them as they stand."""
+        return (*self._committed, *self._tentative)
+
+    @property
+    def committed_until_s(self) -> float:
+        return self._committed[-1].end_s if self._committed else 0.0
+
+    def take(self, heard: Sequence[HeardWord]) -> None:
+        """What another pass made out, from wherever it began to the end of the sound so far."""
+        new = list(heard[self._already(heard) :])
+        agreed = 0
+        for before, now in zip(self._tentative, new, strict=False):
+            if before.spoken != now.spoken:
+                break
+            agreed += 1
+        self._committed += new[:agreed]
+        self._tentative = new[agreed:]
+
+    def commit_all(self) -> None:
+        """There is nothing more to come that could change them."""
+        self._committed += self._tentative
+        self._tentative = []
+
+    def cut_at_s(self, *, sentences: bool = True) -> float | None:
+        """Where the sound before is no longer needed: after the last committed sentence, or word; None for nowhere."""
+        ends = [word.end_s for word in self._committed if not sentences or word.text.endswith(_SENTENCE_END)]
+        return ends[-1] if ends else None
+
+    def _already(self, heard: Sequence[HeardWord]) -> int:
+        """How many of the words at the beginning are the committed ones once more."""
+        if not self._committed:
+            return 0
+        # A pass may begin in the middle of what is committed, and may have other words for some of it.
+        overlapping = [word for word in self._committed if not heard or word.end_s > heard[0].start_s - 0.1]
+        last = [word.spoken for word in overlapping[-_ALIGN_WORDS:]]
+        if last:
+            whole = [word.spoken for word in heard]
+            if whole[: len(overlapping)] == [word.spoken for word in overlapping]:
+                return len(overlapping)
+            matcher = difflib.SequenceMatcher(None, last, whole, autojunk=False)
+            for block in reversed(matcher.get_matching_blocks()):
+                at = block.b + block.size
+                behind = len(last) - (block.a + block.size)
+                if not block.size or at + behind > len(heard):
+                    continue
+                known = overlapping[-behind - 1]
+                # Times are rough, above all behind a pause; several words in a row are hardly there by chance.
+                if abs(heard[at - 1].end_s - known.end_s) <= _SAME_TIME_S * block.size:
+                    return at + behind
+        until_s = self.committed_until_s
+        return sum((word.start_s + word.end_s) / 2 <= until_s for word in heard)

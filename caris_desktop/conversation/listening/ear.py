@@ -1,0 +1,290 @@
+"""One microphone: whose turn it is there, and its words, from the sound as it comes to what the console is told.
+
+No thread and no clock: whoever has them gives the sound, asks which stretch is to be transcribed, and brings the words.
+"""
+
+import secrets
+from collections.abc import Callable
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
+from caris_desktop.conversation.listening.engine import HeardText
+from caris_desktop.conversation.listening.heard_turn import HeardTurn, Stretch
+from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.turn_words import with_words
+from caris_desktop.conversation.listening.turns import TurnTaking
+from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
+from caris_desktop.domain.events import UtteranceChanged, UtteranceState
+from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound import WIZARD_MICROPHONE, Hearing
+
+_WINDOW_NS = WINDOW * 1_000_000_000 // RATE_HZ
+_BEFORE_VOICE_NS = 400_000_000
+"""The first sound of a word is weak: this much before the voice goes along."""
+_HOLE_NS = 60_000_000
+_LONGEST_HOLE_NS = 12_000_000_000
+_SETTLED_NS = 500_000_000
+"""After so long a silence the words before it are not going to be others."""
+_ROBOT_RINGS_NS = 200_000_000
+"""For so long a room repeats what the robot has said; until then its words tell whose voice it is."""
+_ONLY_ROBOT = 0.9
+_ROBOTS_WORDS = 0.6
+
+
+class Voices(Protocol):
+    """What tells voices from other sound."""
+
+    def probability(self, window: NDArray[np.float32]) -> float:
+        """How likely the next window is somebody's voice."""
+
+
+class Ear:
+    """``tell`` gets what the console is told; ``turn_over`` says of a turn's sound how likely it is complete."""
+
+    def __init__(
+        self,
+        source: str,
+        turns: TurnTaking,
+        voices: Voices,
+        *,
+        canceller: EchoCanceller,
+        own_words: OwnWords,
+        turn_over: Callable[[NDArray[np.float32]], float] | None,
+        tell: Callable[[Hearing | UtteranceChanged], None],
+    ) -> None:
+        self.source = source
+        self.canceller = canceller
+        self._of_wizard = source == WIZARD_MICROPHONE
+        self._turns = turns
+        self._voices = voices
+        self._own_words = own_words
+        self._turn_over = turn_over
+        self._tell = tell
+        self._rest = np.zeros(0, np.float32)
+        self._until_ns = 0
+        self._lead: list[NDArray[np.float32]] = []
+        self._to_judge = self._robot_speaks = False
+        self._robot_until_ns = 0
+        self._turn: HeardTurn | None = None
+        self._ending: list[HeardTurn] = []
+
+    @property
+    def heard_until_ns(self) -> int:
+        """The moment up to which sound has come; 0 before the first."""
+        return self._until_ns
+
+    @property
+    def busy(self) -> bool:
+        """Whether a turn is under way, or the words of one are being made out."""
+        return self._turn is not None or bool(self._ending)
+
+    def hear(self, chunk: AudioChunk) -> None:
+        """The next sound of this microphone."""
+        clean: CleanSound = self.canceller.process(chunk)
+        if not len(clean.samples):
+            return
+        hole_ns = clean.stamp_ns - self._until_ns - len(self._rest) * 1_000_000_000 // RATE_HZ
+        if abs(hole_ns) > _HOLE_NS:
+            if self._until_ns and hole_ns > 0:
+                self.hear_nothing(min(clean.stamp_ns, self._until_ns + _LONGEST_HOLE_NS))
+            self._rest = np.zeros(0, np.float32)
+            self._until_ns = clean.stamp_ns
+        sound = np.concatenate((self._rest, clean.samples))
+        whole = len(sound) // WINDOW * WINDOW
+        for at in range(0, whole, WINDOW):
+            self._hear_window(sound[at : at + WINDOW], clean.echo_share)
+        self._rest = sound[whole:]
+
+    def hear_nothing(self, until_ns: int) -> None:
+        """No sound of the time until then has come, and none will: it counts as silence."""
+        self._rest = np.zeros(0, np.float32)
+        for _ in range((until_ns - self._until_ns) // _WINDOW_NS):
+            self._hear_window(np.zeros(WINDOW, np.float32), 0.0)
+
+    def another_spoke(self) -> None:
+        """The robot begins to say something."""
+        self._robot_speaks = True
+        self._turns.another_spoke()
+
+    def another_ended(self, stamp_ns: int) -> None:
+        """The robot has said it, or says it no more."""
+        self._robot_speaks, self._robot_until_ns = False, stamp_ns
+
+    def judge(self) -> None:
+        """Judge by its sound whether the turn is over, where there is a new pause. That takes a tenth of a second, in
+        which its words can be made out: call it after ``wanted``.
+        """
+        turn, to_judge, self._to_judge = self._turn, self._to_judge, False
+        if to_judge and turn is not None and self._turn_over is not None and not self._turns.speaking:
+            turn.sounds_over = self._turn_over(turn.sound_to_judge())
+            if self._judge_words(turn):
+                self._tell_hearing(turn)
+
+    def wanted(self, every_s: float) -> Stretch | None:
+        """What is to be transcribed now; ``every_s``: how much new sound is worth it while somebody speaks on."""
+        for turn in (*self._ending, self._turn):
+            if turn is None or turn.asked:
+                continue
+            if turn.over or not self._turns.speaking:
+                if not turn.known_whole:
+                    return turn.ask(at_pause=True)
+            elif self._turns.voiced and turn.unheard_s(self._until_ns) >= every_s:
+                # Not in a silence that is about to be a pause: that would be kept waiting.
+                return turn.ask(at_pause=False)
+        return None
+
+    def take(self, stretch: Stretch, heard: HeardText | None) -> None:
+        """What was made out of it; None where nothing could be."""
+        for turn in (*self._ending, self._turn):
+            if turn is None or turn.turn_id != stretch.turn_id:
+                continue
+            changed = turn.take(stretch, heard)
+            if not turn.told:
+                self._leave_out_the_robot(turn)
+                if turn.own_words and not self._is_robots(turn):
+                    self._tell_beginning(turn)
+            if not turn.over:
+                judged = self._judge_words(turn)
+                if self._settle(turn) or changed or judged:
+                    self._tell_hearing(turn)
+            elif turn.known_whole:
+                self._finish(turn)
+
+    def _hear_window(self, window: NDArray[np.float32], echo_share: float) -> None:
+        began_ns, self._until_ns = self._until_ns, self._until_ns + _WINDOW_NS
+        voice = self._voices.probability(window)
+        if echo_share >= _ONLY_ROBOT:
+            voice = 0.0
+        change = self._turns.hear(began_ns, _WINDOW_NS, voice)
+        turn = self._turn
+        if turn is None:
+            self._lead.append(window)
+            if change == "began":
+                self._begin()
+            elif len(self._lead) * _WINDOW_NS > _BEFORE_VOICE_NS + self._turns.beginning_ns:
+                del self._lead[0]
+            return
+        turn.hear(window, voiced=self._turns.voiced)
+        turn.voice_ended_ns = self._turns.voice_ended_ns
+        match change:
+            case "spoke on":
+                turn.turn_over = turn.sounds_over = None
+                turn.revision += 1
+                self._tell_hearing(turn)
+            case "paused":
+                self._to_judge = self._turn_over is not None
+                self._tell_hearing(turn)
+            case "over":
+                self._end(turn)
+            case _ if self._settle(turn):
+                self._tell_hearing(turn)
+
+    def _begin(self) -> None:
+        lead, self._lead = self._lead, []
+        turn_id = f"h-{secrets.token_hex(4)}"
+        sound_from_ns = self._until_ns - len(lead) * _WINDOW_NS
+        turn = self._turn = HeardTurn(turn_id, sound_from_ns, self._turns.started_ns, lead)
+        turn.voice_ended_ns = self._until_ns
+        self._turns.turn = turn_id
+        robot_heard = self._robot_speaks or turn.voice_began_ns <= self._robot_until_ns + _ROBOT_RINGS_NS
+        if self._of_wizard or not robot_heard:
+            self._tell_beginning(turn)
+
+    def _judge_words(self, turn: HeardTurn) -> bool:
+        """Now that all words before the pause are known, they count too. Gives whether that changed anything."""
+        if self._turns.speaking or not turn.known_whole or turn.sounds_over is None:
+            return False
+        before, text = turn.turn_over, " ".join(word.text for word in turn.own_words)
+        turn.turn_over = with_words(turn.sounds_over, text, turn.language)
+        self._turns.judge(turn.turn_over)
+        return turn.turn_over != before
+
+    def _settle(self, turn: HeardTurn) -> bool:
+        """A silence behind words that were all listened to commits them. Gives whether it did."""
+        silent_ns = self._until_ns - turn.voice_ended_ns
+        return bool(turn.known_whole and silent_ns >= _SETTLED_NS and turn.words.tentative and turn.commit_all())
+
+    def _end(self, turn: HeardTurn) -> None:
+        turn.over = True
+        self._turn = None
+        if turn.known_whole:
+            self._finish(turn)
+        else:
+            self._ending.append(turn)
+
+    def _finish(self, turn: HeardTurn) -> None:
+        if turn in self._ending:
+            self._ending.remove(turn)
+        turn.commit_all()
+        text, _none = turn.texts
+        if not turn.told:
+            return
+        if self._of_wizard:
+            # Not another one behind it: the newest alone is kept, and this one has all the words.
+            turn.turn_over = 1.0
+            self._tell_hearing(turn)
+            return
+        if not text:
+            self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail="no words were made out in it")
+        elif self._is_robots(turn):
+            self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail="it was the robot's own voice")
+        else:
+            self._tell_utterance(turn, "finished", turn.voice_ended_ns, text)
+        if self._turn is None:
+            self._tell(Hearing(self._until_ns, self.source, speaking=False, revision=turn.revision + 1))
+
+    def _leave_out_the_robot(self, turn: HeardTurn) -> None:
+        """Who answers at once, before the room is silent, begins in a turn that the robot's own voice has begun."""
+        words = [(word.text, turn.moment_of(word.end_s)) for word in turn.words.words]
+        share = self.canceller.share_between(turn.voice_began_ns, turn.voice_ended_ns)
+        count = self._own_words.robots_beginning(words, turn.voice_began_ns, share)
+        if count > turn.robots_words:
+            turn.robots_words = count
+            turn.voice_began_ns = min(turn.moment_of(turn.own_words[0].start_s), turn.voice_ended_ns)
+
+    def _is_robots(self, turn: HeardTurn) -> bool:
+        text = " ".join(turn.texts)
+        share = self.canceller.share_between(turn.voice_began_ns, turn.voice_ended_ns)
+        return self._own_words.is_robots(text, turn.voice_began_ns, turn.voice_ended_ns, share) >= _ROBOTS_WORDS
+
+    def _tell_utterance(
+        self, turn: HeardTurn, state: UtteranceState, stamp_ns: int, text: str = "", *, detail: str = ""
+    ) -> None:
+        if self._of_wizard:
+            return
+        known = state == "finished"
+        self._tell(
+            UtteranceChanged(
+                stamp_ns, turn.turn_id, "participant", text, "heard", state,
+                detail=detail, source=self.source,
+                confidence=turn.confidence if known else None, language=turn.language if known else "",
+            )
+        )  # fmt: skip
+
+    def _tell_beginning(self, turn: HeardTurn) -> None:
+        turn.told = True
+        self._tell_utterance(turn, "started", turn.voice_began_ns)
+        self._tell_hearing(turn)
+
+    def _tell_hearing(self, turn: HeardTurn) -> None:
+        if not turn.told:
+            return
+        speaking = turn is self._turn and self._turns.speaking
+        speaker: Literal["participant", "robot", "wizard"] = "wizard" if self._of_wizard else "participant"
+        if speaker == "participant" and turn.own_words and self._is_robots(turn):
+            speaker = "robot"
+        committed, tentative = turn.texts
+        self._tell(
+            Hearing(
+                self._until_ns, self.source, speaking, speaker, turn.turn_id,
+                committed=committed,
+                tentative=tentative,
+                speech_started_ns=turn.voice_began_ns,
+                silent_since_ns=None if speaking else turn.voice_ended_ns,
+                turn_over=turn.turn_over,
+                revision=turn.revision,
+            )
+        )  # fmt: skip

@@ -1,0 +1,279 @@
+"""The robot's own voice is taken out of what a microphone hears: what was played is known, sample for sample."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.listening.played import RATE_HZ, Played, ns_of, samples_in
+from caris_desktop.conversation.listening.room_filter import (
+    BINS,
+    FRAME,
+    HOP,
+    TAPS,
+    RoomFilter,
+    energy_of,
+    part_of_sound,
+    spectrum,
+)
+from caris_desktop.conversation.sound.resampling import Resampler
+from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound import PlayedSound, PlayedSoundEnded
+
+_HOLE_NS = 60_000_000
+_KEPT = 3 * RATE_HZ
+_HINDSIGHT = 30 * RATE_HZ
+_EARLY = 256
+"""The moment that is told of a sound may be late by so many samples: 16 ms."""
+_LATEST = 9_600
+"""A robot that is sent its sound may play it so many samples later: 0.6 s."""
+_WELL_PLACED = range(1_600)
+"""Where in the room filter the robot may begin to be heard."""
+_MEASURED_AFTER_FRAMES = (10, 16, 24, 34, 46, 60)
+_AHEAD = 3_200
+"""And so many samples earlier than it was told: 0.2 s."""
+_SURE_PEAK = 16.0
+"""Before the robot is heard peaks of chance go up to 15; its own are 20 and more."""
+_RESOUNDS_FRAMES = 16
+"""For so long a room goes on after what the room filter holds: 0.26 s."""
+_CATCHES_UP_EVERY = 8 * HOP
+"""Who speaks through the robot is played in pieces of some milliseconds, each of which may be told late."""
+_SAME_ROOM_FOR = RATE_HZ // 2
+"""After so short a silence it still stands where it stood; samples."""
+_USUAL_LOUDNESS = 1.0
+_MARGIN = 4.0
+"""Who expects too little of the robot takes it for somebody else."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CleanSound:
+    """What is left of a microphone's sound, float32 from -1 to 1, mono, at 16 kHz; may be empty, or longer than what
+    went in: while the robot is heard it comes some 80 ms later.
+
+    ``stamp_ns`` is the moment of the first sample. ``echo_share`` says how much of the energy before was the robot:
+    1 is nothing but the robot, 0 is nothing of it.
+    """
+
+    stamp_ns: int
+    samples: NDArray[np.float32] = field(metadata={"shape": (-1,)})
+    echo_share: float
+
+
+class EchoCanceller:
+    """For one microphone. ``play`` may be told late or ahead; ``process`` takes its chunks in their order."""
+
+    def __init__(self) -> None:
+        self._played = Played()
+        self._room = RoomFilter()
+        self._known_before = self._room.weights
+        self._loudness = _USUAL_LOUDNESS
+        """As energy, of the robot at the microphone over what is played."""
+        self._late = -_EARLY
+        """How much later than told the robot is heard, but for what the room filter itself covers; samples."""
+        self._resampler: Resampler | None = None
+        self._rate_hz = 0
+        # Places of samples count from the moment ``_base_ns``.
+        self._base_ns = 0
+        self._heard = np.zeros(0, np.float32)
+        self._robot = np.zeros(0, np.float32)
+        """What of ``_heard`` is the robot."""
+        self._heard_from = self._given_until = self._next_frame = 0
+        self._frames = np.zeros((BINS, TAPS), np.complex64)
+        """What was played, newest frame first."""
+        self._silent_frames = 0
+        """Since the last of them with sound in it."""
+        self._began: int | None = None
+        """The first frame of the robot since it was silent."""
+        self._last_played = 0
+        self._told_late_from: int | None = None
+        self._caught_up_at = -_CATCHES_UP_EVERY
+        self._energies: dict[int, _Energies] = {}
+
+    def play(self, sound: PlayedSound) -> None:
+        """This is what a loudspeaker plays."""
+        start_ns = self._played.add(sound)
+        first = self._place_of(start_ns) + self._late - FRAME
+        first = max(self._heard_from, self._next_frame - max(0, self._next_frame - first) // HOP * HOP)
+        if first < self._next_frame:
+            self._told_late_from = first if self._told_late_from is None else min(first, self._told_late_from)
+
+    def play_ended(self, ended: PlayedSoundEnded) -> None:
+        """It was cut off."""
+        self._played.end(ended)
+        self._look_back_from(self._next_frame - HOP)
+
+    def process(self, chunk: AudioChunk) -> CleanSound:
+        """What is left of it without the robot."""
+        new = self._placed(chunk).take(chunk.samples.mean(axis=1, dtype=np.float32) / np.float32(32768.0))
+        self._heard = np.concatenate((self._heard, new))
+        self._robot = np.concatenate((self._robot, np.zeros_like(new)))
+        heard_until = self._heard_from + len(self._heard)
+        if self._next_frame - self._caught_up_at >= _CATCHES_UP_EVERY:
+            self._catch_up()
+        while self._next_frame + FRAME <= heard_until:
+            self._take_frame(self._next_frame)
+            self._next_frame += HOP
+        waits = self._resounds or self._reference(self._next_frame, heard_until - self._next_frame).any()
+        return self._give(self._next_frame if waits else heard_until)
+
+    def share_between(self, started_ns: int, ended_ns: int) -> float | None:
+        """How much of what was heard in that time was the robot, in hindsight: better known than as it was heard, as
+        the room was not known yet. None where nothing was played then, so that nothing can be told; ask within 30 s.
+        """
+        self._catch_up()
+        return self._share(self._place_of(started_ns), self._place_of(ended_ns))
+
+    def _catch_up(self) -> None:
+        """Frames that were taken before it was told what was played are taken again."""
+        first, self._told_late_from = self._told_late_from, None
+        if first is None:
+            return
+        self._caught_up_at = self._next_frame
+        first = max(first, self._heard_from)
+        if self._began is None:
+            self._begin(first)
+        self._learn_again(first, self._next_frame)
+
+    def _place_of(self, moment_ns: int) -> int:
+        return samples_in(moment_ns - self._base_ns)
+
+    def _placed(self, chunk: AudioChunk) -> Resampler:
+        """Finds the place of a chunk. Stamps jitter, and samples follow upon one another: they count where there is a
+        hole, and a little of them where nothing is played.
+        """
+        off_ns = chunk.stamp_ns - self._base_ns - ns_of(self._heard_from + len(self._heard))
+        if self._resampler is None or chunk.sample_rate_hz != self._rate_hz or abs(off_ns) > _HOLE_NS:
+            self._resampler, self._rate_hz = Resampler(chunk.sample_rate_hz, RATE_HZ), chunk.sample_rate_hz
+            self._base_ns = chunk.stamp_ns
+            self._heard = self._robot = np.zeros(0, np.float32)
+            self._heard_from = self._given_until = self._next_frame = 0
+            self._frames[:] = 0
+            self._began = self._told_late_from = None
+            self._caught_up_at = -_CATCHES_UP_EVERY
+            self._energies = {}
+        elif self._began is None:
+            self._base_ns += off_ns // 16
+        return self._resampler
+
+    def _reference(self, at: int, count: int) -> NDArray[np.float32]:
+        """What was played for what is heard from there on."""
+        return self._played.sound(self._base_ns + ns_of(at - self._late), count)
+
+    @property
+    def _resounds(self) -> bool:
+        """Whether anything of what was played may still be heard."""
+        return self._began is not None and self._silent_frames < _RESOUNDS_FRAMES
+
+    def _heard_at(self, at: int, count: int) -> NDArray[np.float32]:
+        return self._heard[at - self._heard_from : at - self._heard_from + count]
+
+    def _take_frame(self, at: int) -> None:
+        heard = self._heard_at(at, FRAME)
+        reference = self._reference(at, FRAME)
+        if not self._resounds and not reference.any():
+            energy = energy_of(heard)
+            self._note(at, _Energies(energy, energy, played=False))
+            if self._began is not None and at - self._last_played > _SAME_ROOM_FOR:
+                self._began = None
+            return
+        if self._began is None:
+            self._begin(at)
+        self._last_played = at
+        self._learn(at, reference)
+        if self._began is not None and (at - self._began) // HOP in _MEASURED_AFTER_FRAMES:
+            self._measure(at)
+
+    def _begin(self, at: int) -> None:
+        """The robot begins to speak. It may stand in another room than when it was heard last."""
+        self._began = self._last_played = at
+        self._known_before = self._room.weights
+        self._loudness = _MARGIN * (self._room.loudness or _USUAL_LOUDNESS)
+        self._room.doubt(self._loudness, self._known_before)
+
+    def _learn(self, at: int, reference: NDArray[np.float32]) -> None:
+        self._frames[:, 1:] = self._frames[:, :-1]
+        self._frames[:, 0] = spectrum(reference)
+        self._silent_frames = 0 if self._frames.any() else self._silent_frames + 1
+        split = self._room.take(spectrum(self._heard_at(at, FRAME)), self._frames)
+        self._robot[at - self._heard_from :][:FRAME] += part_of_sound(split.robot)
+        self._note(at, _Energies(split.heard_energy, split.others_energy, played=True))
+
+    def _note(self, at: int, energies: "_Energies") -> None:
+        self._energies[at] = energies
+        self._energies.pop(at - _HINDSIGHT, None)
+
+    def _measure(self, at: int) -> None:
+        """How late and how loud the robot is heard. Where that is not as supposed it is all learnt again."""
+        start = max(self._began or 0, self._heard_from)
+        heard = self._heard_at(start, at + FRAME - start)
+        played = self._played.sound(self._base_ns + ns_of(start - _LATEST), len(heard) + _LATEST + _AHEAD)
+        lag, peak = _lag(heard, played)
+        if peak < _SURE_PEAK:
+            return
+        part = played[_LATEST - lag :][: len(heard)]
+        loudness = float((heard**2).sum()) / max(float((part**2).sum()), 1e-9)
+        if lag - self._late not in _WELL_PLACED:
+            self._late = lag - _EARLY
+        elif loudness * 1.5 < self._loudness < loudness * 24.0:
+            return
+        self._loudness = _MARGIN * loudness
+        self._room.doubt(self._loudness, self._known_before)
+        self._learn_again(start, at + HOP)
+
+    def _learn_again(self, start: int, until: int) -> None:
+        """The frames from ``start`` on, up to before ``until``."""
+        self._robot[start - self._heard_from :] = 0
+        self._look_back_from(start - HOP)
+        for at in range(start, until, HOP):
+            self._learn(at, self._reference(at, FRAME))
+
+    def _look_back_from(self, at: int) -> None:
+        """What was played is known otherwise than when those frames were taken."""
+        for tap in range(TAPS):
+            reference = self._reference(at - tap * HOP, FRAME)
+            self._frames[:, tap] = spectrum(reference) if reference.any() else 0
+
+    def _give(self, until: int) -> CleanSound:
+        start, until = self._given_until, max(until, self._given_until)
+        clean = self._heard_at(start, until - start) - self._robot[start - self._heard_from :][: until - start]
+        sound = CleanSound(self._base_ns + ns_of(start), clean, self._share(start, until) or 0.0)
+        self._given_until = until
+        old = (min(until, self._next_frame) - self._heard_from - _KEPT) // HOP * HOP
+        if old > RATE_HZ:
+            self._heard, self._robot = self._heard[old:], self._robot[old:]
+            self._heard_from += old
+            self._played.forget_before(self._base_ns + ns_of(self._heard_from - _LATEST - TAPS * HOP))
+        return sound
+
+    def _share(self, start: int, until: int) -> float | None:
+        first = -(-(start - (FRAME + HOP) // 2) // HOP) * HOP
+        there = [self._energies[at] for at in range(first, until - (FRAME - HOP) // 2, HOP) if at in self._energies]
+        if not any(energies.played for energies in there):
+            return None
+        heard = sum(energies.heard for energies in there)
+        return min(1.0, max(0.0, 1.0 - sum(energies.others for energies in there) / max(heard, 1e-12)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Energies:
+    """Of one frame: all that was heard, and what of it is surely not the robot's."""
+
+    heard: float
+    others: float
+    played: bool
+
+
+def _lag(heard: NDArray[np.float32], played: NDArray[np.float32]) -> tuple[int, float]:
+    """By how many samples ``heard`` comes after ``played``, which begins ``_LATEST`` before it; and how clear that is:
+    the peak of the correlation of phases over its spread (Knapp and Carter 1976).
+    """
+    size = 1 << (len(heard) + len(played) - 1).bit_length()
+    cross = np.fft.rfft(heard, size) * np.conj(np.fft.rfft(played, size))
+    strength = np.abs(cross)
+    whitened = np.where(strength > 1e-4 * strength.max(), cross / np.maximum(strength, 1e-12), 0)
+    correlation = np.fft.irfft(whitened, size)
+    # heard[n] is like played[n + _LATEST - lag]: the shift is lag - _LATEST.
+    shifts = np.arange(-_LATEST - _AHEAD, 1)
+    around = np.abs(correlation[shifts])
+    best = int(around.argmax())
+    return int(shifts[best]) + _LATEST, float(around[best] / max(float(around.std()), 1e-12))

@@ -1,0 +1,164 @@
+"""One turn at a microphone: its sound, and what has been made out in it so far."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.listening.agreement import Agreement, HeardWord
+from caris_desktop.conversation.listening.engine import HeardText
+from caris_desktop.conversation.listening.plausible import within_voice, without_repetition
+from caris_desktop.conversation.listening.turn_model import SECONDS as JUDGED_S
+from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
+
+_CUT_BEYOND_S, _CUT_ANYWHERE_BEYOND_S, _OVERLAP_S = 12.0, 22.0, 8.0
+_CONTEXT_WORDS = 20
+_SILENCE_JUDGED = 6
+"""Windows: 0.2 s, which is how much silence there is behind a turn when it is judged."""
+_WHOLE_NS = 100_000_000
+"""So much silence behind the last word, and a pass over it has heard all of it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """Sound of a turn that is to be transcribed: from ``from_s`` of it on; ``before`` was said before that.
+
+    ``voice_ended_s`` is where the voice ended in it, in seconds of the turn too.
+    """
+
+    turn_id: str
+    sound: NDArray[np.float32]
+    from_s: float
+    voice_ended_s: float
+    before: str
+    at_pause: bool
+
+
+class HeardTurn:
+    """Sound comes in windows. Costs stay bounded however long it goes on: what is committed is not looked at again."""
+
+    def __init__(self, turn_id: str, sound_from_ns: int, voice_began_ns: int, sound: list[NDArray[np.float32]]) -> None:
+        self.turn_id = turn_id
+        self.voice_began_ns = voice_began_ns
+        self.voice_ended_ns = voice_began_ns
+        self.words = Agreement()
+        self.language = ""
+        self.turn_over: float | None = None
+        self.sounds_over: float | None = None
+        """The same by its sound alone."""
+        self.revision = 0
+        self.over = False
+        self.told = False
+        """Whether anybody was told of it: not while it may be the robot's own voice."""
+        self.robots_words = 0
+        """So many of its first words are the robot's, whose sentence somebody took up at once."""
+        self.asked = False
+        self._sound_from_ns = sound_from_ns
+        self._windows = sound
+        self._to_judge = deque(sound, maxlen=JUDGED_S * RATE_HZ // WINDOW)
+        self._silent = 0
+        self._dropped = 0
+        self._from_s = 0.0
+        self._asked_until_ns = 0
+        self._known_until_ns = 0
+
+    def hear(self, window: NDArray[np.float32], *, voiced: bool) -> None:
+        """The next of its sound."""
+        self._windows.append(window)
+        self._silent = 0 if voiced else self._silent + 1
+        if self._silent <= _SILENCE_JUDGED:
+            self._to_judge.append(window)
+
+    @property
+    def known_whole(self) -> bool:
+        """Whether all that was said so far has been listened to, to its end."""
+        return self._known_until_ns >= self.voice_ended_ns + _WHOLE_NS
+
+    @property
+    def texts(self) -> tuple[str, str]:
+        """What is committed and what is tentative of whoever's turn it is."""
+        return self.words.texts_from(self.robots_words)
+
+    @property
+    def own_words(self) -> tuple[HeardWord, ...]:
+        """All of them as they stand."""
+        return self.words.words[self.robots_words :]
+
+    def moment_of(self, seconds: float) -> int:
+        """A moment of its sound on the session clock."""
+        return self._sound_from_ns + round(seconds * 1e9)
+
+    @property
+    def confidence(self) -> float | None:
+        """How sure the recogniser is of its words, 0 to 1."""
+        known = [word.probability for word in self.own_words if word.probability is not None]
+        return sum(known) / len(known) if known else None
+
+    def unheard_s(self, until_ns: int) -> float:
+        """How much voice has come that was not yet listened to."""
+        return (until_ns - max(self._asked_until_ns, self.voice_began_ns)) / 1e9
+
+    def sound_to_judge(self) -> NDArray[np.float32]:
+        """As much of it as the judgement of its end wants. Of every silence in it there is a moment only: long ones
+        would be mistaken for its end, and would take the place of what was said.
+        """
+        return np.concatenate(self._to_judge)
+
+    def ask(self, *, at_pause: bool) -> Stretch:
+        """What is to be transcribed now. ``take`` is to follow."""
+        self.asked = True
+        self._asked_until_ns = self._sound_from_ns + round(self._seconds * 1e9)
+        self._cut()
+        before = " ".join(self.words.committed.split()[-_CONTEXT_WORDS:]) if self._from_s else ""
+        ended_s = (self.voice_ended_ns - self._sound_from_ns) / 1e9
+        return Stretch(self.turn_id, self._sound_of(self._from_s), self._from_s, ended_s, before, at_pause)
+
+    def take(self, stretch: Stretch, heard: HeardText | None) -> bool:
+        """What was made out of it; None where nothing could be. Gives whether its words changed."""
+        self.asked = False
+        self._known_until_ns = self._asked_until_ns
+        if heard is None:
+            return False
+        self.language = heard.language
+        told = self.words.committed, self.words.tentative
+        words = [word.later_by(stretch.from_s) for word in heard.words]
+        self.words.take(without_repetition(within_voice(words, stretch.voice_ended_s)))
+        return self._changed_since(told)
+
+    def commit_all(self) -> bool:
+        """Nothing is to come that could change its words. Gives whether that changed anything."""
+        told = self.words.committed, self.words.tentative
+        self.words.commit_all()
+        return self._changed_since(told)
+
+    def _changed_since(self, told: tuple[str, str]) -> bool:
+        changed = told != (self.words.committed, self.words.tentative)
+        self.revision += changed
+        return changed
+
+    @property
+    def _seconds(self) -> float:
+        return (self._dropped + len(self._windows)) * WINDOW / RATE_HZ
+
+    def _sound_of(self, from_s: float) -> NDArray[np.float32]:
+        first = max(0, int(from_s * RATE_HZ) // WINDOW - self._dropped)
+        windows = self._windows[first:]
+        return np.concatenate(windows) if windows else np.zeros(0, np.float32)
+
+    def _cut(self) -> None:
+        long_s = self._seconds - self._from_s
+        if long_s <= _CUT_BEYOND_S:
+            return
+        at_s = self.words.cut_at_s()
+        if (at_s is None or at_s <= self._from_s) and long_s > _CUT_ANYWHERE_BEYOND_S:
+            # Nobody ends a sentence, or two passes never agree: what there is has to do.
+            self.words.commit_all()
+            at_s = self.words.cut_at_s(sentences=False)
+            if at_s is None or at_s <= self._from_s:
+                at_s = self._seconds - _OVERLAP_S
+        if at_s is not None and at_s > self._from_s:
+            self._from_s = int(at_s * RATE_HZ) // WINDOW * WINDOW / RATE_HZ
+            unneeded = int(self._from_s * RATE_HZ) // WINDOW - self._dropped
+            del self._windows[:unneeded]
+            self._dropped += unneeded

@@ -1,0 +1,96 @@
+"""Words by faster-whisper, on this computer."""
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.listening.agreement import HeardWord
+from caris_desktop.conversation.listening.engine import HeardText, NoEngine
+from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.plausible import is_nothing
+from caris_desktop.conversation.listening.recogniser_files import OFFLINE_PACKAGE, find_recogniser
+
+_RATE_HZ = 16_000
+_FRAMES_PER_S = 100
+# Whisper always looks at 30 s. What it is told of silence costs four fifths of the time: this much is enough.
+_BEAM_AT_PAUSE = 5
+_TOKENS_AT_LEAST, _TOKENS_A_SECOND = 16, 10  # it may be stuck on a phrase, and would write on for long
+_SILENCE_BEHIND_S, _SEEN_AT_LEAST_S, _SEEN_AT_MOST_S = 2, 5, 30
+
+
+class LocalEngine:
+    """One model in the memory of this process."""
+
+    every_s = 0.5
+
+    def __init__(self, settings: RecogniserSettings) -> None:
+        """Raises NoEngine."""
+        folder = find_recogniser(settings)
+        try:
+            self._model = _open(str(folder), settings.threads)
+        except ImportError as error:
+            raise NoEngine(
+                "The speech recogniser is not installed.",
+                "What is said is not turned into text; all else goes on.",
+                "Run: pip install faster-whisper",
+            ) from error
+        except (RuntimeError, ValueError, OSError) as error:
+            raise NoEngine(
+                f"The speech recogniser {folder.name} cannot be loaded ({error}).",
+                "What is said is not turned into text; all else goes on.",
+                "Get the model anew, or correct listening.model.",
+            ) from error
+        several = bool(self._model.model.is_multilingual)
+        self.language = settings.language if several else "en"
+        usual = folder.name == "model" and not settings.model
+        self.model = f"{OFFLINE_PACKAGE} (tiny.en)" if usual else folder.name
+        if settings.language not in (self.language, ""):
+            raise NoEngine(
+                f"The speech recogniser {self.model} knows English only, and the scenario's language is another.",
+                "What is said is not turned into text; all else goes on.",
+                "Set listening.model to a model that knows the language, or listening.language to en.",
+            )
+        self.transcribe(np.zeros(_RATE_HZ, np.float32), "", careful=False)  # the first time takes longer
+
+    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool) -> HeardText:
+        """As Engine says."""
+        seconds = math.ceil(len(sound) / _RATE_HZ) + _SILENCE_BEHIND_S
+        self._model.see_s = min(_SEEN_AT_MOST_S, max(_SEEN_AT_LEAST_S, seconds))
+        segments, info = self._model.transcribe(
+            sound,
+            language=self.language or None,
+            beam_size=_BEAM_AT_PAUSE if careful else 1,
+            temperature=0.0,
+            condition_on_previous_text=False,
+            initial_prompt=before or None,
+            word_timestamps=True,
+            max_new_tokens=_TOKENS_AT_LEAST + round(_TOKENS_A_SECOND * len(sound) / _RATE_HZ),
+        )
+        words = [
+            HeardWord(word.word.strip(), float(word.start), float(word.end), float(word.probability))
+            # Whatever it makes of the silence behind the first window's last word was not said.
+            for segment in itertools.takewhile(lambda each: each.seek == 0, segments)
+            if not is_nothing(segment.text, no_speech=segment.no_speech_prob, log_probability=segment.avg_logprob)
+            for word in segment.words or ()
+            if word.word.strip()
+        ]
+        return HeardText(tuple(words), str(info.language))
+
+
+def _open(folder: str, threads: int) -> Any:
+    """A model that encodes no more than its ``see_s`` seconds of what it is given."""
+    from faster_whisper import WhisperModel
+
+    model: Any = WhisperModel(
+        folder, device="cpu", compute_type="int8", cpu_threads=threads, num_workers=1, local_files_only=True
+    )
+    encode_all = model.encode
+
+    def encode(features: NDArray[np.float32]) -> Any:
+        return encode_all(np.ascontiguousarray(features[..., : model.see_s * _FRAMES_PER_S]))
+
+    model.see_s, model.encode = _SEEN_AT_MOST_S, encode
+    return model

@@ -1,0 +1,286 @@
+"""Words that the robot says itself, or has just said, are not the participant's.
+
+What was made out is laid along what the robot says, word for word and in order, by how the words sound; and it counts
+as the robot's where it also comes when the robot says it. Whoever answers "the kitchen" to "the kitchen or the lab?"
+says the same words, but later.
+"""
+
+import re
+import unicodedata
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from statistics import median
+
+from caris_desktop.domain.events import UtteranceChanged
+
+_KEPT = 40
+_NOTHING_BUT_ROBOT = 0.97
+_LETTERS_OF_WHAT_IS_LEFT = 45.0
+"""A word or two may be made out of what is left of the robot: nine letters where seven tenths of it were the robot."""
+_LEAST_BESIDE_ROBOT_NS = 450_000_000
+"""While the robot speaks less voice than that may be its own first syllable, in a room that is not known yet."""
+_LETTERS_A_SECOND = 22.0
+"""Nobody speaks faster: more was made out than was said."""
+_MOSTLY_SOMEBODY_ELSE = 0.5
+_SHORT_ANSWER_LETTERS = 18
+"""So much of what the robot says may be an answer to it; who says more of it in the same order is the robot."""
+_SECONDS_A_LETTER = 0.07
+_LEAST_ALIKE = 0.6
+_STARTS_AFTER_NS = 300_000_000
+_RINGS_NS, _RINGS_ABOUT_NS = 600_000_000, 2_500_000_000
+"""So long after its end the robot's last word may be made out: where the end is told, and where it is reckoned."""
+_BEGINNING_IS_ROBOTS, _ALL_OF_IT, _NEAR_ITS_END = 0.8, 0.95, 0.7
+_GAP = re.compile(r"\{[^}]*\}")
+_WORD = re.compile(r"[^\W_]+(?:['’][^\W_]+)*")
+_NAME = "{"
+"""Stands where a name is said, which is in no record: it may be any word."""
+_NUMBERS = dict(
+    zip(
+        map(str, range(13)),
+        ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"),
+        strict=True,
+    )
+)
+_SOUNDS = (
+    ("ph", "f"), ("gh", ""), ("wh", "w"), ("kn", "n"), ("wr", "r"), ("ck", "k"), ("qu", "kw"), ("x", "ks"), ("c", "k"),
+    ("z", "s"), ("v", "f"), ("d", "t"), ("b", "p"), ("g", "k"), ("y", "i"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Saying:
+    utterance_id: str
+    words: tuple[str, ...]
+    started_ns: int
+    ended_ns: int | None
+    exactly: bool
+
+    @property
+    def end_ns(self) -> int:
+        if self.ended_ns is not None:
+            return self.ended_ns
+        return self.started_ns + round(sum(len(word) + 1 for word in self.words) * _SECONDS_A_LETTER * 1e9)
+
+
+class OwnWords:
+    """Knows what the robot says, from the events that tell of it."""
+
+    def __init__(self) -> None:
+        self._sayings: deque[_Saying] = deque(maxlen=_KEPT)
+
+    def robot_says(self, utterance: UtteranceChanged) -> None:
+        """The robot is about to say this, says it, or has said it."""
+        known = next((each for each in self._sayings if each.utterance_id == utterance.utterance_id), None)
+        if utterance.state == "failed":
+            if known is not None:
+                self._sayings.remove(known)
+            return
+        if known is None:
+            known = _Saying(utterance.utterance_id, (), utterance.stamp_ns + _STARTS_AFTER_NS, None, exactly=False)
+            self._sayings.append(known)
+        words = _words(utterance.text) or known.words
+        exactly = not utterance.estimated
+        match utterance.state:
+            case "started":
+                now = replace(known, words=words, started_ns=utterance.stamp_ns, exactly=exactly)
+            case "requested":
+                now = replace(known, words=words)
+            case _:
+                now = replace(known, words=words, ended_ns=utterance.stamp_ns, exactly=known.exactly and exactly)
+        self._sayings[self._sayings.index(known)] = now
+
+    def is_robots(self, text: str, started_ns: int, ended_ns: int, echo_share: float | None = None) -> float:
+        """How much of a text that was made out in that time is the robot's: 0 nothing, 1 all of it.
+
+        ``echo_share`` is what the echo canceller says of that time, None where it cannot tell, as with a robot that has
+        a voice of its own. Where it is sure that the robot was not heard, the same words are the participant's, who may
+        well repeat them; where it is sure that nothing else was, no word is.
+        """
+        if echo_share is not None and echo_share >= _NOTHING_BUT_ROBOT:
+            return 1.0
+        heard = _without_loops(_words(text))
+        letters = sum(map(len, heard))
+        if not letters:
+            return 0.0
+        if echo_share is not None and letters <= _LETTERS_OF_WHAT_IS_LEFT * (echo_share - 0.5):
+            return 1.0
+        if ended_ns - started_ns < _LEAST_BESIDE_ROBOT_NS and any(
+            saying.started_ns - _LEAST_BESIDE_ROBOT_NS <= started_ns <= saying.end_ns for saying in self._sayings
+        ):
+            return 1.0
+        if (echo_share or 0.0) >= 0.3 and letters > _LETTERS_A_SECOND * (ended_ns - started_ns) / 1e9:
+            return 1.0
+        # Where the canceller knows what was played, when it was heard is known, too.
+        slack_s, slack_of_length = (0.7, 0.15) if echo_share is None else (0.4, 0.1)
+        most = 0.0
+        for sayings in self._around(started_ns, ended_ns):
+            aligned = _aligned(heard, [word for saying in sayings for word in saying.words])
+            if (
+                aligned.letters <= _SHORT_ANSWER_LETTERS
+                and echo_share is not None
+                and echo_share < _MOSTLY_SOMEBODY_ELSE
+            ):
+                continue
+            late_s = _late_s(aligned, heard, (started_ns, ended_ns), sayings)
+            length_s = (sayings[-1].end_ns - sayings[0].started_ns) / 1e9
+            allowed_s = slack_s + slack_of_length * length_s
+            if not all(saying.exactly for saying in sayings):
+                allowed_s += 2.0
+            if abs(late_s) <= allowed_s:
+                most = max(most, aligned.letters / letters)
+        return most
+
+    def robots_beginning(
+        self, words: Sequence[tuple[str, int]], started_ns: int, echo_share: float | None = None
+    ) -> int:
+        """How many of the first words are the robot's where somebody else goes on behind them; 0 where that is not so.
+
+        ``words`` are texts with the moments at which they end; the first begins at ``started_ns``.
+        """
+        most = 0
+        for sayings in self._around(started_ns, words[-1][1]) if words else ():
+            said = [word for saying in sayings for word in saying.words]
+            ends_ns = sayings[-1].end_ns + (_RINGS_NS if sayings[-1].exactly else _RINGS_ABOUT_NS)
+            beginnings = [
+                (count, _aligned(_words(" ".join(text for text, _end_ns in words[:count])), said))
+                for count, (_text, until_ns) in enumerate(words[:-1], 1)
+                if until_ns <= ends_ns
+            ]
+            whole = max((aligned.letters for _count, aligned in beginnings), default=0.0)
+            for count, aligned in beginnings:
+                # The shortest that is all of it: whoever answers with the robot's last words says them once more.
+                if aligned.letters < _ALL_OF_IT * whole or not aligned.pairs:
+                    continue
+                text, rest = (" ".join(each for each, _end_ns in part) for part in (words[:count], words[count:]))
+                to_its_end = aligned.pairs[-1][1] >= _NEAR_ITS_END * (len(said) - 1)
+                robots = self.is_robots(text, started_ns, words[count - 1][1], echo_share)
+                if to_its_end and robots >= _BEGINNING_IS_ROBOTS and not _ends(said, rest):
+                    most = max(most, count)
+                break
+        return most
+
+    def _around(self, started_ns: int, ended_ns: int) -> list[list[_Saying]]:
+        """What the robot said about then: each by itself, and all of it together."""
+        near = [
+            saying
+            for saying in self._sayings
+            if saying.words and saying.started_ns - 1e9 <= ended_ns and started_ns <= saying.end_ns + 3e9
+        ]
+        near.sort(key=lambda saying: saying.started_ns)
+        return [[saying] for saying in near] + ([near] if len(near) > 1 else [])
+
+
+def _words(text: str) -> tuple[str, ...]:
+    plain = unicodedata.normalize("NFKC", _GAP.sub(f" {_NAME} ", text)).lower()
+    found = re.findall(rf"{re.escape(_NAME)}|{_WORD.pattern}", plain)
+    return tuple(_NUMBERS.get(word, word.replace("'", "").replace("’", "")) for word in found)
+
+
+def _ends(said: Sequence[str], text: str) -> bool:
+    """Whether a text is only how the robot's sentence ends."""
+    heard = _words(text)
+    return not heard or list(heard) == list(said[-len(heard) :])
+
+
+def _without_loops(words: tuple[str, ...]) -> tuple[str, ...]:
+    """What is said again and again is there once: recognisers fall into that over sound that they cannot make out."""
+    kept: list[str] = []
+    for word in words:
+        kept.append(word)
+        for length in range(1, len(kept) // 2 + 1):
+            if kept[-length:] == kept[-2 * length : -length]:
+                del kept[-length:]
+                break
+    return tuple(kept)
+
+
+def likeness(text: str, of: str) -> float:
+    """How much of a text is another one, in order and by how it sounds, 0 to 1."""
+    words = _words(text)
+    return _aligned(words, _words(of)).letters / max(1, sum(map(len, words)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Aligned:
+    """``letters`` of what was heard are the robot's; ``pairs`` are the places of words that belong together."""
+
+    letters: float
+    pairs: tuple[tuple[int, int], ...]
+
+
+def _aligned(heard: Sequence[str], said: Sequence[str]) -> _Aligned:
+    """The longest sequence in common (Needleman and Wunsch 1970). Alike is enough, and two words may sound as one."""
+    best: list[list[tuple[float, tuple[int, int, float] | None]]] = [
+        [(0.0, None)] * (len(said) + 1) for _ in range(len(heard) + 1)
+    ]
+    for i in range(1, len(heard) + 1):
+        for j in range(1, len(said) + 1):
+            options: list[tuple[float, tuple[int, int, float] | None]] = [
+                (best[i - 1][j][0], (1, 0, 0.0)),
+                (best[i][j - 1][0], (0, 1, 0.0)),
+            ]
+            for of_heard, of_said in ((1, 1), (2, 1), (1, 2)):
+                if of_heard <= i and of_said <= j:
+                    one, other = "".join(heard[i - of_heard : i]), "".join(said[j - of_said : j])
+                    alike = len(one) * _alike(one, other)
+                    if alike:
+                        options.append((best[i - of_heard][j - of_said][0] + alike, (of_heard, of_said, alike)))
+            best[i][j] = max(options, key=lambda option: option[0])
+    i, j, pairs = len(heard), len(said), []
+    while i and j:
+        step = best[i][j][1]
+        if step is None:
+            break
+        if step[2]:
+            pairs.append((i - 1, j - 1))
+        i, j = i - step[0], j - step[1]
+    return _Aligned(best[len(heard)][len(said)][0], tuple(reversed(pairs)))
+
+
+@lru_cache(maxsize=4096)
+def _alike(heard: str, said: str) -> float:
+    """How much two words sound alike, 0 where they do not."""
+    if heard == said or _NAME in (heard, said):
+        return 1.0
+    one, other = _sound_of(heard), _sound_of(said)
+    longer = max(len(one), len(other))
+    if not longer or abs(len(one) - len(other)) > longer * (1 - _LEAST_ALIKE):
+        return 0.0
+    alike = 1.0 - _distance(one, other) / longer
+    return alike if alike >= _LEAST_ALIKE else 0.0
+
+
+def _sound_of(word: str) -> str:
+    """Roughly how it sounds: consonants that are mistaken for one another are one, vowels are all alike."""
+    for letters, sound in _SOUNDS:
+        word = word.replace(letters, sound)
+    return re.sub(r"(.)\1+", r"\1", re.sub(r"[aeiouäöü]+", "a", word))
+
+
+def _distance(one: str, other: str) -> int:
+    """Of Levenshtein."""
+    row = list(range(len(other) + 1))
+    for i, letter in enumerate(one, 1):
+        before, row[0] = row[0], i
+        for j, against in enumerate(other, 1):
+            before, row[j] = row[j], min(row[j] + 1, row[j - 1] + 1, before + (letter != against))
+    return row[-1]
+
+
+def _late_s(aligned: _Aligned, heard: Sequence[str], heard_ns: tuple[int, int], sayings: Sequence[_Saying]) -> float:
+    """How much later than the robot says them the words were heard."""
+    when_heard = _moments(heard, *heard_ns)
+    when_said = [moment for saying in sayings for moment in _moments(saying.words, saying.started_ns, saying.end_ns)]
+    return median([when_heard[i] - when_said[j] for i, j in aligned.pairs] or [0.0])
+
+
+def _moments(words: Sequence[str], start_ns: int, end_ns: int) -> list[float]:
+    """In seconds, when each is said, as if all letters took the same time."""
+    whole = sum(len(word) + 1 for word in words)
+    moments, before = [], 0.0
+    for word in words:
+        moments.append((start_ns + (end_ns - start_ns) * (before + len(word) / 2) / whole) / 1e9)
+        before += len(word) + 1
+    return moments

@@ -1,0 +1,67 @@
+"""What loudspeakers have played and are going to play, as one sound at 16 kHz on the session clock."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.sound.resampling import resampled
+from caris_desktop.domain.sound import PlayedSound, PlayedSoundEnded
+
+RATE_HZ = 16_000
+_CONTINUES_WITHIN_NS = 30_000_000
+
+
+def samples_in(duration_ns: int) -> int:
+    return round(duration_ns * RATE_HZ / 1_000_000_000)
+
+
+def ns_of(samples: int) -> int:
+    return samples * 1_000_000_000 // RATE_HZ
+
+
+@dataclass(slots=True, eq=False)
+class _Piece:
+    utterance_id: str
+    start_ns: int
+    samples: NDArray[np.float32]
+
+    @property
+    def end_ns(self) -> int:
+        return self.start_ns + ns_of(len(self.samples))
+
+
+class Played:
+    """Grows with what is told; several sounds at a time are heard together."""
+
+    def __init__(self) -> None:
+        self._pieces: list[_Piece] = []
+
+    def add(self, sound: PlayedSound) -> int:
+        """Returns when it begins: a piece of an utterance follows upon the one before without a gap."""
+        mono = sound.samples.mean(axis=1, dtype=np.float32) / np.float32(32768.0)
+        start_ns = sound.stamp_ns
+        for piece in self._pieces:
+            if piece.utterance_id == sound.utterance_id and abs(start_ns - piece.end_ns) < _CONTINUES_WITHIN_NS:
+                start_ns = piece.end_ns
+        self._pieces.append(_Piece(sound.utterance_id, start_ns, resampled(mono, sound.sample_rate_hz, RATE_HZ)))
+        return start_ns
+
+    def end(self, ended: PlayedSoundEnded) -> None:
+        """The rest of it is not heard."""
+        for piece in self._pieces:
+            if piece.utterance_id == ended.utterance_id:
+                piece.samples = piece.samples[: max(0, samples_in(ended.stamp_ns - piece.start_ns))]
+
+    def sound(self, start_ns: int, count: int) -> NDArray[np.float32]:
+        """From that moment on, shape (count,); zeros where nothing was played."""
+        sound = np.zeros(count, np.float32)
+        for piece in self._pieces:
+            first = samples_in(start_ns - piece.start_ns)
+            start, end = max(0, first), min(len(piece.samples), first + count)
+            if start < end:
+                sound[start - first : end - first] += piece.samples[start:end]
+        return sound
+
+    def forget_before(self, moment_ns: int) -> None:
+        self._pieces = [piece for piece in self._pieces if piece.end_ns >= moment_ns]

@@ -1,0 +1,205 @@
+"""The process body of listening: sound in, whose turn it is and what was said out."""
+
+import contextlib
+import logging
+import time
+from collections import deque
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from caris_desktop.conversation.listening.ear import Ear
+from caris_desktop.conversation.listening.echo import EchoCanceller
+from caris_desktop.conversation.listening.engine import NoEngine
+from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
+from caris_desktop.conversation.listening.messages import (
+    RecogniserAway,
+    RecogniserFailed,
+    RecogniserReady,
+    RecogniserSettings,
+    SpokenBy,
+)
+from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.signal_watch import SignalWatch
+from caris_desktop.conversation.listening.turn_model import TurnModel
+from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
+from caris_desktop.conversation.listening.voice_activity import NoVoiceActivity, VoiceActivity
+from caris_desktop.conversation.listening.words_thread import WordsHeard, WordsReady, WordsThread
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Problem, UtteranceChanged
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.priority import step_back
+from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound import WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
+
+_log = logging.getLogger(__name__)
+_LOOK_EVERY_S = 0.02
+_NO_SOUND_NS = 700_000_000
+"""A microphone from which nothing has come for so long is closed, and the turn at it is over."""
+_UNDER_WAY_NS = 300_000_000
+"""By so much sound may be late."""
+_ROOM = 1.5
+"""From one pass to the next it takes so many times as long as a pass does: others want the processor too."""
+_PLAYED_AT_MOST = 8
+
+
+def run_recogniser(connection: Connection, settings: RecogniserSettings) -> None:
+    """Process body. Sends RecogniserReady or RecogniserFailed first; returns when the connection ends."""
+    step_back(settings.niceness)
+    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        _Recogniser(connection, settings).run()
+
+
+class _Recogniser:
+    def __init__(self, connection: Connection, settings: RecogniserSettings) -> None:
+        self._connection = connection
+        self._bounds = SilenceBounds(settings.silence_at_least_s, settings.silence_at_most_s)
+        self._own_words = OwnWords()
+        self._silence = SilenceOfPeople()
+        self._signal = SignalWatch()
+        self._turn_model = TurnModel.find()
+        self._words = WordsThread(settings)
+        self._ears: dict[str, Ear] = {}
+        self._played: deque[PlayedSound] = deque(maxlen=_PLAYED_AT_MOST)
+        self._ready: RecogniserReady | None = None
+        self._asked: Ear | None = None
+        self._every_s = 0.5
+        self._not_before_s = 0.0
+        self._away = ""
+
+    def run(self) -> None:
+        """Until the console is gone."""
+        self._words.start()
+        try:
+            VoiceActivity()
+        except NoVoiceActivity as error:
+            self._fail(NoEngine(f"{error}.", "What is said is not turned into text.", "Install it with pip."))
+        try:
+            while True:
+                while self._connection.poll(_LOOK_EVERY_S):
+                    self._take(self._connection.recv())
+                    self._take_news()
+                self._take_news()
+                self._close_ears()
+                self._ask()
+        finally:
+            self._words.end()
+
+    def _take(self, message: Any) -> None:
+        match message:
+            case AudioChunk():
+                self._hear(message)
+            case PlayedSound():
+                self._played.append(message)
+                for ear in self._ears.values():
+                    ear.canceller.play(message)
+            case PlayedSoundEnded():
+                for ear in self._ears.values():
+                    ear.canceller.play_ended(message)
+            case UtteranceChanged():
+                self._own_words.robot_says(message)
+                for ear in self._ears.values():
+                    if message.state == "started":
+                        ear.another_spoke()
+                    elif message.state != "requested":
+                        ear.another_ended(message.stamp_ns)
+            case SpokenBy(utterance_id, person_id):
+                self._silence.spoken_by(utterance_id, person_id)
+            case other:
+                _log.error("unknown message %r", other)
+
+    def _hear(self, chunk: AudioChunk) -> None:
+        if self._ready is None:
+            return
+        ear = self._ears.get(chunk.source)
+        if ear is None:
+            ear = self._ears[chunk.source] = self._new_ear(chunk.source)
+        if chunk.source != WIZARD_MICROPHONE:
+            peak = int(np.abs(chunk.samples.astype(np.int32)).max(initial=0)) / 32768
+            if self._signal.hear(chunk.source, chunk.stamp_ns, peak):
+                self._connection.send(_silent(chunk.source))
+        ear.hear(chunk)
+        self._ask()
+        ear.judge()
+
+    def _new_ear(self, source: str) -> Ear:
+        canceller = EchoCanceller()
+        for sound in self._played:
+            canceller.play(sound)
+        return Ear(
+            source,
+            # How the wizard pauses says nothing of the participants.
+            TurnTaking(SilenceOfPeople() if source == WIZARD_MICROPHONE else self._silence, self._bounds),
+            VoiceActivity(),
+            canceller=canceller,
+            own_words=self._own_words,
+            turn_over=None if self._turn_model is None else self._turn_model.turn_over,
+            tell=self._connection.send,
+        )
+
+    def _close_ears(self) -> None:
+        """What comes no more is silence, so that nobody's last words wait for a microphone that was closed."""
+        now_ns = clock.now_ns()
+        for ear in self._ears.values():
+            if ear.busy and now_ns - ear.heard_until_ns > _NO_SOUND_NS:
+                self._signal.closed(ear.source)
+                ear.hear_nothing(now_ns - _UNDER_WAY_NS)
+
+    def _ask(self) -> None:
+        if self._asked is not None or self._ready is None:
+            return
+        every_s = self._every_s if time.monotonic() >= self._not_before_s else float("inf")
+        for ear in self._ears.values():
+            stretch = ear.wanted(every_s)
+            if stretch is not None:
+                self._asked = ear
+                self._words.ask(stretch)
+                return
+
+    def _take_news(self) -> None:
+        while not self._words.news.empty():
+            match self._words.news.get():
+                case WordsReady() as ready:
+                    self._every_s = ready.every_s
+                    detail = "" if self._turn_model else "No model tells how a turn's end sounds: silence alone does."
+                    self._ready = RecogniserReady(ready.model, ready.language, ready.load_s, detail)
+                    self._connection.send(self._ready)
+                case NoEngine() as failure:
+                    self._fail(failure)
+                case WordsHeard() as heard:
+                    self._take_words(heard)
+
+    def _take_words(self, heard: WordsHeard) -> None:
+        ear, self._asked = self._asked, None
+        self._not_before_s = time.monotonic() + (_ROOM - 1) * heard.took_s
+        if heard.away is not None and not self._away:
+            self._away = heard.away.what
+            self._connection.send(RecogniserAway(_problem(heard.away)))
+        elif heard.away is None and self._away and self._ready is not None:
+            self._away = ""
+            self._connection.send(self._ready)
+        if ear is not None:
+            ear.take(heard.stretch, heard.text)
+        self._ask()
+
+    def _fail(self, failure: ToldFailure) -> None:
+        self._connection.send(RecogniserFailed(_problem(failure)))
+        # It would only fail again; the console closes the connection when it likes.
+        while True:
+            self._connection.recv()
+
+
+def _problem(failure: ToldFailure) -> Problem:
+    return Problem(clock.now_ns(), "warning", failure.what, failure.meaning, failure.advice, until="transcription")
+
+
+def _silent(source: str) -> Problem:
+    return Problem(
+        clock.now_ns(),
+        "warning",
+        f"Nothing at all is heard from the {source}.",
+        "What the participant says there is neither heard nor turned into text.",
+        "Look whether it is muted or switched off, or choose another one.",
+        until="quiet",
+    )

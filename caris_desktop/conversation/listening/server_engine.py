@@ -1,0 +1,147 @@
+"""Words by a server that takes OpenAI's requests for transcriptions (POST /v1/audio/transcriptions)."""
+
+import asyncio
+import io
+import itertools
+import json
+import wave
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.listening.agreement import HeardWord
+from caris_desktop.conversation.listening.engine import EngineAway, HeardText, NoEngine
+from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.plausible import is_nothing
+from caris_desktop.conversation.models.connection import api_key, connected
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
+
+KEY_NAME = "CARIS_TRANSCRIPTION_KEY"
+_RATE_HZ = 16_000
+_USUAL_MODEL = "whisper-1"
+_TIMEOUT = httpx.Timeout(12.0, connect=4.0)
+_ANSWER_WITHIN_S = 20.0
+_ANSWER_AT_MOST_BYTES = 1_000_000
+_NO_TEXT = "What is said is not turned into text; all else goes on."
+
+
+class ServerEngine:
+    """Every stretch is a request of its own: a server that was away is asked again with the next."""
+
+    every_s = 2.0  # what grows is sent again and again, and some servers are paid by the minute
+
+    def __init__(self, settings: RecogniserSettings) -> None:
+        """Sends nothing. Raises NoEngine."""
+        if not settings.server:
+            raise NoEngine(
+                "The scenario does not say which server turns speech into text.", _NO_TEXT, "Set listening.server."
+            )
+        self._endpoint = ModelEndpoint(
+            "openai", settings.server.rstrip("/"), settings.model or _USUAL_MODEL, (KEY_NAME,)
+        )
+        self._local_only = not settings.cloud_models
+        self.language = settings.language
+        self.model = f"{self._endpoint.model} at {self._endpoint.server}"
+        try:
+            self._key = asyncio.run(self._check())
+        except LanguageModelError as error:
+            raise NoEngine(error.what, _NO_TEXT, error.advice) from error
+
+    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool) -> HeardText:
+        """As Engine says."""
+        fields = {"model": self._endpoint.model, "response_format": "verbose_json", "temperature": "0"}
+        if self.language:
+            fields["language"] = self.language
+        if before:
+            fields["prompt"] = before
+        try:
+            status, body = asyncio.run(self._post(fields, _wav(sound)))
+        except (httpx.HTTPError, TimeoutError, OSError, LanguageModelError) as error:
+            why = "did not answer in time" if isinstance(error, (TimeoutError, httpx.TimeoutException)) else (
+                f"cannot be reached ({shortened(without(self._key, str(error))) or type(error).__name__})"
+            )  # fmt: skip
+            raise self._away(why, "It is asked again with what is said next.") from error
+        if status != 200:
+            raise self._away(f"answered {status} ({_reason(body, self._key)})", _advice(status))
+        try:
+            answer = json.loads(body)
+            return HeardText(tuple(_words(answer, len(sound) / _RATE_HZ)), str(answer.get("language") or self.language))
+        except (ValueError, TypeError, AttributeError, LookupError) as error:
+            raise self._away("answered with something that is no transcription", "Correct listening.server.") from error
+
+    async def _check(self) -> str | None:
+        async with connected(self._endpoint, local_only=self._local_only):
+            return await api_key(self._endpoint)
+
+    async def _post(self, fields: dict[str, str], wav: bytes) -> tuple[int, bytes]:
+        headers = {"Authorization": f"Bearer {self._key}"} if self._key else {}
+        path = ("" if urlsplit(self._endpoint.base_url).path else "v1/") + "audio/transcriptions"
+        async with (
+            asyncio.timeout(_ANSWER_WITHIN_S),
+            connected(self._endpoint, local_only=self._local_only) as client,
+            client.stream(
+                "POST", path,
+                data=fields, files={"file": ("speech.wav", wav, "audio/wav")}, headers=headers, timeout=_TIMEOUT,
+            ) as response,
+        ):  # fmt: skip
+            body = b""
+            async for piece in response.aiter_bytes():
+                body += piece
+                if len(body) > _ANSWER_AT_MOST_BYTES:
+                    raise httpx.DecodingError("the answer has no end")
+            return response.status_code, body
+
+    def _away(self, what: str, advice: str) -> EngineAway:
+        return EngineAway(f"The transcription server at {self._endpoint.server} {what}.", _NO_TEXT, advice)
+
+
+def _wav(sound: NDArray[np.float32]) -> bytes:
+    file = io.BytesIO()
+    with wave.open(file, "wb") as writer:
+        writer.setnchannels(1)
+        writer.setsampwidth(2)
+        writer.setframerate(_RATE_HZ)
+        writer.writeframes((np.clip(sound, -1.0, 1.0) * 32767).astype("<i2").tobytes())
+    return file.getvalue()
+
+
+def _words(answer: Any, seconds: float) -> Iterator[HeardWord]:
+    """Of its segments, or of the whole where there are none."""
+    for segment in answer.get("segments") or [{"text": answer["text"], "start": 0.0, "end": seconds}]:
+        text = str(segment["text"])
+        no_speech, likely = float(segment.get("no_speech_prob") or 0.0), float(segment.get("avg_logprob") or 0.0)
+        if not is_nothing(text, no_speech=no_speech, log_probability=likely):
+            yield from _spread(text.split(), float(segment["start"]), float(segment["end"]))
+
+
+def _spread(words: list[str], start_s: float, end_s: float) -> Iterator[HeardWord]:
+    """Nobody told when each was said: as long as it is written."""
+    ends = list(itertools.accumulate(len(word) + 1 for word in words))
+    for word, end in zip(words, ends, strict=True):
+        per_s = (end_s - start_s) / ends[-1]
+        yield HeardWord(word, start_s + (end - len(word) - 1) * per_s, start_s + end * per_s)
+
+
+def _reason(body: bytes, key: str | None) -> str:
+    try:
+        told = json.loads(body)["error"]
+        told = told["message"] if isinstance(told, dict) else told
+    except (ValueError, KeyError, TypeError):
+        told = body.decode("utf-8", "replace")
+    return shortened(without(key, str(told)), 100) or "without a reason"
+
+
+def _advice(status: int) -> str:
+    match status:
+        case 401 | 403:
+            return f"Set {KEY_NAME} to a key that this server takes, before starting the console."
+        case 404:
+            return "Correct listening.server and listening.model."
+        case 429:
+            return "It has too much to do, or your account has no credit left; it is asked again by itself."
+    return "It is asked again with what is said next."

@@ -1,0 +1,29 @@
+"""Tells a microphone from which nothing comes: muted, unplugged at the other end, or the wrong one."""
+
+_NOTHING = 0.0008
+"""A peak, of 1: the noise of a microphone that is on is louder even in a quiet room."""
+_TOLD_AFTER_NS = 45_000_000_000
+
+
+class SignalWatch:
+    """Each microphone is told once; again only after something was heard there."""
+
+    def __init__(self) -> None:
+        self._heard_ns: dict[str, int] = {}
+        self._told: set[str] = set()
+
+    def hear(self, source: str, stamp_ns: int, peak: float) -> bool:
+        """How loud it was there. True where it is time to tell that there is nothing."""
+        if peak > _NOTHING:
+            self._heard_ns[source] = stamp_ns
+            self._told.discard(source)
+            return False
+        since_ns = self._heard_ns.setdefault(source, stamp_ns)
+        if source in self._told or stamp_ns - since_ns < _TOLD_AFTER_NS:
+            return False
+        self._told.add(source)
+        return True
+
+    def closed(self, source: str) -> None:
+        """No sound is expected from there for now."""
+        self._heard_ns.pop(source, None)

@@ -1,0 +1,125 @@
+"""When somebody begins to speak, pauses, speaks on and has finished: from how much each 32 ms are like a voice.
+
+No clock: every moment is that of the sound.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
+
+VOICE_FROM, VOICE_UNTIL = 0.5, 0.35
+"""What is like a voice as much as this begins one; less than that ends it."""
+BEGINS_AFTER_NS = 190_000_000
+"""A click or a cough is no turn."""
+_LATE_NS = 32_000_000
+"""For so long the network still takes a silence for a voice."""
+PAUSE_NS = 200_000_000 + _LATE_NS
+"""A silence of this length may be the end of the turn."""
+_FORGET_NS = 600_000_000
+_SPOKE_ON_WITHIN_NS = 3_000_000_000
+_SURE, _UNSURE = 0.95, 0.8
+
+Change = Literal["began", "paused", "spoke on", "over"]
+
+
+@dataclass(frozen=True, slots=True)
+class SilenceBounds:
+    """However sure one is, a turn is over not before and not after so long a silence."""
+
+    at_least_s: float = 0.3
+    at_most_s: float = 3.0
+
+
+def silence_to_wait_s(turn_over: float | None, learnt_s: float, bounds: SilenceBounds) -> float:
+    """How long a silence ends the turn, for how likely it is over by how it sounds (None: nobody can tell).
+
+    Where it is all but sure, nobody waits; where it is not, as long as the pauses of this person take.
+    """
+    unsure = 1.0 if turn_over is None else min(1.0, max(0.0, (_SURE - turn_over) / (_SURE - _UNSURE)))
+    wait_s = bounds.at_least_s + unsure * (learnt_s - bounds.at_least_s)
+    return min(bounds.at_most_s, max(bounds.at_least_s, wait_s))
+
+
+class TurnTaking:
+    """The turns at one microphone. ``turn`` names the one under way in what is learnt of its pauses."""
+
+    def __init__(self, silence: SilenceOfPeople, bounds: SilenceBounds) -> None:
+        self._silence = silence
+        self._bounds = bounds
+        self._voiced_ns = self._heard_ns = 0
+        self._turn_over: float | None = None
+        self._last_turn, self._last_ended_ns = "", 0
+        self.turn = ""
+        self.under_way = False
+        self.speaking = False
+        self.voiced = False
+        """Whether there is voice at this very moment."""
+        self.started_ns = 0
+        """Where the voice of the turn began."""
+        self.voice_ended_ns = 0
+        """Where there was voice last."""
+
+    @property
+    def beginning_ns(self) -> int:
+        """How long there has been voice that is no turn yet, with the silence within."""
+        return self._heard_ns - self.started_ns if self._voiced_ns and not self.under_way else 0
+
+    def hear(self, stamp_ns: int, length_ns: int, voice: float) -> Change | None:
+        """The next stretch of sound, and how much it is like a voice."""
+        end_ns = self._heard_ns = stamp_ns + length_ns
+        self.voiced = voice >= (VOICE_UNTIL if self.voiced else VOICE_FROM)
+        if self.voiced:
+            return self._hear_voice(stamp_ns, end_ns)
+        return self._hear_silence(end_ns)
+
+    def judge(self, turn_over: float) -> None:
+        """How likely the turn is over at this pause. Until then it lasts as long as a pause of this person may."""
+        self._turn_over = turn_over
+
+    def another_spoke(self) -> None:
+        """The robot has answered: a silence after the last turn was no pause in it."""
+        self._last_turn = ""
+
+    def _hear_voice(self, stamp_ns: int, end_ns: int) -> Change | None:
+        change: Change | None = None
+        if not self.under_way:
+            if self._voiced_ns == 0:
+                self.started_ns = stamp_ns
+            self._voiced_ns += end_ns - stamp_ns
+            if self._voiced_ns >= BEGINS_AFTER_NS:
+                change = "began"
+                self.under_way = self.speaking = True
+                self._learn_from_cut()
+        elif not self.speaking:
+            change = "spoke on"
+            self.speaking = True
+            self._silence.learn(self.turn, (stamp_ns - self.voice_ended_ns) / 1e9)
+        self.voice_ended_ns = max(self.started_ns, end_ns - _LATE_NS)
+        return change
+
+    def _hear_silence(self, end_ns: int) -> Change | None:
+        silent_ns = end_ns - self.voice_ended_ns
+        if not self.under_way:
+            if silent_ns > _FORGET_NS:
+                self._voiced_ns = 0
+            return None
+        if self.speaking:
+            if silent_ns < PAUSE_NS:
+                return None
+            self.speaking = False
+            self._turn_over = None
+            return "paused"
+        if silent_ns < silence_to_wait_s(self._turn_over, self._silence.seconds, self._bounds) * 1e9:
+            return None
+        self.under_way = False
+        self._voiced_ns = 0
+        self._last_turn, self._last_ended_ns = self.turn, self.voice_ended_ns
+        return "over"
+
+    def _learn_from_cut(self) -> None:
+        """Whoever speaks on soon, with nobody in between, had not finished: the silence was too short for them."""
+        pause_ns = self.started_ns - self._last_ended_ns
+        if self._last_turn and pause_ns <= _SPOKE_ON_WITHIN_NS:
+            self._silence.learn(self._last_turn, pause_ns / 1e9)
+        self._last_turn = ""

@@ -1,0 +1,52 @@
+"""How likely a stretch of sound is somebody's voice: the Silero network, window by window."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.listening.onnx_session import file_in_package, open_network
+
+RATE_HZ = 16_000
+WINDOW = 512
+"""Samples of one window: 32 ms."""
+_CONTEXT = 64
+_STATE = 128
+# Sound without voice in it, such as music or long silence, moves the network's memory so that it hears worse; clearing
+# it in clear silence brings it back.
+_CLEAR_BELOW, _CLEAR_AFTER, _CLEAR_EVERY = 0.1, 5, 62
+
+
+class NoVoiceActivity(Exception):  # noqa: N818 - says what is missing
+    """The network for voice activity is not installed."""
+
+
+class VoiceActivity:
+    """Of one microphone; it remembers what came before."""
+
+    def __init__(self) -> None:
+        """Raises NoVoiceActivity."""
+        path = file_in_package("faster_whisper", "assets", "silero_vad_v6.onnx")
+        if path is None:
+            raise NoVoiceActivity(
+                "The Python package faster-whisper, which tells voices from other sound, is not installed"
+            )
+        self._session = open_network(path)
+        self._context = np.zeros(_CONTEXT, np.float32)
+        self._clear()
+        self._quiet = self._since_clear = 0
+
+    def _clear(self) -> None:
+        self._h = np.zeros((1, 1, _STATE), np.float32)
+        self._c = np.zeros((1, 1, _STATE), np.float32)
+        self._since_clear = 0
+
+    def probability(self, window: NDArray[np.float32]) -> float:
+        """Of the next ``WINDOW`` samples at 16 kHz, 0 to 1."""
+        sound = np.concatenate((self._context, window))[np.newaxis]
+        output, self._h, self._c = self._session.run(None, {"input": sound, "h": self._h, "c": self._c})
+        self._context = window[-_CONTEXT:]
+        probability = float(np.asarray(output).reshape(-1)[0])
+        self._since_clear += 1
+        self._quiet = self._quiet + 1 if probability < _CLEAR_BELOW else 0
+        if self._quiet >= _CLEAR_AFTER and self._since_clear >= _CLEAR_EVERY:
+            self._clear()
+        return probability

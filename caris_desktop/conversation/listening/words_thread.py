@@ -1,0 +1,86 @@
+"""The thread in which words are made out, so that whoever listens for voices meanwhile misses nothing."""
+
+import logging
+import queue
+import threading
+import time
+from dataclasses import dataclass
+
+from caris_desktop.conversation.listening.engine import Engine, EngineAway, HeardText, NoEngine
+from caris_desktop.conversation.listening.heard_turn import Stretch
+from caris_desktop.conversation.listening.messages import RecogniserSettings
+
+_log = logging.getLogger(__name__)
+_END_WITHIN_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class WordsReady:
+    """The engine is loaded. ``every_s`` is how often it is asked at most while somebody speaks."""
+
+    model: str
+    language: str
+    every_s: float
+    load_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class WordsHeard:
+    """``text`` is None where nothing could be made out; then ``away`` says why, if the engine is what is missing."""
+
+    stretch: Stretch
+    text: HeardText | None
+    took_s: float
+    away: EngineAway | None = None
+
+
+class WordsThread:
+    """One stretch at a time. ``news`` has WordsReady, or a NoEngine and nothing more, and a WordsHeard for each."""
+
+    def __init__(self, settings: RecogniserSettings) -> None:
+        self.news: queue.SimpleQueue[WordsReady | NoEngine | WordsHeard] = queue.SimpleQueue()
+        self._asked: queue.SimpleQueue[Stretch | None] = queue.SimpleQueue()
+        self._settings = settings
+        self._thread = threading.Thread(target=self._run, name="words", daemon=True)
+
+    def start(self) -> None:
+        """Load the engine."""
+        self._thread.start()
+
+    def ask(self, stretch: Stretch) -> None:
+        """Make out its words."""
+        self._asked.put(stretch)
+
+    def end(self) -> None:
+        """What is being made out is not waited for longer than it takes as a rule."""
+        self._asked.put(None)
+        self._thread.join(_END_WITHIN_S)
+
+    def _run(self) -> None:
+        began_s = time.monotonic()
+        try:
+            engine: Engine = open_engine(self._settings)
+        except NoEngine as error:
+            self.news.put(error)
+            return
+        self.news.put(WordsReady(engine.model, engine.language, engine.every_s, time.monotonic() - began_s))
+        while (stretch := self._asked.get()) is not None:
+            began_s, text, away = time.monotonic(), None, None
+            try:
+                text = engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause)
+            except EngineAway as error:
+                away = error
+            except Exception:
+                _log.exception("%.1f s of sound could not be transcribed", len(stretch.sound) / 16_000)
+            self.news.put(WordsHeard(stretch, text, time.monotonic() - began_s, away))
+
+
+def open_engine(settings: RecogniserSettings) -> Engine:
+    """Takes seconds, with a download minutes. Raises NoEngine."""
+    if settings.engine == "server":
+        from caris_desktop.conversation.listening.server_engine import ServerEngine
+
+        return ServerEngine(settings)
+    from caris_desktop.conversation.listening.local_engine import LocalEngine
+
+    return LocalEngine(settings)

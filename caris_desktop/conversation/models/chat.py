@@ -1,0 +1,237 @@
+"""Asking a language model and hearing its answer piece by piece, with time-outs and another try before it begins."""
+
+import asyncio
+import email.utils
+import logging
+import random
+import time
+from collections.abc import AsyncGenerator, Callable, Sequence
+from contextlib import aclosing
+from dataclasses import dataclass
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from caris_desktop.conversation.models import failures, gemini, ollama, openai
+from caris_desktop.conversation.models.connection import api_key, check_place, connected
+from caris_desktop.conversation.models.endpoint import ModelEndpoint, Provider
+from caris_desktop.conversation.models.question import Chunk, Question, Request
+from caris_desktop.conversation.models.stream import check_type, documents, small_object
+from caris_desktop.conversation.models.words import LanguageModelError, without
+from caris_desktop.domain.address import is_loopback
+from caris_desktop.domain.events import ChatMessage
+
+if TYPE_CHECKING:
+    import httpx
+
+_log = logging.getLogger(__name__)
+MAX_ANSWER_CHARACTERS = 200_000
+_MAX_ERROR_BODY_BYTES = 65_536
+_DIALECTS: dict[Provider, ModuleType] = {"embedded": openai, "openai": openai, "ollama": ollama, "gemini": gemini}
+_BUSY = (429, 500, 502, 503, 504, 529)
+
+
+@dataclass(frozen=True, slots=True)
+class ChatTimeouts:
+    """How long each step may take before the exchange counts as failed."""
+
+    connect_s: float = 5.0
+    first_token_s: float = 60.0
+    between_tokens_s: float = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Retries:
+    """How often a server that is busy or out of reach is asked again before it has begun to answer.
+
+    The waits begin at ``first_s`` and double; one that names a time itself (Retry-After) is waited for up to
+    ``most_s``, and given up at once where it wants longer.
+    """
+
+    at_most: int = 2
+    first_s: float = 0.5
+    most_s: float = 10.0
+
+    def wait_s(self, tried: int, told_s: float | None) -> float | None:
+        """How long to wait after the ``tried``-th try, None to give up."""
+        if tried > self.at_most or (told_s is not None and told_s > self.most_s):
+            return None
+        # Not all consoles of a lab at the same moment.
+        backed_off_s: float = min(self.first_s * 2.0 ** (tried - 1), self.most_s) * random.uniform(0.8, 1.2)  # noqa: S311
+        return max(told_s or 0.0, backed_off_s)
+
+
+class _TryAgainError(Exception):
+    """The server may answer when asked again, after ``told_s`` where it says so. ``failure``: what is wrong now."""
+
+    def __init__(self, failure: LanguageModelError, told_s: float | None = None) -> None:
+        super().__init__(failure.what)
+        self.failure = failure
+        self.told_s = told_s
+
+
+async def stream_chat(
+    endpoint: ModelEndpoint,
+    messages: Sequence[ChatMessage],
+    *,
+    local_only: bool,
+    max_tokens: int,
+    temperature: float,
+    seed: int | None = None,
+    jpegs: Sequence[bytes] = (),
+    schema: dict[str, Any] | None = None,
+    told_version: Callable[[str], None] = lambda _version: None,
+    told_wait: Callable[[str], None] = lambda _why: None,
+    timeouts: ChatTimeouts = ChatTimeouts(),
+    retries: Retries = Retries(),
+) -> AsyncGenerator[str]:
+    """Yield the answer piece by piece as the model writes it.
+
+    With ``local_only`` nothing leaves this computer. ``seed`` makes the same model answer the same question alike; it
+    is sent only to servers of which `ModelEndpoint.takes_seed` knows that they take it. ``told_version`` is called with
+    what the server tells of the model in the stream, when it does and differently from before; Ollama tells nothing
+    there, see `model_version`. ``told_wait`` is called with why it is waited before another try, in words. ``jpegs``
+    are pictures that go with the last message; the embedded model takes none. ``schema`` is a JSON schema that the
+    answer has to follow.
+
+    Closing the generator, or cancelling the task that iterates it, closes the HTTP stream, which makes the servers
+    stop generating; before the first piece it also ends the waiting.
+
+    Raises
+    ------
+    LanguageModelError
+        For every failure, including an answer that breaks off after some pieces were yielded.
+    """
+    check_place(endpoint, local_only=local_only)
+    question = Question(messages, max_tokens, temperature, seed, jpegs, schema)
+    request: Request = _DIALECTS[endpoint.provider].request(endpoint, question)
+    key = await api_key(endpoint)
+    give_up_s = asyncio.get_running_loop().time() + timeouts.connect_s + timeouts.first_token_s
+    tried = 0
+    while True:
+        tried += 1
+        try:
+            answer = _one_try(
+                endpoint, request, key, give_up_s, timeouts, local_only=local_only, told_version=told_version
+            )
+            async with aclosing(answer) as pieces:
+                async for piece in pieces:
+                    yield piece
+        except _TryAgainError as again:
+            wait_s = retries.wait_s(tried, again.told_s)
+            if wait_s is None or asyncio.get_running_loop().time() + wait_s >= give_up_s:
+                raise _with_time(again) from again
+            _log.info("%s is asked again in %.1f s: %s", endpoint.place, wait_s, again.failure.what)
+            told_wait(f"{again.failure.what} It is asked again in {max(1, round(wait_s))} s.")
+            await asyncio.sleep(wait_s)
+        else:
+            return
+
+
+def _with_time(again: _TryAgainError) -> LanguageModelError:
+    failure, told_s = again.failure, again.told_s
+    if not told_s:
+        return failure
+    return LanguageModelError(
+        failure.what, failure.meaning, f"It asks to be left alone for {told_s:.0f} s: ask again then."
+    )
+
+
+async def _one_try(
+    endpoint: ModelEndpoint,
+    request: Request,
+    key: str | None,
+    deadline_s: float,
+    timeouts: ChatTimeouts,
+    *,
+    local_only: bool,
+    told_version: Callable[[str], None],
+) -> AsyncGenerator[str]:
+    """Raises LanguageModelError, and _TryAgainError before the first piece where another try may help."""
+    import httpx
+
+    loop = asyncio.get_running_loop()
+    limits = httpx.Timeout(connect=timeouts.connect_s, read=None, write=timeouts.connect_s, pool=timeouts.connect_s)
+    began = ended = False
+    characters = 0
+    version = ""
+    try:
+        async with connected(endpoint, local_only=local_only) as client:
+            headers = _key_header(endpoint, key)
+            built = client.build_request("POST", request.path, json=request.body, headers=headers, timeout=limits)
+            async with asyncio.timeout_at(deadline_s):
+                response = await client.send(built, stream=True)
+            try:
+                if response.status_code != 200:
+                    async with asyncio.timeout_at(deadline_s):
+                        await _raise_status(endpoint, response, key)
+                check_type(endpoint, response)
+                async with aclosing(documents(endpoint, response)) as messages:
+                    while not ended:
+                        try:
+                            async with asyncio.timeout_at(deadline_s):
+                                document = await anext(messages)
+                        except StopAsyncIteration:
+                            break
+                        chunk: Chunk = _DIALECTS[endpoint.provider].parse(endpoint, document, key)
+                        ended = chunk.ended
+                        if chunk.version and chunk.version != version:
+                            version = chunk.version
+                            told_version(version)
+                        if chunk.text or chunk.alive:
+                            began = True
+                            deadline_s = loop.time() + timeouts.between_tokens_s
+                        if chunk.text:
+                            characters += len(chunk.text)
+                            if characters > MAX_ANSWER_CHARACTERS:
+                                raise failures.nonsense(endpoint, "the answer does not end")
+                            before_s = loop.time()
+                            yield chunk.text
+                            deadline_s += loop.time() - before_s
+            finally:
+                await response.aclose()
+    except httpx.HTTPError as error:
+        failure = failures.of_httpx(endpoint, error, answer_started=began)
+        # A program that does not run here is not there in a second either; a server elsewhere may be.
+        refused_here = isinstance(error, httpx.ConnectError) and is_loopback(endpoint.base_url)
+        if began or refused_here or failures.is_about_tls(error) or not isinstance(error, httpx.TransportError):
+            raise failure from error
+        raise _TryAgainError(failure) from error
+    except TimeoutError as error:
+        waited_s = timeouts.between_tokens_s if began else timeouts.first_token_s
+        raise failures.too_slow(endpoint, seconds=waited_s, answer_started=began) from error
+    if not ended:
+        raise failures.broke_off(endpoint)
+
+
+def _key_header(endpoint: ModelEndpoint, key: str | None) -> dict[str, str]:
+    if not key:
+        return {}
+    return {"x-goog-api-key": key} if endpoint.provider == "gemini" else {"Authorization": f"Bearer {key}"}
+
+
+async def _raise_status(endpoint: ModelEndpoint, response: "httpx.Response", key: str | None) -> None:
+    body = await small_object(response, _MAX_ERROR_BODY_BYTES)
+    detail = without(key, failures.error_in(body)) if body else ""
+    failure = failures.of_status(endpoint, response.status_code, detail)
+    if response.status_code in _BUSY:
+        raise _TryAgainError(failure, _told_wait_s(response.headers.get("retry-after", ""), body))
+    raise failure
+
+
+def _told_wait_s(header: str, body: dict[str, Any]) -> float | None:
+    """When to come back, by a header in seconds or as a date, or by the details of Gemini's error."""
+    if header.strip().isdecimal():
+        return float(header)
+    if header:
+        try:
+            return max(0.0, email.utils.parsedate_to_datetime(header).timestamp() - time.time())
+        except (ValueError, OverflowError):
+            return None
+    error = body.get("error")
+    details = error.get("details", ()) if isinstance(error, dict) else ()
+    for detail in details if isinstance(details, list) else ():
+        delay = detail.get("retryDelay", "") if isinstance(detail, dict) else ""
+        number = str(delay).removesuffix("s")
+        if number.replace(".", "", 1).isdecimal():
+            return float(number)
+    return None

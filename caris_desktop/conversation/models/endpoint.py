@@ -1,0 +1,152 @@
+"""Where a language model is asked."""
+
+import os
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+from urllib.parse import urlsplit
+
+from caris_desktop.conversation.models.words import LanguageModelError, shortened
+from caris_desktop.domain.address import is_loopback
+
+Provider = Literal["embedded", "openai", "ollama", "gemini"]
+
+OPENAI_URL = "https://api.openai.com/v1"
+GEMINI_URL = "https://generativelanguage.googleapis.com"
+OLLAMA_URL = "http://127.0.0.1:11434"
+KEYED_BY = {"openai": ("OPENAI_API_KEY",), "gemini": ("GEMINI_API_KEY", "GOOGLE_API_KEY")}
+"""The environment variables that hold a provider's key, the first that is set counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelEndpoint:
+    """Where a model is asked.
+
+    ``base_url`` is the server; for OpenAI-compatible servers it may end with a path such as ``/v1``, which is added
+    where there is none. ``key_names`` are the environment variables (and keyring entries) of which the first that is
+    there holds the key, so that the key itself is never part of a value that could be logged or recorded.
+    """
+
+    provider: Provider
+    base_url: str
+    model: str
+    key_names: tuple[str, ...] = ()
+
+    @property
+    def server(self) -> str:
+        """The host that is asked, with its port; nothing that gives access to it."""
+        return urlsplit(self.base_url).netloc.rpartition("@")[2]
+
+    @property
+    def place(self) -> str:
+        """As the subject of a sentence."""
+        match self.provider:
+            case "embedded":
+                return "The embedded language model"
+            case "ollama":
+                return f"Ollama at {self.server}"
+            case "gemini":
+                return f"Gemini at {self.server}"
+        return f"The language model server at {self.server}"
+
+    @property
+    def is_openai(self) -> bool:
+        """Whether it is OpenAI's own server rather than one that copies its API."""
+        return urlsplit(self.base_url).hostname == urlsplit(OPENAI_URL).hostname
+
+    @property
+    def takes_seed(self) -> bool:
+        """Whether the server takes a seed. Some that only copy OpenAI's API refuse a question with a field too many."""
+        return self.provider != "openai" or is_loopback(self.base_url) or self.is_openai
+
+    @property
+    def leaves_computer(self) -> bool:
+        """Whether what is asked goes to another computer: by its address, or as Ollama passes it on to its cloud."""
+        tag = self.model.rpartition(":")[2]
+        return not is_loopback(self.base_url) or (self.provider == "ollama" and tag.endswith("cloud"))
+
+
+def resolve_endpoint(
+    model: str, *, embedded_url: str | None, environment: Mapping[str, str] | None = None
+) -> ModelEndpoint:
+    """Turn a scenario's ``embedded``, ``ollama:NAME``, ``openai:NAME`` or ``gemini:NAME`` into an endpoint.
+
+    ``embedded_url`` is the address of the embedded server, None while there is none. ``OLLAMA_HOST``,
+    ``OPENAI_BASE_URL`` and ``GOOGLE_GEMINI_BASE_URL`` in ``environment`` (default: the process environment) move the
+    others.
+
+    Raises
+    ------
+    LanguageModelError
+        If the text is none of these, an address is unusable, or the embedded server is not running.
+    """
+    environment = os.environ if environment is None else environment
+    provider, _, name = model.strip().partition(":")
+    name = name.strip()
+    if provider == "embedded" and not name:
+        if embedded_url is None:
+            raise LanguageModelError(
+                "The embedded language model is not running.",
+                "The assistant cannot answer.",
+                "Wait until it has started; if it failed, the Session log says why.",
+            )
+        return ModelEndpoint("embedded", _checked_url(embedded_url, "the embedded server's address"), "embedded")
+    if provider == "ollama" and name:
+        return ModelEndpoint("ollama", ollama_url(environment), name)
+    if provider == "openai" and name:
+        return ModelEndpoint("openai", openai_url(environment), name, KEYED_BY["openai"])
+    if provider == "gemini" and name:
+        base_url = environment.get("GOOGLE_GEMINI_BASE_URL", "").strip() or GEMINI_URL
+        url = _checked_url(base_url, "GOOGLE_GEMINI_BASE_URL")
+        return ModelEndpoint("gemini", url, name.removeprefix("models/"), KEYED_BY["gemini"])
+    raise LanguageModelError(
+        f"“{shortened(model)}” names no language model.",
+        "The assistant cannot answer in this scenario.",
+        "Set assistant.model to embedded, ollama:NAME, openai:NAME or gemini:NAME.",
+    )
+
+
+def openai_url(environment: Mapping[str, str]) -> str:
+    """Where OpenAI-compatible models are. Raises LanguageModelError."""
+    return _checked_url(environment.get("OPENAI_BASE_URL", "").strip() or OPENAI_URL, "OPENAI_BASE_URL")
+
+
+def ollama_url(environment: Mapping[str, str]) -> str:
+    """``OLLAMA_HOST`` as Ollama itself reads it: scheme and port may be missing, 0.0.0.0 means this machine.
+
+    Raises LanguageModelError.
+    """
+    host = environment.get("OLLAMA_HOST", "").strip()
+    if not host:
+        return OLLAMA_URL
+    url = host if "://" in host else f"http://{host}"
+    parts = urlsplit(_checked_url(url if urlsplit(url).hostname else f"http://127.0.0.1{host}", "OLLAMA_HOST"))
+    name = parts.hostname or "127.0.0.1"
+    if name in ("0.0.0.0", "::"):  # noqa: S104 - read, not bound
+        name = "127.0.0.1"
+    default_port = 11434 if "://" not in host else {"http": 80, "https": 443}[parts.scheme]
+    shown = f"[{name}]" if ":" in name else name
+    return f"{parts.scheme}://{shown}:{parts.port or default_port}{parts.path.rstrip('/')}"
+
+
+def bad_address(url: str, source: str) -> LanguageModelError:
+    """That ``url``, which ``source`` gave, is none."""
+    shown = "it" if "@" in url else f"“{shortened(url)}”"
+    return LanguageModelError(
+        f"The address of the language model in {source} is unusable: {shown} is not like http://HOST:PORT.",
+        "The assistant cannot answer.",
+        f"Correct {source}; keys do not belong into the address.",
+    )
+
+
+def _checked_url(url: str, source: str) -> str:
+    try:
+        parts = urlsplit(url)
+        usable = parts.scheme in ("http", "https") and parts.hostname and parts.username is None
+        _ = parts.port
+    except ValueError:
+        usable = False
+    if not usable or any(unicodedata.category(character)[0] in "CZ" for character in url):
+        raise bad_address(url, source)
+    return url.rstrip("/")

@@ -1,0 +1,139 @@
+"""Every way in which a language model fails, as the wizard reads it."""
+
+import logging
+import ssl
+from typing import TYPE_CHECKING, Any
+
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
+
+if TYPE_CHECKING:
+    import httpx
+
+_log = logging.getLogger(__name__)
+_NO_ANSWER = "The assistant cannot answer."
+_HALF = "The answer is missing or incomplete."
+
+
+def nonsense(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
+    return LanguageModelError(
+        f"{endpoint.place} sent something that is no answer: {shortened(why)}.",
+        _HALF,
+        "Check that the address belongs to a language model server.",
+    )
+
+
+def blocked(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
+    return LanguageModelError(
+        f"{endpoint.place} refused to answer this ({shortened(why, 60)}).",
+        _HALF,
+        "Ask in other words, take something out of what goes along, or choose another model.",
+    )
+
+
+def broke_off(endpoint: ModelEndpoint) -> LanguageModelError:
+    return LanguageModelError(
+        f"{endpoint.place} broke off.", "The answer is incomplete.", "Use what is there, or ask again."
+    )
+
+
+def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -> LanguageModelError:
+    if answer_started:
+        return LanguageModelError(
+            f"{endpoint.place} fell silent for {seconds:g} s in the middle of the answer.",
+            "The answer is incomplete.",
+            "Use what is there, or ask again.",
+        )
+    return LanguageModelError(
+        f"{endpoint.place} did not begin to answer within {seconds:g} s.",
+        "The assistant cannot answer now.",
+        "Ask again; a model that is being loaded needs longer the first time.",
+    )
+
+
+def error_in(message: dict[str, Any]) -> str:
+    """The reason that a server gives, in any of the ways in which they do."""
+    error = message.get("error", message.get("message", ""))
+    if isinstance(error, dict):
+        error = error.get("message", "")
+    return shortened(str(error)) if error else "no reason given"
+
+
+def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> None:
+    """Some servers answer with an error in a stream that began well."""
+    if message.get("error"):
+        _log.warning("%s reported an error in the stream", endpoint.place)
+        raise LanguageModelError(
+            f"{endpoint.place} stopped with an error: {without(key, error_in(message))}",
+            _HALF,
+            "Ask again; if it happens again, choose another model or shorten the question.",
+        )
+
+
+def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageModelError:
+    """``detail`` is what the server said, without the key."""
+    said = f" ({detail})" if detail else ""
+    place = endpoint.place
+    _log.warning("%s answered with HTTP status %d", place, status)
+    if status in (401, 403) or (status == 400 and endpoint.provider == "gemini" and "api key" in detail.lower()):
+        where = " or ".join(endpoint.key_names) or "the server's access rules"
+        return LanguageModelError(f"{place} refused access{said}.", _NO_ANSWER, f"Check {where}.")
+    if status == 404:
+        advice = (
+            f"Run “ollama pull {endpoint.model}”, or choose another model."
+            if endpoint.provider == "ollama"
+            else "Check the model's name and the server's address."
+        )
+        return LanguageModelError(f"{place} does not know the model {endpoint.model}{said}.", _NO_ANSWER, advice)
+    if status == 429:
+        return LanguageModelError(
+            f"{place} takes no more questions now{said}.", _NO_ANSWER, "Wait a little, then ask again."
+        )
+    if status >= 500:
+        return LanguageModelError(f"{place} failed (HTTP status {status}){said}.", _NO_ANSWER, "Ask again in a moment.")
+    if 300 <= status < 400:
+        return LanguageModelError(
+            f"{place} sends the question on to another address (HTTP status {status}), which is not followed.",
+            _NO_ANSWER,
+            "Give the model's own address.",
+        )
+    return LanguageModelError(
+        f"{place} refused the question (HTTP status {status}){said}.",
+        _NO_ANSWER,
+        "Check the model's name and the assistant settings of the scenario.",
+    )
+
+
+def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_started: bool) -> LanguageModelError:
+    import httpx
+
+    place = endpoint.place
+    # Whoever asked is told; where nobody did, as at the end of the program, nobody needs to be warned.
+    _log.info("exchange with %s failed: %s %s", place, type(error).__name__, error)
+    if is_about_tls(error):
+        return LanguageModelError(
+            f"{place} cannot prove who it is: its certificate is not accepted.",
+            "Nothing was sent to it.",
+            "Check the address and this computer's clock; a server of the lab needs a certificate that this computer "
+            "trusts.",
+        )
+    if isinstance(error, httpx.ConnectError | httpx.ConnectTimeout):
+        advice = {
+            "ollama": "Start it with “ollama serve”, or set OLLAMA_HOST.",
+            "openai": "Check the network and OPENAI_BASE_URL.",
+            "gemini": "Check the network.",
+            "embedded": "It is restarted by opening the scenario again.",
+        }[endpoint.provider]
+        return LanguageModelError(f"{place} cannot be reached.", _NO_ANSWER, advice)
+    if isinstance(error, httpx.RemoteProtocolError | httpx.ReadError) and answer_started:
+        return broke_off(endpoint)
+    return LanguageModelError(f"The connection to {place} failed.", _NO_ANSWER, "Ask again; check the network.")
+
+
+def is_about_tls(error: BaseException | None) -> bool:
+    """Whether it is the server's certificate or the handshake that failed."""
+    while error is not None:
+        if isinstance(error, ssl.SSLError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

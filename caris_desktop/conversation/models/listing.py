@@ -1,0 +1,81 @@
+"""What a server tells of its models outside of a question."""
+
+import asyncio
+import logging
+from typing import Any
+
+from caris_desktop.conversation.models.connection import connected
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.openai import told_name
+from caris_desktop.conversation.models.stream import small_object
+from caris_desktop.conversation.models.words import LanguageModelError
+
+_log = logging.getLogger(__name__)
+_MAX_LIST_BYTES = 1_000_000
+_LIST_TIMEOUT_S = 5.0
+_MOST_LISTED = 100
+_DIGEST_DIGITS = 12
+
+
+async def model_version(endpoint: ModelEndpoint, *, local_only: bool) -> str:
+    """What the server tells of its model; empty where it tells nothing or does not answer.
+
+    Ollama lists the digest of each model, the embedded server the weights it has loaded. Other servers tell it with
+    every answer.
+    """
+    if endpoint.provider not in ("ollama", "embedded"):
+        return ""
+    listed = await _listed(endpoint, local_only=local_only)
+    if endpoint.provider == "ollama":
+        return _listed_digest(endpoint, listed)
+    loaded = listed.get("data")
+    first = loaded[0] if isinstance(loaded, list) and loaded else None
+    return told_name(endpoint, first.get("id")) if isinstance(first, dict) else ""
+
+
+async def models_here(endpoint: ModelEndpoint) -> tuple[str, ...]:
+    """The names of the models that a server on this computer offers; none where it is not here or does not answer.
+
+    Nobody elsewhere is asked: a list is not worth a call that leaves this computer.
+    """
+    if endpoint.leaves_computer:
+        return ()
+    listed = await _listed(endpoint, local_only=True)
+    models = listed.get("models" if endpoint.provider == "ollama" else "data")
+    key = "name" if endpoint.provider == "ollama" else "id"
+    names = [
+        told_name(endpoint, model.get(key))
+        for model in (models if isinstance(models, list) else ())
+        if isinstance(model, dict)
+    ]
+    return tuple(sorted({name for name in names if name}))[:_MOST_LISTED]
+
+
+async def _listed(endpoint: ModelEndpoint, *, local_only: bool) -> dict[str, Any]:
+    import httpx
+
+    path = "api/tags" if endpoint.provider == "ollama" else "models"
+    if endpoint.provider != "ollama" and not endpoint.base_url.rstrip("/").endswith("/v1"):
+        path = f"v1/{path}"
+    try:
+        async with (
+            asyncio.timeout(_LIST_TIMEOUT_S),
+            connected(endpoint, local_only=local_only) as client,
+            client.stream("GET", path) as response,
+        ):
+            return await small_object(response, _MAX_LIST_BYTES) if response.status_code == 200 else {}
+    except (httpx.HTTPError, httpx.InvalidURL, LanguageModelError, TimeoutError) as error:
+        _log.info("%s does not list its models: %r", endpoint.place, error)
+        return {}
+
+
+def _listed_digest(endpoint: ModelEndpoint, listed: dict[str, Any]) -> str:
+    # Ollama takes a name without a tag for the latest.
+    names = {endpoint.model, f"{endpoint.model}:latest"}
+    models = listed.get("models")
+    for model in models if isinstance(models, list) else ():
+        if isinstance(model, dict) and (model.get("name") in names or model.get("model") in names):
+            digest = str(model.get("digest", "")).removeprefix("sha256:")
+            if len(digest) >= _DIGEST_DIGITS and set(digest.lower()) <= set("0123456789abcdef"):
+                return f"sha256:{digest[:_DIGEST_DIGITS]}"
+    return ""

@@ -1,0 +1,36 @@
+"""The dialect of Ollama. https://github.com/ollama/ollama/blob/main/docs/api.md"""
+
+import base64
+from typing import Any
+
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failures import nonsense, raise_error_object
+from caris_desktop.conversation.models.question import Chunk, Question, Request, json_object
+
+
+def request(endpoint: ModelEndpoint, question: Question) -> Request:
+    written: list[dict[str, Any]] = [
+        {"role": message.role, "content": message.content} for message in question.messages
+    ]
+    if question.jpegs:
+        written[-1]["images"] = [base64.b64encode(jpeg).decode() for jpeg in question.jpegs]
+    options: dict[str, Any] = {"num_predict": question.max_tokens, "temperature": question.temperature}
+    if question.seed is not None:
+        options["seed"] = question.seed
+    body: dict[str, Any] = {"model": endpoint.model, "messages": written, "stream": True, "options": options}
+    if question.schema is not None:
+        body["format"] = question.schema
+    return Request("api/chat", body)
+
+
+def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
+    """One line of the stream. Raises LanguageModelError."""
+    message = json_object(endpoint, document)
+    raise_error_object(endpoint, message, key)
+    ended = message.get("done") is True
+    inner = message.get("message")
+    if inner is None and ended:
+        return Chunk(ended=True)
+    if not isinstance(inner, dict) or not isinstance(inner.get("content", ""), str):
+        raise nonsense(endpoint, "a message has no content")
+    return Chunk(text=inner.get("content", ""), alive=bool(inner.get("thinking")), ended=ended)

@@ -1,0 +1,105 @@
+"""The dialect of OpenAI's chat completions, which many servers copy, that of this program among them.
+
+https://platform.openai.com/docs/api-reference/chat
+"""
+
+import base64
+from typing import Any
+from urllib.parse import urlsplit
+
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failures import blocked, nonsense, raise_error_object
+from caris_desktop.conversation.models.question import Chunk, Question, Request, Schema, json_object
+from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
+
+
+def request(endpoint: ModelEndpoint, question: Question) -> Request:
+    """Raises LanguageModelError where the model cannot take all of it."""
+    written: list[dict[str, Any]] = [
+        {"role": message.role, "content": message.content} for message in question.messages
+    ]
+    if question.jpegs:
+        if endpoint.provider == "embedded":
+            raise LanguageModelError(
+                "The language model of this program cannot see pictures.",
+                "The assistant cannot answer.",
+                "Ask without the picture, or choose another model.",
+            )
+        pictures = [
+            {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"}}
+            for jpeg in question.jpegs
+        ]
+        written[-1]["content"] = [{"type": "text", "text": written[-1]["content"]}, *pictures]
+    # OpenAI's newer models refuse the old name, the servers that copy its API often know no other.
+    limit_name = "max_completion_tokens" if endpoint.is_openai else "max_tokens"
+    body: dict[str, Any] = {
+        "model": endpoint.model,
+        "messages": written,
+        "stream": True,
+        limit_name: question.max_tokens,
+        "temperature": question.temperature,
+    }
+    if question.seed is not None and endpoint.takes_seed:
+        body["seed"] = question.seed
+    if question.schema is not None:
+        body["response_format"] = {
+            "type": "json_schema",
+            "json_schema": {"name": "answer", "strict": _is_closed(question.schema), "schema": question.schema},
+        }
+    if endpoint.provider == "embedded":
+        # What the question before had in common with this one need not be read again.
+        body["cache_prompt"] = True
+    return Request(("" if urlsplit(endpoint.base_url).path else "v1/") + "chat/completions", body)
+
+
+def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
+    """One message of the stream. Raises LanguageModelError."""
+    if document.strip() == "[DONE]":
+        return Chunk(ended=True)
+    message = json_object(endpoint, document)
+    raise_error_object(endpoint, message, key)
+    choices = message.get("choices")
+    if not isinstance(choices, list):
+        raise nonsense(endpoint, "a message has no choices")
+    version = _told_version(endpoint, message, key)
+    if not choices:
+        return Chunk(version=version)
+    choice = choices[0]
+    delta = choice.get("delta") if isinstance(choice, dict) else None
+    if not isinstance(delta, dict):
+        raise nonsense(endpoint, "a choice has no delta")
+    text = delta.get("content") or ""
+    if not isinstance(text, str):
+        raise nonsense(endpoint, "the content is not text")
+    if isinstance(refusal := delta.get("refusal"), str) and refusal:
+        raise blocked(endpoint, refusal)
+    alive = bool(delta.get("reasoning_content") or delta.get("reasoning"))
+    return Chunk(text=text, alive=alive, ended=bool(choice.get("finish_reason")), version=version)
+
+
+def told_name(endpoint: ModelEndpoint, told: object, key: str | None = None) -> str:
+    """A name that a server told, fit for the record: no key, no address, of a path of its computer the last part."""
+    if not isinstance(told, str) or "://" in told or urlsplit(endpoint.base_url).netloc.lower() in told.lower():
+        return ""
+    if told.startswith(("/", "~", ".")) or "\\" in told:
+        told = told.replace("\\", "/").rstrip("/").rpartition("/")[2]
+    return shortened(without(key, told), 100)
+
+
+def _told_version(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> str:
+    """The model and its fingerprint as a message of the stream tells them."""
+    told = [told_name(endpoint, message.get("model"), key)]
+    if endpoint.provider != "embedded":  # the fingerprint of this program's own build says nothing
+        told.append(told_name(endpoint, message.get("system_fingerprint"), key))
+    return " ".join(part for part in told if part)
+
+
+def _is_closed(schema: Schema) -> bool:
+    """Whether it leaves nothing open, which is what the server takes as strict: every key named, and none other."""
+    if schema.get("type") == "object":
+        named = schema.get("properties", {})
+        if schema.get("additionalProperties") is not False or set(schema.get("required", ())) != set(named):
+            return False
+        return all(_is_closed(each) for each in named.values())
+    inner = [schema["items"]] if isinstance(schema.get("items"), dict) else []
+    return all(_is_closed(each) for each in (*inner, *schema.get("anyOf", ())))

@@ -1,0 +1,55 @@
+"""What is asked of a model in any dialect, and what a message of its answer says."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failures import nonsense
+from caris_desktop.domain.events import ChatMessage
+
+Schema = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """One question. ``seed`` makes the same model answer alike. ``jpegs`` are pictures that go with the last message.
+    ``schema`` is the JSON schema that the answer has to follow.
+    """
+
+    messages: Sequence[ChatMessage]
+    max_tokens: int
+    temperature: float
+    seed: int | None = None
+    jpegs: Sequence[bytes] = ()
+    schema: Schema | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """As it is posted: ``path`` below the address of the server."""
+
+    path: str
+    body: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """What one message of the stream said. ``alive`` is True for text the wizard does not see (a model's reasoning)."""
+
+    text: str = ""
+    alive: bool = False
+    ended: bool = False
+    version: str = ""
+
+
+def json_object(endpoint: ModelEndpoint, document: str) -> dict[str, Any]:
+    """Raises LanguageModelError where it is none."""
+    try:
+        message = json.loads(document)
+    except (ValueError, RecursionError):
+        raise nonsense(endpoint, f"“{document[:60]}” is not JSON") from None
+    if not isinstance(message, dict):
+        raise nonsense(endpoint, "a message is not a JSON object")
+    return message

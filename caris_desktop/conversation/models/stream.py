@@ -1,0 +1,91 @@
+"""The messages of a streamed reply, bounded in length."""
+
+import json
+from collections.abc import AsyncGenerator
+from contextlib import aclosing
+from typing import TYPE_CHECKING, Any
+
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failures import nonsense
+
+if TYPE_CHECKING:
+    import httpx
+
+MAX_LINE_BYTES = 1_000_000
+# Servers that say nothing, or nothing true, of what they send are many; what is surely something else is told as such.
+_OTHER_TYPES = ("text/html", "image/", "audio/", "video/", "application/pdf", "application/xml", "text/xml")
+
+
+def check_type(endpoint: ModelEndpoint, response: "httpx.Response") -> None:
+    """Raises LanguageModelError where the reply says itself that it is no answer."""
+    told = response.headers.get("content-type", "").lower()
+    if told.startswith(_OTHER_TYPES):
+        what = "a web page" if told.startswith("text/html") else told
+        raise nonsense(endpoint, f"it is {what}")
+
+
+async def documents(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
+    """The JSON texts of the stream: lines for Ollama, the data of server-sent events otherwise."""
+    data: list[str] = []
+    size = 0
+    async with aclosing(_lines(endpoint, response)) as lines:
+        async for line in lines:
+            if endpoint.provider == "ollama":
+                if line.strip():
+                    yield line
+            elif line.startswith("data:"):
+                data.append(line[5:].removeprefix(" "))
+                size += len(line)
+                if size > MAX_LINE_BYTES:
+                    raise nonsense(endpoint, "one message is over a megabyte")
+            elif line.lstrip().startswith("{"):
+                # Some servers answer with a bare JSON error in a stream that began well.
+                yield line
+            elif not line and data:
+                yield "\n".join(data)
+                data, size = [], 0
+    if data:
+        yield "\n".join(data)
+
+
+async def _lines(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
+    """Lines without their ends; unlike httpx's own, bounded in length."""
+    pending = bytearray()
+    async with aclosing(response.aiter_bytes()) as blocks:  # type: ignore[type-var]  # typed as an iterator
+        async for block in blocks:
+            *whole, rest = block.split(b"\n")
+            for part in whole:
+                pending += part
+                if len(pending) > MAX_LINE_BYTES:
+                    break
+                yield _decoded(endpoint, bytes(pending).removesuffix(b"\r"))
+                pending.clear()
+            else:
+                pending += rest
+            if len(pending) > MAX_LINE_BYTES:
+                raise nonsense(endpoint, "one line is over a megabyte")
+    if pending:
+        yield _decoded(endpoint, bytes(pending))
+
+
+def _decoded(endpoint: ModelEndpoint, line: bytes) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        raise nonsense(endpoint, "it is not UTF-8 text") from None
+
+
+async def small_object(response: "httpx.Response", limit_bytes: int) -> dict[str, Any]:
+    """The JSON object of a whole reply, or of a list the first; empty when it is something else or longer."""
+    body = bytearray()
+    async for block in response.aiter_bytes():
+        body += block
+        if len(body) > limit_bytes:
+            break
+    try:
+        message = json.loads(bytes(body))
+    except (ValueError, RecursionError):
+        return {}
+    if isinstance(message, list) and len(message) == 1:
+        message = message[0]  # as Gemini wraps its errors
+    return message if isinstance(message, dict) else {}

@@ -1,0 +1,1 @@
+"""Sound as numbers: played, taken in, and at another rate."""

@@ -1,0 +1,73 @@
+"""Sound that comes unevenly and is played evenly: with little delay, and rather with a gap than late."""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+_AHEAD_S = 0.08
+_QUIET = 400
+"""Below this nobody says anything, of 32768."""
+
+
+class JitterBuffer:
+    """Of one channel. Begins to play when ``_AHEAD_S`` are there; what piles up beyond ``most_s`` is dropped, the
+    oldest first, so that nobody hears more and more late. What came while nothing could be played yet is made up for
+    in the next pause: of that a little less is heard.
+    """
+
+    def __init__(self, rate_hz: int, most_s: float = 0.25) -> None:
+        self._ahead = round(_AHEAD_S * rate_hz)
+        self._most = round(most_s * rate_hz)
+        self._pieces: deque[NDArray[np.int16]] = deque()
+        self._waiting = 0
+        self._playing = False
+        self._ending = False
+        self.dropped = 0
+
+    @property
+    def waiting(self) -> int:
+        """How many samples there are to be played."""
+        return self._waiting
+
+    def push(self, samples: NDArray[np.int16]) -> None:
+        """What comes next, shape (n,)."""
+        self._ending = False
+        if self._waiting > 2 * self._ahead and max(samples.max(initial=0), -int(samples.min(initial=0))) < _QUIET:
+            self.dropped += 1
+            return
+        self._pieces.append(samples)
+        self._waiting += len(samples)
+        if self._waiting > self._most:
+            self._take(self._waiting - self._ahead)
+            self.dropped += 1
+
+    def finish(self) -> None:
+        """Nothing comes any more: what is there is played, however little."""
+        self._ending = True
+
+    def pull(self, count: int) -> tuple[NDArray[np.int16], int]:
+        """What is to be played now, shape (count,), filled up with silence, and how much of it is sound."""
+        out = np.zeros(count, np.int16)
+        if not self._playing and (self._waiting >= self._ahead or (self._ending and self._waiting)):
+            self._playing = True
+        if not self._playing:
+            return out, 0
+        sound = self._take(count)
+        out[: len(sound)] = sound
+        # Empty: what comes next begins with some delay of its own again.
+        self._playing = self._waiting > 0
+        return out, len(sound)
+
+    def _take(self, count: int) -> NDArray[np.int16]:
+        taken: list[NDArray[np.int16]] = []
+        missing = min(count, self._waiting)
+        self._waiting -= missing
+        while missing:
+            piece = self._pieces.popleft()
+            if len(piece) > missing:
+                self._pieces.appendleft(piece[missing:])
+                piece = piece[:missing]
+            missing -= len(piece)
+            taken.append(piece)
+        return np.concatenate(taken) if taken else np.zeros(0, np.int16)

@@ -1,0 +1,194 @@
+"""Sound that is played as it comes: a process body, because sound libraries hang and crash."""
+
+import contextlib
+import logging
+import queue
+import threading
+import time
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.sound.jitter import JitterBuffer
+from caris_desktop.conversation.sound.playback_messages import (
+    BeginPlaying,
+    EndPlaying,
+    PlaybackAlive,
+    PlaybackFailed,
+    Played,
+    PlayedOut,
+    PlayThis,
+    SetVolume,
+)
+from caris_desktop.domain import clock
+
+_log = logging.getLogger(__name__)
+_ALIVE_EVERY_S = 1.0
+# Low latency starves PulseAudio's ALSA plug-in.
+_LATENCY_S = 0.08
+_BLOCK_S = 0.02
+_PLAUSIBLE_DELAY_S = 2.0
+
+
+def run_playback(connection: Connection, device: str = "") -> None:
+    """Process body. Receives and sends the messages of this room about playing. ``device`` is part of an output's
+    name, the system's default for an empty one.
+    """
+    _Playback(connection, device or None).run()
+
+
+class _Playback:
+    def __init__(self, connection: Connection, device: str | None) -> None:
+        self._connection = connection
+        self._device = device
+        self._stream: Any = None
+        self._stream_id = ""
+        self._volume, self._most_s = 1.0, 0.25
+        self._rate_hz = 0
+        self._buffer: JitterBuffer | None = None
+        self._lock = threading.Lock()
+        self._played: queue.SimpleQueue[tuple[int, NDArray[np.int16]] | None] = queue.SimpleQueue()
+        self._heard_until_ns = 0
+        self._ending = False
+        self._alive_told_s = 0.0
+
+    def run(self) -> None:
+        with contextlib.suppress(OSError, ImportError):
+            import sounddevice  # noqa: F401 - it takes a while, and whoever speaks does not wait for it
+
+        try:
+            while self._take_commands():
+                self._work()
+        except (BrokenPipeError, ConnectionResetError):
+            _log.info("the console is gone")
+        finally:
+            self._close()
+
+    def _take_commands(self) -> bool:
+        """False when the console has ended the connection."""
+        idle_s = 0.5 if self._stream is None else 0.01
+        try:
+            while self._connection.poll(idle_s):
+                idle_s = 0.0
+                self._obey(self._connection.recv())
+        except (EOFError, OSError):
+            return False
+        return True
+
+    def _obey(self, command: Any) -> None:
+        match command:
+            case BeginPlaying(stream_id, volume, most_s):
+                self._close()
+                self._stream_id, self._volume, self._most_s = stream_id, volume, most_s
+            case PlayThis(rate_hz, samples) if self._stream_id:
+                self._play(rate_hz, samples)
+            case SetVolume(volume):
+                self._volume = volume
+            case EndPlaying(at_once) if self._stream_id:
+                self._ending = True
+                if self._buffer is None or at_once:
+                    self._end()
+                else:
+                    with self._lock:
+                        self._buffer.finish()
+            case PlayThis() | EndPlaying():
+                pass  # it failed, and more was on its way
+            case other:
+                _log.error("unknown command %r", other)
+
+    def _play(self, rate_hz: int, samples: NDArray[np.int16]) -> None:
+        if self._stream is None or rate_hz != self._rate_hz:
+            self._open(rate_hz)
+        if self._buffer is None:
+            return
+        mono = samples[:, 0] if samples.shape[1] == 1 else samples.mean(axis=1)
+        with self._lock:
+            self._buffer.push((mono * self._volume).astype(np.int16))
+
+    def _work(self) -> None:
+        if self._stream is None:
+            return
+        if time.monotonic() - self._alive_told_s >= _ALIVE_EVERY_S:
+            self._alive_told_s = time.monotonic()
+            self._connection.send(PlaybackAlive())
+        while not self._played.empty():
+            part = self._played.get()
+            if part is None:
+                self._fail("the sound device went away")
+                return
+            stamp_ns, sound = part
+            self._heard_until_ns = stamp_ns + len(sound) * 1_000_000_000 // self._rate_hz
+            self._connection.send(Played(self._stream_id, stamp_ns, self._rate_hz, sound[:, None]))
+        if self._ending and self._buffer is not None and not self._buffer.waiting and self._played.empty():
+            self._end()
+
+    def _open(self, rate_hz: int) -> None:
+        self._close_stream()
+        buffer = JitterBuffer(rate_hz, self._most_s)
+        try:
+            import sounddevice
+
+            # PortAudio lists the devices only once, when it is initialised.
+            sounddevice._terminate()
+            sounddevice._initialize()
+            stream = sounddevice.RawOutputStream(
+                samplerate=rate_hz,
+                channels=1,
+                dtype="int16",
+                device=self._device,
+                latency=_LATENCY_S,
+                blocksize=round(rate_hz * _BLOCK_S),
+                callback=self._filler(buffer, rate_hz),
+                finished_callback=lambda: self._played.put(None),
+            )
+            stream.start()
+        except Exception as error:
+            # PortAudio raises errors of its own kinds, and what is not there raises ValueError.
+            _log.info("no sound is played", exc_info=True)
+            self._fail(" ".join(str(error).split()) or type(error).__name__)
+            return
+        self._stream, self._buffer, self._rate_hz = stream, buffer, rate_hz
+
+    def _filler(self, buffer: JitterBuffer, rate_hz: int) -> Any:
+        played, lock = self._played, self._lock
+
+        def fill(out: Any, frames: int, times: Any, _status: Any) -> None:
+            # In PortAudio's thread: only copy, and note when it is heard.
+            with lock:
+                samples, sound = buffer.pull(frames)
+            out[:] = samples.tobytes()
+            if sound:
+                ahead_s = times.outputBufferDacTime - times.currentTime
+                if not 0.0 <= ahead_s < _PLAUSIBLE_DELAY_S:
+                    ahead_s = _LATENCY_S + frames / rate_hz
+                played.put((clock.now_ns() + round(ahead_s * 1e9), samples[:sound]))
+
+        return fill
+
+    def _end(self) -> None:
+        """What the device still has of it is heard before anything else is asked for."""
+        heard_out_ns = max(self._heard_until_ns, clock.now_ns()) if self._buffer is not None else clock.now_ns()
+        stream_id = self._stream_id
+        self._close()
+        self._connection.send(PlayedOut(stream_id, heard_out_ns))
+
+    def _fail(self, why: str) -> None:
+        stream_id = self._stream_id
+        self._close()
+        self._connection.send(PlaybackFailed(stream_id, why))
+
+    def _close(self) -> None:
+        self._stream_id, self._ending = "", False
+        self._close_stream()
+
+    def _close_stream(self) -> None:
+        stream, self._stream, self._buffer = self._stream, None, None
+        if stream is not None:
+            with contextlib.suppress(Exception):
+                # Not abort: what is in the device's buffer is the end of a sentence.
+                stream.stop()
+                stream.close()
+        while not self._played.empty():
+            self._played.get()

@@ -1,0 +1,67 @@
+"""Sound at another sample rate, as it comes: a polyphase filter (windowed sinc, Kaiser), some -80 dB beside speech."""
+
+from functools import lru_cache
+from math import gcd
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+_HALF_WIDTH = 24
+"""Zero crossings of the sinc on each side."""
+_KAISER_BETA = 9.0
+_PASSBAND = 0.92
+
+
+class Resampler:
+    """Of one channel. The first sample that comes out is of the same moment as the first that went in."""
+
+    def __init__(self, from_hz: int, to_hz: int) -> None:
+        divisor = gcd(from_hz, to_hz)
+        self._step, self._phases = from_hz // divisor, to_hz // divisor
+        self._half = 0
+        self._kernels = np.ones((1, 1), np.float32)
+        if from_hz != to_hz:
+            self._half, self._kernels = _kernels(from_hz, to_hz, self._phases)
+        # What lies before the first sample is silence.
+        self._kept = np.zeros(self._half, np.float32)
+        self._phase = 0
+
+    def take(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The next samples, shape (n,); gives as many as are certain by now."""
+        kept = np.concatenate((self._kept, samples.astype(np.float32, copy=False)))
+        width = self._kernels.shape[1]
+        # Output i lies `phase + i * step` phases after the first sample that is kept whole.
+        usable = (len(kept) - width + 1) * self._phases - self._phase
+        count = max(0, -(-usable // self._step))
+        at = self._phase + np.arange(count, dtype=np.int64) * self._step
+        first, phase = at // self._phases, at % self._phases
+        if count == 0:
+            self._kept = kept
+            return np.zeros(0, np.float32)
+        out: NDArray[np.float32] = np.einsum("ij,ij->i", sliding_window_view(kept, width)[first], self._kernels[phase])
+        after = self._phase + count * self._step
+        self._kept = kept[after // self._phases :]
+        self._phase = after % self._phases
+        return out
+
+    def rest(self) -> NDArray[np.float32]:
+        """What is left at the end of the sound."""
+        return self.take(np.zeros(self._half, np.float32))
+
+
+def resampled(samples: NDArray[np.float32], from_hz: int, to_hz: int) -> NDArray[np.float32]:
+    """A whole sound, shape (n,), at another rate."""
+    resampler = Resampler(from_hz, to_hz)
+    return np.concatenate((resampler.take(samples), resampler.rest()))
+
+
+@lru_cache(maxsize=8)
+def _kernels(from_hz: int, to_hz: int, phases: int) -> tuple[int, NDArray[np.float32]]:
+    """Half the width, and for each phase the weights of the samples around it, shape (phases, 2 * half + 1)."""
+    cutoff = _PASSBAND * min(1.0, to_hz / from_hz)
+    half = int(np.ceil(_HALF_WIDTH / cutoff))
+    offsets = np.arange(-half, half + 1)[np.newaxis, :] - (np.arange(phases) / phases)[:, np.newaxis]
+    window = np.i0(_KAISER_BETA * np.sqrt(np.clip(1.0 - (offsets / (half + 1)) ** 2, 0.0, None))) / np.i0(_KAISER_BETA)
+    weights = cutoff * np.sinc(cutoff * offsets) * window
+    return half, (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)

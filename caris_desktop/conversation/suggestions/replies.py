@@ -1,0 +1,104 @@
+"""Replies out of what a language model writes, as far as it has come, made fit to be said."""
+
+import json
+import re
+import unicodedata
+
+LONGEST_REPLY = 120
+# What a server writes beyond that is none of three short replies, whatever it is.
+_LONGEST_ANSWER = 8_000
+_SPOKEN_OF_ITSELF = re.compile(r"\b(language model|as an ai|i am an ai|i'm an ai)\b", re.IGNORECASE)
+_MARKUP = re.compile(r"<[^<>]*>|```\w*|[*_`#~|]+|\[[^\]]*\]\([^)]*\)|https?://\S+")
+# Where a grammar ended the sentence, and not the model.
+_CUT_OFF = re.compile(r"(?:[\s,;:]|,\w{1,2})[.!?]$")
+_BEGINS = re.compile(
+    r"^(?:[-•–>\s]+|\(?\d{1,2}[.):]\s+|(?:robot|reply|answer|assistant|guide)\s*\d?\s*:\s*)+", re.IGNORECASE
+)
+
+
+def replies_in(written: str) -> tuple[str, ...]:
+    """The texts that stand complete in an object or a list of JSON whose end may still be missing; no keys."""
+    written = written[:_LONGEST_ANSWER]
+    begin = min((place for place in (written.find("{"), written.find("[")) if place >= 0), default=-1)
+    if begin < 0:
+        return ()
+    texts: list[str] = []
+    within: list[str] = []
+    awaits_key = False
+    place = begin
+    while place < len(written):
+        character = written[place]
+        place += 1
+        if character in "{[":
+            within.append(character)
+            awaits_key = character == "{"
+        elif character in "}]":
+            if within:
+                within.pop()
+            if not within:
+                break
+            awaits_key = False
+        elif character == ",":
+            awaits_key = bool(within) and within[-1] == "{"
+        elif character == ":":
+            awaits_key = False
+        elif character == '"':
+            end = _end_of_text(written, place)
+            if end is None:
+                break
+            if not awaits_key:
+                texts.append(_unescaped(written[place:end]))
+            place = end + 1
+    return tuple(texts)
+
+
+def _end_of_text(written: str, begin: int) -> int | None:
+    place = begin
+    while place < len(written):
+        if written[place] == '"':
+            return place
+        place += 2 if written[place] == "\\" else 1
+    return None
+
+
+def _unescaped(text: str) -> str:
+    try:
+        return str(json.loads(f'"{text}"', strict=False))
+    except ValueError:
+        return ""
+
+
+def fit_to_say(text: str) -> str:
+    """One or two plain sentences of at most LONGEST_REPLY characters; empty where nothing of that can be said."""
+    text = text[: 10 * LONGEST_REPLY]
+    if _CUT_OFF.search(text):
+        return ""
+    text = unicodedata.normalize("NFC", text.encode("utf-8", "ignore").decode("utf-8"))
+    text = "".join(" " if character.isspace() else character for character in text)
+    text = "".join(character for character in text if unicodedata.category(character)[0] != "C")
+    text = " ".join(_MARKUP.sub(" ", text).split())
+    text = _BEGINS.sub("", text).strip(" \"'“”„«»")
+    if _SPOKEN_OF_ITSELF.search(text) or not re.search(r"\w", text) or set(text) & set("{}<>"):
+        # Braces are gaps to be filled, which is the wizard's to do.
+        return ""
+    return text if len(text) <= LONGEST_REPLY else _whole_sentences(text)
+
+
+def _whole_sentences(text: str) -> str:
+    """As many sentences as there is room for; half a sentence is none."""
+    ends = [
+        place + 1
+        for place in range(min(LONGEST_REPLY, len(text)))
+        if text[place] in ".!?…" and not text[place + 1 : place + 2].strip()
+    ]
+    return text[: ends[-1]] if ends else ""
+
+
+def words_of(text: str) -> list[str]:
+    """The words alone, without capitals and signs."""
+    return re.findall(r"[^\W_]+(?:'[^\W_]+)*", text.lower().replace("’", "'"))
+
+
+def same_words(text: str, other: str) -> bool:
+    """Whether the two differ in capitals and signs at most."""
+    return words_of(text) == words_of(other)

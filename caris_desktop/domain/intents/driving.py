@@ -1,0 +1,122 @@
+"""Moving the robot by hand, stopping it, and its head."""
+
+import math
+from dataclasses import dataclass
+
+from caris_desktop.domain.events import CommandSource
+from caris_desktop.domain.intents.base import Bounds, Intent, IntentSpec, IntentTable
+
+
+@dataclass(frozen=True, slots=True)
+class Drive(Intent):
+    """Hold to drive: each of -1..1 of the speed setting, all zero releases. Asked on each change only."""
+
+    forward: float
+    left: float
+    turn: float
+    source: CommandSource
+
+    @property
+    def lets_go(self) -> bool:
+        return not (self.forward or self.left or self.turn)
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseDrive(Intent):
+    """Nothing is held any more: zero at once."""
+
+    reason: str = ""
+
+    @property
+    def lets_go(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class SetSpeed(Intent):
+    """Speed setting, 0.1..1 of the scenario's limits."""
+
+    fraction: float
+
+
+@dataclass(frozen=True, slots=True)
+class Stop(Intent):
+    """Halt motion and cancel goals, always."""
+
+    @property
+    def lets_go(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class EmergencyStop(Intent):
+    """Latch the emergency stop."""
+
+    @property
+    def lets_go(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseEmergencyStop(Intent):
+    """Release the latched emergency stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetGuard(Intent):
+    """Switch the obstacle guard; off lasts until the link is lost, the scenario changes, or it is switched on."""
+
+    on: bool
+
+    @property
+    def lets_go(self) -> bool:
+        return self.on
+
+
+@dataclass(frozen=True, slots=True)
+class LookAt(Intent):
+    """Turn the head there: pan left positive, tilt down positive."""
+
+    pan_rad: float
+    tilt_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class TurnHead(Intent):
+    """Turn the head while something is held: each of -1..1 of its speed, zero stops. Asked on each change only."""
+
+    pan: float
+    tilt: float
+
+    @property
+    def lets_go(self) -> bool:
+        return not (self.pan or self.tilt)
+
+
+@dataclass(frozen=True, slots=True)
+class Nod(Intent):
+    """Nod once: yes, in passing, while somebody speaks."""
+
+
+_SHARE: Bounds = (-1.0, 1.0)
+
+DRIVING: IntentTable = {
+    Drive: IntentSpec(
+        "Driving", "driving", moves=True, needs_link=True, quiet=True,
+        bounds={"forward": _SHARE, "left": _SHARE, "turn": _SHARE},
+    ),
+    ReleaseDrive: IntentSpec("Letting go", in_replay=True),
+    SetSpeed: IntentSpec("Setting the speed", "driving", bounds={"fraction": (0.0, 1.0)}),
+    Stop: IntentSpec("Stopping", in_replay=True),
+    EmergencyStop: IntentSpec("Latching the emergency stop", in_replay=True),
+    ReleaseEmergencyStop: IntentSpec("Releasing the emergency stop"),
+    SetGuard: IntentSpec("Switching the obstacle guard off", "driving", needs_link=True),
+    LookAt: IntentSpec(
+        "Looking there", "driving", moves=True, needs_link=True, proposable=True,
+        bounds={"pan_rad": (-math.tau, math.tau), "tilt_rad": (-math.tau, math.tau)},
+    ),
+    TurnHead: IntentSpec(
+        "Turning the head", "driving", moves=True, needs_link=True, quiet=True, bounds={"pan": _SHARE, "tilt": _SHARE}
+    ),
+    Nod: IntentSpec("Nodding", "driving", moves=True, needs_link=True, proposable=True),
+}  # fmt: skip

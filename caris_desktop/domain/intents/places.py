@@ -1,0 +1,85 @@
+"""Where the robot goes, and the map that it finds its way by."""
+
+from dataclasses import dataclass
+
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+
+
+@dataclass(frozen=True, slots=True)
+class GoToPlace(Intent):
+    """Navigate to a place of the scenario."""
+
+    place: str
+
+
+@dataclass(frozen=True, slots=True)
+class GoToPoint(Intent):
+    """Navigate to a point with a heading."""
+
+    target_in_map: Pose2D
+
+
+@dataclass(frozen=True, slots=True)
+class CancelGoal(Intent):
+    """Go no further towards the goal."""
+
+    @property
+    def lets_go(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class SetInitialPose(Intent):
+    """Tell the localization where the robot is."""
+
+    pose_in_map: Pose2D
+
+
+@dataclass(frozen=True, slots=True)
+class SavePlace(Intent):
+    """Add a place, or move the one of that name, in the wizard's copy of the scenario."""
+
+    place: str
+    pose_in_map: Pose2D
+
+
+@dataclass(frozen=True, slots=True)
+class RemovePlace(Intent):
+    """Forget a place."""
+
+    place: str
+
+
+@dataclass(frozen=True, slots=True)
+class SaveMap(Intent):
+    """Let the robot keep its map under a name."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class LoadMap(Intent):
+    """Let the robot use a map that it has."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class SetMapping(Intent):
+    """Build the map on, or only find the place in it."""
+
+    mapping: bool
+
+
+PLACES: IntentTable = {
+    GoToPlace: IntentSpec("Driving to the place", "driving", moves=True, needs_link=True, proposable=True),
+    GoToPoint: IntentSpec("Driving there", "driving", moves=True, needs_link=True, proposable=True),
+    CancelGoal: IntentSpec("Cancelling the goal"),
+    SetInitialPose: IntentSpec("Setting the robot's position", "driving", needs_link=True),
+    SavePlace: IntentSpec("Saving the place", "driving"),
+    RemovePlace: IntentSpec("Removing the place", "driving"),
+    SaveMap: IntentSpec("Saving the map", "driving", needs_link=True),
+    LoadMap: IntentSpec("Loading the map", "driving", needs_link=True),
+    SetMapping: IntentSpec("Switching mapping on or off", "driving", needs_link=True),
+}

@@ -1,0 +1,29 @@
+"""The guided exercise with which a wizard learns the program."""
+
+from dataclasses import dataclass
+
+from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+
+
+@dataclass(frozen=True, slots=True)
+class BeginPractice(Intent):
+    """Begin the exercise on the simulated robot. ``wizard`` is whose training it is."""
+
+    wizard: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SkipPracticeStep(Intent):
+    """Go on with the next step, though this one did not come about."""
+
+
+@dataclass(frozen=True, slots=True)
+class EndPractice(Intent):
+    """End the exercise, or put its result away."""
+
+
+PRACTICE: IntentTable = {
+    BeginPractice: IntentSpec("Beginning the practice"),
+    SkipPracticeStep: IntentSpec("Skipping a part of the practice"),
+    EndPractice: IntentSpec("Ending the practice"),
+}

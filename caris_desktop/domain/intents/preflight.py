@@ -1,0 +1,30 @@
+"""What is checked before a recording."""
+
+from dataclasses import dataclass
+
+from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+
+
+@dataclass(frozen=True, slots=True)
+class TickCheck(Intent):
+    """Somebody has looked after one of the scenario's own checks, or takes that back."""
+
+    check_id: str
+    done: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class TryMicrophone(Intent):
+    """Listen at the participant's microphone for a little while, to see whether it hears; nothing is recorded."""
+
+    on: bool = True
+
+    @property
+    def lets_go(self) -> bool:
+        return not self.on
+
+
+PREFLIGHT: IntentTable = {
+    TickCheck: IntentSpec("Ticking a check"),
+    TryMicrophone: IntentSpec("Trying the microphone", "audio_recording"),
+}

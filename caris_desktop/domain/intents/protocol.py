@@ -1,0 +1,52 @@
+"""Going through the protocol of the study, in whatever order the session takes."""
+
+from dataclasses import dataclass
+
+from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+
+
+@dataclass(frozen=True, slots=True)
+class NextStep(Intent):
+    """Go on to the next step of the list: to the first where none has begun, to the end from the last."""
+
+
+@dataclass(frozen=True, slots=True)
+class PreviousStep(Intent):
+    """Go back to the step before this one, as after a slip: its time and ticks go on where they were."""
+
+
+@dataclass(frozen=True, slots=True)
+class SkipStep(Intent):
+    """Go on to the next step; this one was left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class TakeBranch(Intent):
+    """The participant did what this branch of the present step says: go on to its step."""
+
+    branch: str
+
+
+@dataclass(frozen=True, slots=True)
+class GoToStep(Intent):
+    """Begin this step, by its id; the present one anew where it is that."""
+
+    step_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class TickItem(Intent):
+    """Something that belongs to the present step is done, or is not after all."""
+
+    item: str
+    on: bool = True
+
+
+PROTOCOL: IntentTable = {
+    NextStep: IntentSpec("Going on to the next step"),
+    PreviousStep: IntentSpec("Going back to the step before"),
+    SkipStep: IntentSpec("Skipping the step"),
+    TakeBranch: IntentSpec("Going on with the branch"),
+    GoToStep: IntentSpec("Beginning the step"),
+    TickItem: IntentSpec("Ticking it off"),
+}

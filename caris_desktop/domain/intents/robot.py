@@ -1,0 +1,28 @@
+"""Which robot, and what else it can do."""
+
+from dataclasses import dataclass
+
+from caris_desktop.domain.controls import ControlValue
+from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+
+
+@dataclass(frozen=True, slots=True)
+class UseControl(Intent):
+    """A control of the Robot panel; a button's value is True."""
+
+    control: str
+    value: ControlValue
+
+
+@dataclass(frozen=True, slots=True)
+class UseRobot(Intent):
+    """Connect to another robot instead of the present one."""
+
+    robot: str
+
+
+ROBOT: IntentTable = {
+    # Whether it moves the robot is said of each control.
+    UseControl: IntentSpec("Using the control", "robot_controls", needs_link=True, proposable=True),
+    UseRobot: IntentSpec("Connecting to another robot"),
+}

@@ -1,0 +1,144 @@
+"""The session: its recording, its photos, its scenario."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.trial import TrialDetails
+
+
+@dataclass(frozen=True, slots=True)
+class StartRecording(Intent):
+    """Begin a session. ``anyway``: the wizard was asked about what is not as it should be, and begins nevertheless."""
+
+    details: TrialDetails
+    anyway: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class StopRecording(Intent):
+    """End the session."""
+
+
+@dataclass(frozen=True, slots=True)
+class PauseRecording(Intent):
+    """Record nothing for a while, or go on."""
+
+    paused: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TakePhoto(Intent):
+    """Keep the picture on show."""
+
+
+@dataclass(frozen=True, slots=True)
+class TagPhoto(Intent):
+    """Give a photo these tags and no others. Photos go by their file names, as in PhotoTaken."""
+
+    file_name: str
+    tags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class DeletePhoto(Intent):
+    """Take a photo away. It can be brought back until the session ends."""
+
+    file_name: str
+
+
+@dataclass(frozen=True, slots=True)
+class RestorePhoto(Intent):
+    """Bring a photo back that was deleted."""
+
+    file_name: str
+
+
+@dataclass(frozen=True, slots=True)
+class KeepLayout(Intent):
+    """The wizard arranged the panels: for the record. ``layout`` is an arrangement as in scenario files, as JSON."""
+
+    layout: str
+
+
+@dataclass(frozen=True, slots=True)
+class OpenScenario(Intent):
+    """Switch the scenario; the link and a running recording stay."""
+
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class SaveScenario(Intent):
+    """Write a scenario file. If it is the one in force, or was ``edited`` from that, it is in force from then on.
+
+    ``replaces`` is the checksum of the file that may be replaced; empty where none may be there.
+    """
+
+    text: str
+    path: Path
+    edited: Path | None = None
+    replaces: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportScenario(Intent):
+    """Unpack a scenario that came as one file among the user's own, over none of them, and open it."""
+
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class ShareScenario(Intent):
+    """Write the scenario in force, with what of the user's own it refers to, as one file."""
+
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class DismissAlarm(Intent):
+    """Somebody has seen to what is wrong, where nothing else would show that it is over."""
+
+    alarm_id: str
+
+
+AsBefore = Literal["map", "people", "consent"]
+"""What holds as before only once somebody has looked: where the robot is, who is there, that they agree."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoOnWithTrial(Intent):
+    """Go on with the trial that an end nobody wanted has broken off."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeaveTrial(Intent):
+    """Do not go on with it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmAsBefore(Intent):
+    """It was looked at, and holds as before."""
+
+    what: AsBefore
+
+
+SESSION: IntentTable = {
+    StartRecording: IntentSpec("Starting a recording"),
+    StopRecording: IntentSpec("Ending the recording"),
+    PauseRecording: IntentSpec("Pausing the recording"),
+    TakePhoto: IntentSpec("Taking a photo", "photos", proposable=True),
+    TagPhoto: IntentSpec("Tagging the photo", "photos"),
+    DeletePhoto: IntentSpec("Deleting the photo", "photos"),
+    RestorePhoto: IntentSpec("Bringing the photo back", "photos"),
+    KeepLayout: IntentSpec("Keeping the arrangement of the panels", quiet=True),
+    OpenScenario: IntentSpec("Opening another scenario"),
+    SaveScenario: IntentSpec("Saving the scenario"),
+    ImportScenario: IntentSpec("Importing a scenario"),
+    ShareScenario: IntentSpec("Writing the scenario as one file"),
+    DismissAlarm: IntentSpec("Taking an alarm as seen to"),
+    GoOnWithTrial: IntentSpec("Going on with the trial"),
+    LeaveTrial: IntentSpec("Leaving the trial"),
+    ConfirmAsBefore: IntentSpec("Confirming what holds as before"),
+}

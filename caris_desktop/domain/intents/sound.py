@@ -1,0 +1,49 @@
+"""Microphones, hearing the robot, and the wizard's own voice."""
+
+from dataclasses import dataclass
+
+from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable, Permission
+from caris_desktop.domain.sound import Role, TalkTo
+
+
+@dataclass(frozen=True, slots=True)
+class UseMicrophone(Intent):
+    """Hear the participant, or the wizard, with this input of this computer; None: with none. Kept for the next time.
+
+    Which microphone hears the participant where that is none of this computer's, the scenario says.
+    """
+
+    microphone: str | None
+    role: Role = "participant"
+
+
+@dataclass(frozen=True, slots=True)
+class PushToTalk(Intent):
+    """What the wizard says goes out through the robot, or becomes text in the Speak field, until it is off."""
+
+    on: bool
+    to: TalkTo = "robot"
+
+    @property
+    def lets_go(self) -> bool:
+        return not self.on
+
+    @property
+    def needs_permissions(self) -> tuple[Permission, ...]:
+        # What is dictated is there to be said.
+        return ("own_voice",) if self.to == "robot" else ("transcription", "speech")
+
+
+@dataclass(frozen=True, slots=True)
+class HearRobot(Intent):
+    """Play to the wizard what the participant's microphone hears, as loud as that, or no longer."""
+
+    on: bool
+    volume: float = 1.0
+
+
+SOUND: IntentTable = {
+    PushToTalk: IntentSpec("Speaking through the robot", "own_voice"),
+    HearRobot: IntentSpec("Hearing the robot", bounds={"volume": (0.0, 1.0)}),
+    UseMicrophone: IntentSpec("Choosing a microphone"),
+}

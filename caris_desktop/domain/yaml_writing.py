@@ -1,0 +1,35 @@
+"""YAML as people write it, so that the one reader of YAML takes it: in the order given, with few quotation marks."""
+
+from typing import Any
+
+import yaml
+
+from caris_desktop.domain.yaml_source import know_scalars
+
+
+class _ReadableDumper(yaml.SafeDumper):
+    """Indents list items under their key, as people write them, and quotes what readers of old YAML would mistake."""
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
+        super().increase_indent(flow, False)
+
+
+know_scalars(_ReadableDumper)
+
+
+def yaml_text(data: Any) -> str:
+    """A whole file."""
+    return dumped(data, default_flow_style=False, width=110)
+
+
+def dumped(value: Any, *, default_flow_style: bool | None, width: int) -> str:
+    """A part of a file."""
+    text: str = yaml.dump(
+        value,
+        Dumper=_ReadableDumper,
+        sort_keys=False,
+        allow_unicode=True,
+        default_flow_style=default_flow_style,
+        width=width,
+    )
+    return text

@@ -1,0 +1,284 @@
+"""What is wrong now: problems with one cause are one alarm, which ends by itself. Plain values, given the time."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.events import ANSWER, AlarmChanged, AlarmState, Problem, ProblemEnd, Severity
+from caris_desktop.live.status import Alarm
+
+FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
+    "picture": ("link",),
+    "lidar": ("link",),
+    "pose": ("link",),
+    "battery": ("link",),
+    "goal": ("link",),
+    "robot_sound": ("link",),
+}
+"""What is no alarm of its own while one of its causes is there."""
+CAUSE_OF_END: Mapping[ProblemEnd, str] = {"connected": "link", "released": "emergency_stop"}
+"""What is wrong while this is waited for, where the two have different names."""
+HOLD_NS = 1_500_000_000
+"""What may follow from something else waits so long for that to show."""
+AGAIN_NS = 120_000_000_000
+"""What comes back within this time is the same alarm."""
+LAPSE_NS = 60_000_000_000
+"""What is told again as long as it goes on is over when it was not for so long."""
+_STEADY_S = {"link": 2.0}
+_LONGEST_STEADY_S = 30.0
+_FOLDED_AT_MOST = 12
+_GRAVITY: Mapping[Severity, int] = {"info": 0, "warning": 1, "error": 2}
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """Something that is wrong as the state has it, whoever tells of it or not, once it has lasted ``after_s``.
+
+    ``prevails``: its words stand, whoever told of it before.
+    """
+
+    cause: str
+    severity: Severity
+    what: str
+    meaning: str
+    advice: str
+    after_s: float = 0.0
+    until: ProblemEnd = ""
+    prevails: bool = False
+
+
+def cause_of(problem: Problem) -> str:
+    """The cause that it names, else what it waits for, else itself."""
+    if problem.cause not in ("", ANSWER):
+        return problem.cause
+    return CAUSE_OF_END.get(problem.until, problem.until) or problem.what
+
+
+def cause_among(problem: Problem, alarms: Iterable[Alarm]) -> Alarm | None:
+    """The alarm that says already why this came."""
+    causes = (*FOLLOWS_FROM.get(cause_of(problem), ()), cause_of(problem))
+    standing = {alarm.cause: alarm for alarm in alarms}
+    return next((standing[cause] for cause in causes if cause in standing), None)
+
+
+@dataclass(slots=True)
+class _Standing:
+    alarm: Alarm
+    told_ns: int
+    by_condition: bool
+    was_not_over: bool
+    over_since_ns: int | None = None
+
+
+class AlarmBook:
+    """Takes problems and what is so now, and keeps the alarms. :meth:`take_changes` gives what to put on record."""
+
+    def __init__(self) -> None:
+        self._standing: dict[str, _Standing] = {}
+        self._ended: dict[str, tuple[Alarm, int]] = {}
+        self._held: list[tuple[int, Problem]] = []
+        self._pending: dict[str, tuple[int, int]] = {}  # since when a condition holds, and when it counts
+        self._changes: list[AlarmChanged] = []
+        self._ends: frozenset[ProblemEnd] = frozenset()
+        self._number = 0
+
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """What is wrong now, the gravest first, and of those the newest."""
+        alarms = (standing.alarm for standing in self._standing.values())
+        return tuple(sorted(alarms, key=lambda alarm: (-_GRAVITY[alarm.severity], -alarm.began_ns)))
+
+    def causes(self) -> frozenset[str]:
+        return frozenset(self._standing)
+
+    def take_changes(self) -> list[AlarmChanged]:
+        changes, self._changes = self._changes, []
+        return changes
+
+    def take(self, problem: Problem, now_ns: int) -> None:
+        """Somebody told of it."""
+        if problem.severity == "info":
+            return
+        under = cause_among(problem, self.alarms)
+        if problem.cause == ANSWER:
+            if under is not None:
+                self._fold(under.cause, problem.what, now_ns, asked=True)
+            return
+        cause = cause_of(problem)
+        if under is not None and under.cause != cause:
+            self._fold(under.cause, problem.what, now_ns)
+        elif under is not None:
+            self._tell_again(problem, now_ns)
+        elif cause in FOLLOWS_FROM:
+            self._held.append((now_ns + HOLD_NS, problem))
+        else:
+            self._raise(_alarm_of(problem, now_ns), now_ns)
+
+    def look(self, conditions: Sequence[Condition], ends: frozenset[ProblemEnd], now_ns: int) -> None:
+        """Take in what is so now: raise what has lasted long enough, end what is over."""
+        self._ends = ends
+        self._look_at_conditions(conditions, now_ns)
+        due = [problem for due_ns, problem in self._held if due_ns <= now_ns]
+        self._held = [(due_ns, problem) for due_ns, problem in self._held if due_ns > now_ns]
+        for problem in due:
+            under = cause_among(problem, self.alarms)
+            if under is not None:
+                self._fold(under.cause, problem.what, now_ns)
+            elif problem.until and problem.until in ends:
+                continue  # it was over before it was an alarm
+            elif "link" in FOLLOWS_FROM[cause_of(problem)] and "connected" not in ends:
+                # The robot is not there yet, or not any more: which of the two is not told yet.
+                self._held.append((now_ns + HOLD_NS, problem))
+            else:
+                self._raise(_alarm_of(problem, now_ns), now_ns)
+        true_now = {condition.cause for condition in conditions}
+        for standing in tuple(self._standing.values()):
+            self._look_for_end(standing, true_now, now_ns)
+
+    def dismiss(self, alarm_id: str, actor: Actor, now_ns: int) -> bool:
+        """Somebody has seen to it; False where that is told by the state alone, or it is over."""
+        standing = next((each for each in self._standing.values() if each.alarm.alarm_id == alarm_id), None)
+        if standing is None or standing.alarm.ends_by_itself:
+            return False
+        self._end(standing, now_ns, actor)
+        return True
+
+    def forget(self, causes: Collection[str], now_ns: int) -> None:
+        """What these were about is not there any more."""
+        for standing in [each for cause, each in self._standing.items() if cause in causes]:
+            self._end(standing, now_ns)
+
+    def tell_all(self, now_ns: int) -> None:
+        """A record begins: it has what is wrong already."""
+        for standing in self._standing.values():
+            self._tell("raised", standing, now_ns)
+
+    def wait_s(self, now_ns: int) -> float | None:
+        """When to look again though nothing changes; None for not at all."""
+        due_ns = [due for due, _ in self._held]
+        due_ns += [due for _since, due in self._pending.values()]
+        for standing in self._standing.values():
+            if standing.over_since_ns is not None:
+                due_ns.append(standing.over_since_ns + _steady_ns(standing.alarm))
+            elif _lapses(standing):
+                due_ns.append(standing.told_ns + LAPSE_NS)
+        return max(0.0, (min(due_ns) - now_ns) / 1e9) if due_ns else None
+
+    def _look_at_conditions(self, conditions: Sequence[Condition], now_ns: int) -> None:
+        pending: dict[str, tuple[int, int]] = {}
+        for condition in conditions:
+            standing = self._standing.get(condition.cause)
+            if standing is not None:
+                if condition.prevails and not standing.by_condition:
+                    folded = _with_line(standing.alarm.folded, standing.alarm.what)
+                    standing.alarm = replace(_in_words_of(condition, standing.alarm), folded=folded)
+                    standing.by_condition = True
+                continue
+            since_ns, _due = self._pending.get(condition.cause, (now_ns, 0))
+            due_ns = since_ns + round(condition.after_s * 1e9)
+            if due_ns > now_ns:
+                pending[condition.cause] = since_ns, due_ns
+            elif not any(cause in self._standing for cause in FOLLOWS_FROM.get(condition.cause, ())):
+                raised = Alarm("", condition.cause, condition.severity, "", "", "", now_ns)
+                self._raise(_in_words_of(condition, raised), now_ns, by_condition=True)
+        self._pending = pending
+
+    def _look_for_end(self, standing: _Standing, true_now: Collection[str], now_ns: int) -> None:
+        alarm = standing.alarm
+        if alarm.until and alarm.until != "quiet":
+            there = alarm.until in self._ends
+            standing.was_not_over |= not there
+            over = there and standing.was_not_over
+        else:
+            over = standing.by_condition and alarm.cause not in true_now
+        if over and standing.over_since_ns is None:
+            standing.over_since_ns = now_ns
+        elif not over and standing.over_since_ns is not None:
+            standing.over_since_ns = None
+            standing.alarm = replace(alarm, times=alarm.times + 1)
+        lapsed = _lapses(standing) and now_ns - standing.told_ns >= LAPSE_NS
+        steady = standing.over_since_ns is not None and now_ns - standing.over_since_ns >= _steady_ns(standing.alarm)
+        if steady or lapsed:
+            self._end(standing, now_ns)
+
+    def _raise(self, alarm: Alarm, now_ns: int, *, by_condition: bool = False) -> None:
+        before, ended_ns = self._ended.pop(alarm.cause, (None, 0))
+        if before is not None and now_ns - ended_ns < AGAIN_NS:
+            alarm = replace(alarm, alarm_id=before.alarm_id, times=before.times + 1)
+        else:
+            self._number += 1
+            alarm = replace(alarm, alarm_id=f"a-{self._number}-{now_ns:x}")
+        for cause, causes in FOLLOWS_FROM.items():
+            if alarm.cause in causes and cause in self._standing:
+                following = self._standing[cause]
+                alarm = replace(alarm, folded=_with_line(alarm.folded, following.alarm.what))
+                self._end(following, now_ns)
+        there = alarm.until in self._ends
+        self._standing[alarm.cause] = _Standing(alarm, now_ns, by_condition, was_not_over=not there)
+        self._tell("raised", self._standing[alarm.cause], now_ns)
+
+    def _end(self, standing: _Standing, now_ns: int, actor: Actor = CONSOLE) -> None:
+        del self._standing[standing.alarm.cause]
+        self._ended[standing.alarm.cause] = (standing.alarm, now_ns)
+        self._tell("ended", standing, now_ns, actor)
+
+    def _tell(self, state: AlarmState, standing: _Standing, now_ns: int, actor: Actor = CONSOLE) -> None:
+        alarm = standing.alarm
+        self._changes.append(
+            AlarmChanged(
+                now_ns, alarm.alarm_id, alarm.cause, state, alarm.severity, alarm.what, alarm.meaning, alarm.advice,
+                alarm.times, not standing.by_condition, actor,
+            )
+        )  # fmt: skip
+
+    def _fold(self, cause: str, what: str, now_ns: int, *, asked: bool = False) -> None:
+        standing = self._standing[cause]
+        alarm = standing.alarm
+        asked_ns = now_ns if asked else alarm.asked_ns
+        standing.alarm = replace(alarm, folded=_with_line(alarm.folded, what), asked_ns=asked_ns)
+
+    def _tell_again(self, problem: Problem, now_ns: int) -> None:
+        """The same cause once more: the gravest words stand, of equal ones the newest; the others lie below."""
+        standing = self._standing[cause_of(problem)]
+        alarm = standing.alarm
+        standing.told_ns = now_ns
+        if problem.what == alarm.what:
+            standing.alarm = replace(alarm, meaning=problem.meaning, advice=problem.advice)
+        elif standing.by_condition or _GRAVITY[problem.severity] < _GRAVITY[alarm.severity]:
+            standing.alarm = replace(alarm, folded=_with_line(alarm.folded, problem.what))
+        else:
+            folded = _with_line(alarm.folded, alarm.what)
+            standing.alarm = replace(
+                alarm, severity=problem.severity, what=problem.what, meaning=problem.meaning, advice=problem.advice,
+                until=problem.until or alarm.until, folded=tuple(line for line in folded if line != problem.what),
+            )  # fmt: skip
+
+
+def _alarm_of(problem: Problem, now_ns: int) -> Alarm:
+    return Alarm(
+        "", cause_of(problem), problem.severity, problem.what, problem.meaning, problem.advice, now_ns,
+        until=problem.until, ends_by_itself=bool(problem.until),
+    )  # fmt: skip
+
+
+def _in_words_of(condition: Condition, alarm: Alarm) -> Alarm:
+    return replace(
+        alarm, severity=condition.severity, what=condition.what, meaning=condition.meaning, advice=condition.advice,
+        until=condition.until, ends_by_itself=True,
+    )  # fmt: skip
+
+
+def _lapses(standing: _Standing) -> bool:
+    return standing.alarm.until == "quiet"
+
+
+def _steady_ns(alarm: Alarm) -> int:
+    """How long it has to be over before it is. What comes and goes has to stay away longer each time."""
+    least_s = _STEADY_S.get(alarm.cause, 0.0)
+    again_s = 2.0 * 3.0 ** (alarm.times - 2) if alarm.times > 1 else 0.0
+    return round(min(least_s + again_s, _LONGEST_STEADY_S) * 1e9)
+
+
+def _with_line(lines: tuple[str, ...], line: str) -> tuple[str, ...]:
+    """Each once, the newest last."""
+    return (*(each for each in lines if each != line), line)[-_FOLDED_AT_MOST:]

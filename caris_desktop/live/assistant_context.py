@@ -1,0 +1,107 @@
+"""What goes along with a question to the assistant, and how much of it there is. GUI thread."""
+
+from collections import Counter
+from collections.abc import Container, Sequence
+
+from caris_desktop.conversation.prompts import (
+    MAX_HISTORY_CHARACTERS,
+    MAX_LABEL_CHARACTERS,
+    Along,
+    context_lines,
+    conversation_words,
+)
+from caris_desktop.conversation.transcript import Turn
+from caris_desktop.domain.events import Marked
+from caris_desktop.domain.sensing import People
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import PartAlong
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.scenario.assistant import AssistantPeople
+
+
+class AssistantContext:
+    """Gathers it from the state, and the notes from the wizard's marks."""
+
+    def __init__(self, state: LiveState) -> None:
+        self._state = state
+        self._notes: dict[str, Marked] = {}
+        self._forgotten: frozenset[str] = frozenset()
+
+    def take_mark(self, mark: Marked) -> None:
+        """A mark with a note is one of the wizard's notes."""
+        if mark.state == "withdrawn" or not mark.note.strip():
+            self._notes.pop(mark.mark_id, None)
+        else:
+            self._notes[mark.mark_id] = mark
+
+    def forget(self) -> None:
+        """Another participant comes: what was said and noted until now is not told of them."""
+        self._notes.clear()
+        self._forgotten = frozenset(turn.utterance_id for turn in self._turns())
+
+    def along(self, what: AssistantPeople, notes: str, leave_out: Container[str] = ()) -> Along:
+        """Everything but what is left out. ``what`` says what may be told of people, ``notes`` is the text of them."""
+        if what == "history" and "history" in leave_out:
+            what = "names"
+        rows: Sequence[PersonRow] = self._state.persons.value
+        labels = {row.person_id: who_is_here(row, "names" if what == "history" else what) for row in rows}
+        noted = [f"{mark.label}: {mark.note}" if mark.label else mark.note for mark in self._notes.values()]
+        return Along(
+            conversation=() if "conversation" in leave_out else self._turns(),
+            step="" if "step" in leave_out else self._state.protocol.value.title,
+            people=() if "people" in leave_out else [who_is_here(row, what) for row in rows if row.here],
+            things=() if "things" in leave_out else self._things_in_view(),
+            notes=() if "notes" in leave_out else [*filter(str.strip, [notes]), *noted],
+            label_characters=MAX_HISTORY_CHARACTERS if what == "history" else MAX_LABEL_CHARACTERS,
+            label_of=labels.get,
+        )
+
+    def parts(self, what: AssistantPeople, notes: str) -> tuple[PartAlong, ...]:
+        """What there is, each in words."""
+        along = self.along(what, notes)
+        turns, words = conversation_words(along.conversation)
+        lines = context_lines(along)
+        found = [PartAlong("conversation", "Conversation", turns, words)]
+        if "step" in lines:
+            found.append(PartAlong("step", "Step", 1, _words(lines["step"])))
+        if "people" in lines:
+            plain = lines["people"]
+            if what == "history":
+                plain = context_lines(self.along("names", notes))["people"]
+            found.append(PartAlong("people", "People", len(along.people), _words(plain)))
+            if lines["people"] != plain:
+                more = _words(lines["people"]) - _words(plain)
+                found.append(PartAlong("history", "What is known of them", len(along.people), more))
+        if "things" in lines:
+            found.append(PartAlong("things", "Things in view", len(list(along.things)), _words(lines["things"])))
+        if "notes" in lines:
+            found.append(PartAlong("notes", "Notes", len(along.notes), _words(lines["notes"])))
+        return tuple(part for part in found if part.count)
+
+    def _turns(self) -> Sequence[Turn]:
+        turns: Sequence[Turn] = self._state.transcript.value
+        return [turn for turn in turns if turn.utterance_id not in self._forgotten]
+
+    def _things_in_view(self) -> list[str]:
+        """What the cameras see now beside people. What two of them see may be the same, so the most that one sees."""
+        most: Counter[str] = Counter()
+        for camera in self._state.cameras.value:
+            stream = self._state.people_of(camera)
+            if stream.freshness == "fresh" and isinstance(stream.value, People):
+                most |= Counter(thing.label for thing in stream.value.things)
+        return sorted(most.elements())
+
+
+def who_is_here(person: PersonRow, what: AssistantPeople) -> str:
+    """A person as a language model is told of them."""
+    if what == "numbers" or not person.known:
+        return f"person {person.number}"
+    if what == "names":
+        return person.name
+    details = (person.group and f"group {person.group}", ", ".join(person.tags), person.note, person.summary)
+    known = "; ".join(filter(None, details))
+    return f"{person.name} ({known})" if known else person.name
+
+
+def _words(text: str) -> int:
+    return len(text.split())

@@ -1,0 +1,80 @@
+"""The robot and this computer say the same at once: two voices, one utterance."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+
+from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.live.speech_queue import Voice, VoiceKind
+
+_ENDS = ("finished", "interrupted", "failed")
+
+
+class BothVoices:
+    """A voice made of two. It has started with the first of them and ends with the last.
+
+    ``report`` gets what follows from that for the utterance, in the thread in which a voice has told it.
+    """
+
+    def __init__(self, voices: dict[VoiceKind, Voice], report: Callable[[UtteranceChanged], None]) -> None:
+        self._voices = voices
+        self._report = report
+        self._lock = threading.Lock()
+        self._utterance_id = ""
+        self._started = False
+        self._speaking: set[str] = set()
+        self._ended: list[UtteranceChanged] = []
+
+    @property
+    def held_up(self) -> bool:
+        return any(voice.held_up for voice in self._voices.values())
+
+    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
+        with self._lock:
+            self._utterance_id, self._started, self._ended = utterance.utterance_id, False, []
+            self._speaking = set(self._voices)
+        refused = [kind for kind, voice in self._voices.items() if not voice.say(utterance, spoken)]
+        if len(refused) == len(self._voices):
+            return False
+        for kind in refused:
+            self.lost(kind, utterance, f"the {kind} has no voice now")
+        return True
+
+    def silence(self, actor: Actor) -> bool:
+        silenced = [voice.silence(actor) for voice in self._voices.values()]
+        return any(silenced)
+
+    def lost(self, kind: VoiceKind, utterance: UtteranceChanged, detail: str) -> None:
+        """One of the voices will tell nothing more of it."""
+        self.told(replace(utterance, voice=kind, state="failed", detail=detail))
+
+    def told(self, told: UtteranceChanged) -> bool:
+        """What one of the voices tells; False where that is of no utterance of both. Any thread."""
+        with self._lock:
+            if told.utterance_id != self._utterance_id:
+                return False
+            follows = self._follows(told) if told.voice in self._speaking else None
+        if follows is not None:
+            self._report(follows)
+        return True
+
+    def _follows(self, told: UtteranceChanged) -> UtteranceChanged | None:
+        if told.state in _ENDS:
+            self._speaking.discard(told.voice)
+            self._ended.append(told)
+            return None if self._speaking else _last_word(self._ended)
+        began, self._started = not self._started, True
+        return replace(told, voice="both") if began else None
+
+
+def _last_word(ended: list[UtteranceChanged]) -> UtteranceChanged:
+    """What one voice has said to its end is said; what became of it with the other is in the detail."""
+    best = min(ended, key=lambda one: ("finished", "interrupted", "failed").index(one.state))
+    return replace(
+        best,
+        stamp_ns=max(one.stamp_ns for one in ended),
+        voice="both",
+        detail="; ".join(dict.fromkeys(one.detail for one in ended if one.detail)),
+        estimated=any(one.estimated for one in ended),
+    )

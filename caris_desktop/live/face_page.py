@@ -1,0 +1,140 @@
+"""Serves the robot's face as one page to phones and tablets. The page draws what it is told over one websocket."""
+
+import asyncio
+import hmac
+import json
+import logging
+import secrets
+import socket
+from collections.abc import Callable
+from http import HTTPStatus
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from caris_desktop.conversation.face.drawing import Drawing
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.shipped import resources_dir
+
+_log = logging.getLogger(__name__)
+TOLD_AT_LEAST_EVERY_S = 1.0
+"""So that a page knows that the console is there."""
+_MOST_PAGES = 8
+_CLOSES_WITHIN_S = 1.0
+
+
+class FacePage:
+    """What every page shows is the newest of ``show``: a page that is slow leaves out what came between.
+
+    All but ``show`` runs on the loop of the asyncio thread. The address has a secret part, without which nothing is
+    served. ``told`` is called there with how many pages are open.
+    """
+
+    def __init__(self, told: Callable[[int], None]) -> None:
+        self._told = told
+        self._token = secrets.token_urlsafe(12)
+        self._server: Server | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._newest: str | bytes = b""
+        self._pages: set[asyncio.Event] = set()
+
+    async def open(self, *, network: bool) -> str:
+        """Serve it; the address that a browser is given. Raises ToldFailure."""
+        self._loop = asyncio.get_running_loop()
+        host = "0.0.0.0" if network else "127.0.0.1"  # noqa: S104 - the scenario asks for it
+        try:
+            self._server = await serve(
+                self._serve, host, 0, process_request=self._answer, max_size=4096, compression=None,
+                server_header=None, close_timeout=_CLOSES_WITHIN_S,
+            )  # fmt: skip
+        except OSError as error:
+            raise ToldFailure(
+                f"The page with the face cannot be served ({error.strerror or error}).",
+                "The face's window on this computer works.",
+                "Try again, or use the window.",
+                severity="warning",
+            ) from error
+        port = next(iter(self._server.sockets)).getsockname()[1]
+        return f"http://{_address_in_network() if network else '127.0.0.1'}:{port}/{self._token}/"
+
+    async def close(self) -> None:
+        if self._server is not None:
+            self._server.close()
+            await self._server.wait_closed()
+            self._server = None
+
+    def show(self, shown: Drawing | bytes) -> None:
+        """A drawing, or a picture as JPEG. Any thread."""
+        newest = shown if isinstance(shown, bytes) else json.dumps({"drawing": shown.plain()})
+        loop = self._loop
+        if loop is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(self._take, newest)
+
+    def _take(self, newest: str | bytes) -> None:
+        self._newest = newest
+        for page in self._pages:
+            page.set()
+
+    def _answer(self, _connection: ServerConnection, request: Request) -> Response | None:
+        """None: it is the websocket of the page."""
+        token, _, rest = request.path.removeprefix("/").partition("/")
+        if not hmac.compare_digest(token.encode(), self._token.encode()):
+            return _response(HTTPStatus.NOT_FOUND, "There is nothing here.\n", "text/plain")
+        if rest == "face":
+            if len(self._pages) >= _MOST_PAGES:
+                return _response(HTTPStatus.SERVICE_UNAVAILABLE, "Too many pages are open.\n", "text/plain")
+            return None
+        if rest:
+            return _response(HTTPStatus.NOT_FOUND, "There is nothing here.\n", "text/plain")
+        nonce = secrets.token_urlsafe(12)
+        page = (resources_dir() / "faces" / "page.html").read_text("utf-8").replace("NONCE", nonce)
+        policy = (
+            f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'unsafe-inline'; img-src blob:; "
+            "connect-src 'self' ws:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+        )
+        return _response(HTTPStatus.OK, page, "text/html", {"Content-Security-Policy": policy})
+
+    async def _serve(self, connection: ServerConnection) -> None:
+        """Until the page is closed. What a page says is not listened to."""
+        changed = asyncio.Event()
+        changed.set()
+        self._pages.add(changed)
+        self._told(len(self._pages))
+        try:
+            while True:
+                try:
+                    async with asyncio.timeout(TOLD_AT_LEAST_EVERY_S):
+                        await changed.wait()
+                except TimeoutError:
+                    pass
+                changed.clear()
+                if self._newest:
+                    await connection.send(self._newest)
+                else:
+                    await connection.send("{}")
+        except ConnectionClosed:
+            _log.debug("a page with the face was closed")
+        finally:
+            self._pages.discard(changed)
+            self._told(len(self._pages))
+
+
+def _response(status: HTTPStatus, text: str, kind: str, more: dict[str, str] | None = None) -> Response:
+    body = text.encode()
+    headers = Headers({
+        "Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(body)), "Cache-Control": "no-store",
+        "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff", "Connection": "close", **(more or {}),
+    })  # fmt: skip
+    return Response(status.value, status.phrase, headers, body)
+
+
+def _address_in_network() -> str:
+    """This computer's address as others of its network know it. Sends nothing."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+        except OSError:
+            return socket.gethostname()
+        return str(probe.getsockname()[0])

@@ -1,0 +1,201 @@
+"""One microphone of this computer: its process, which input it is, and whether it is listened to. GUI thread."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.conversation.microphone_messages import (
+    CloseMicrophone,
+    MicrophoneFailed,
+    MicrophoneLevel,
+    MicrophoneList,
+    MicrophoneOpened,
+    OpenMicrophone,
+)
+from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound import WIZARD_MICROPHONE
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.children import Children
+from caris_desktop.live.service import Restarts
+from caris_desktop.live.state import LiveValue
+from caris_desktop.live.status import MicrophoneStatus
+
+# The sound library may get stuck, with its process, which says every second that it has not.
+_STUCK_AFTER_MS, _STARTS_WITHIN_MS = 6000, 30_000
+# Whatever worked for so long may fail as often as at the beginning.
+_WELL_AFTER_MS = 60_000
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneChoice:
+    """``chosen`` gives what was chosen last time (None: no microphone, empty: the system's), ``keep`` remembers it."""
+
+    body: ProcessBody
+    chosen: Callable[[], str | None]
+    keep: Callable[[str | None], None]
+
+
+class LocalMicrophone(QObject):
+    """Keeps ``status``, a MicrophoneStatus, and publishes what is wrong. Its sound comes over the bus while it
+    ``sends``.
+    """
+
+    def __init__(
+        self,
+        status: LiveValue,
+        source: str,
+        bus: Bus,
+        children: Children,
+        choice: MicrophoneChoice,
+        *,
+        settled: Callable[[], None],
+        parent: QObject,
+    ) -> None:
+        """``settled`` is called when its sound comes, and when none will come for the time being."""
+        super().__init__(parent)
+        self._status = status
+        self._off = MicrophoneStatus(role=status.value.role)
+        self._source = source
+        self._bus = bus
+        self._children = children
+        self._choice = choice
+        self._settled = settled
+        self.child: ChildProcess | None = None
+        self.sends = True
+        self.names: tuple[str, ...] = ()
+        self._looked = False
+        self._begun = False
+        """Whether the process that runs now has said anything yet."""
+        self._chosen = choice.chosen()
+        self._listens_to: str | None = None
+        self._open = False
+        self._restarts = Restarts()
+        self._stuck = QTimer(self, singleShot=True, interval=_STUCK_AFTER_MS)
+        self._stuck.timeout.connect(self._on_stuck)
+        self._well = QTimer(self, singleShot=True, interval=_WELL_AFTER_MS)
+        self._well.timeout.connect(self._on_well)
+
+    @property
+    def chosen(self) -> str | None:
+        """None for no microphone, also where the computer has none at all."""
+        return None if self._looked and not self.names else self._chosen
+
+    def get_ready(self) -> None:
+        """Find out which inputs there are."""
+        if self.child is None and not self._restarts.exhausted:
+            self._begun = False
+            self.child = self._children.start(
+                self._choice.body, ended=self._on_ended, heard=self.on_message, reads=self._read
+            )  # fmt: skip
+
+    def use(self, name: str | None) -> None:
+        if name != self._chosen:
+            self._chosen = name
+            self._choice.keep(name)
+            if self._open:
+                self.open()
+
+    def open(self) -> None:
+        """Listen from now on, if a microphone is chosen."""
+        status: MicrophoneStatus = self._status.value
+        if self._open and self._listens_to == self._chosen and status.state in ("starting", "on"):
+            return
+        self._open = True
+        self._listens_to = self._chosen
+        if self._chosen is None:
+            self._tell_closed()
+            self._settled()
+            return
+        self.get_ready()
+        if self.child is None:
+            self._show("failed", self._chosen, detail="It failed too often.")
+            self._settled()
+        else:
+            self._show("starting", self._chosen)
+            self._stuck.start(_STUCK_AFTER_MS if self._begun else _STARTS_WITHIN_MS)
+            self.child.send(OpenMicrophone(self._chosen))
+
+    def close(self) -> None:
+        if self._open:
+            self._open = False
+            self._tell_closed()
+
+    def dismiss(self) -> None:
+        """This scenario hears nothing with it: the process ends."""
+        self.close()
+        child, self.child = self.child, None
+        if child is not None:
+            self._children.dismiss(child, grace_s=1.0)
+
+    def ask_to_end(self) -> None:
+        self._stuck.stop()
+        self._well.stop()
+        if self.child is not None:
+            self.child.ask_to_end()
+
+    def end(self) -> None:
+        if self.child is not None:
+            self.child.stop(grace_s=1.0)
+
+    def _tell_closed(self) -> None:
+        self._stuck.stop()
+        self._well.stop()
+        if self.child is not None:
+            self.child.send(CloseMicrophone())
+        self._status.set(self._off)
+
+    def _show(self, state: Any, name: str, *, level: float = 0.0, detail: str = "") -> None:
+        self._status.set(replace(self._off, state=state, name=name, level=level, detail=detail, source=self._source))
+
+    def _read(self, value: Any, raw: bytes) -> None:  # reader thread
+        if self.sends or not isinstance(value, AudioChunk):
+            self._children.pass_on(self.on_message, value, raw)
+
+    def on_message(self, message: Any) -> None:
+        """What the process said."""
+        self._begun = True
+        if self._stuck.isActive():
+            self._stuck.start(_STUCK_AFTER_MS)
+        name = self._status.value.name
+        match message:
+            case MicrophoneList(names):
+                self.names, self._looked = names, True
+            case MicrophoneOpened(opened) if self._open:
+                self._show("on", opened)
+                self._well.start()
+                self._settled()
+            case MicrophoneLevel(peak) if self._open:
+                self._show("on", name, level=round(peak, 3))
+            case MicrophoneFailed(problem) if self._open:
+                self._show("failed", name, detail="No microphone is plugged in." if problem is None else problem.what)
+                self._settled()
+                if problem is not None:
+                    self._bus.publish(problem)
+
+    def _on_stuck(self) -> None:
+        if self.child is not None:
+            self.child.kill()
+
+    def _on_well(self) -> None:
+        self._restarts = Restarts()
+
+    def _on_ended(self, child: ChildProcess) -> None:
+        """It is started again if it is needed."""
+        if child is not self.child:
+            return
+        self.child = None
+        again = self._restarts.another()
+        if self._open:
+            own = self._source == WIZARD_MICROPHONE
+            self._bus.problem(
+                "warning",
+                f"Listening to {'your' if own else 'the'} microphone stopped unexpectedly.",
+                "A moment of its sound is missing." if again else "Its sound is missing from now on.",
+                self._restarts.advice,
+                until="own_microphone" if own else "microphone",
+            )
+            self._open = False
+            self.open()

@@ -1,0 +1,372 @@
+"""The one way to a language model: each exchange is streamed, told while it grows, and published once. GUI thread.
+
+The streams run on the asyncio thread and report through signals.
+"""
+
+import asyncio
+import logging
+import secrets
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
+
+from PySide6.QtCore import QObject, Signal
+
+from caris_desktop.conversation.models.chat import ChatTimeouts
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.listing import model_version
+from caris_desktop.conversation.models.words import LanguageModelError
+from caris_desktop.domain import clock
+from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.events import ChatMessage, LlmExchange, LlmOutcome
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.ports import ValueSink
+from caris_desktop.live.asyncio_thread import AsyncioThread
+
+_log = logging.getLogger(__name__)
+_SEEDS = 2**31  # what every server takes
+Purpose = Literal["question", "replies", "actions"]
+# Nobody waits half a minute for a suggestion: the conversation has moved on by then.
+_TIMEOUTS: dict[Purpose, ChatTimeouts] = {
+    "question": ChatTimeouts(),
+    "replies": ChatTimeouts(first_token_s=15.0, between_tokens_s=10.0),
+    "actions": ChatTimeouts(first_token_s=15.0, between_tokens_s=10.0),
+}
+# How often the words so far are told: a person reads no faster, a suggestion begins to be shown.
+_TELL_EVERY_NS: dict[Purpose, int] = {"question": 30_000_000, "replies": 10_000_000, "actions": 30_000_000}
+StreamChat = Callable[..., AsyncIterator[str]]
+
+
+class AskVersion(Protocol):
+    """As :func:`model_version`."""
+
+    def __call__(self, endpoint: ModelEndpoint, /, *, local_only: bool) -> Awaitable[str]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    exchange_id: str
+    endpoint: ModelEndpoint
+    local_only: bool
+    model: str
+    messages: tuple[ChatMessage, ...]
+    recorded: tuple[ChatMessage, ...]
+    purpose: Purpose
+    max_tokens: int
+    temperature: float
+    schema: dict[str, Any] | None
+    jpegs: tuple[bytes, ...]
+    photo: str
+    turn_id: str
+    revision: int
+    asked_ns: int
+    seed: int | None
+    actor: Actor
+
+
+@dataclass(slots=True)
+class _Heard:
+    """What came of a question so far. Written on the asyncio thread, read from both."""
+
+    pieces: list[str] = field(default_factory=list)
+    first_token_ns: int | None = None
+    version: str = ""
+    exchange: LlmExchange | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Running:
+    asked: _Asked
+    heard: _Heard
+    future: Future[None]
+    on_text: Callable[[str], None]
+    on_wait: Callable[[str], None]
+    on_end: Callable[[LlmExchange], None]
+
+
+class Asking:
+    """One exchange under way."""
+
+    def __init__(self, client: "ModelClient", exchange_id: str) -> None:
+        self.exchange_id = exchange_id
+        self._client = client
+
+    def cancel(self, why: str = "cancelled by the wizard") -> None:
+        """End it; ``on_end`` is called and the exchange published before this returns. Nothing where it has ended."""
+        self._client.cancel(self.exchange_id, why)
+
+
+class ModelClient(QObject):
+    """Asks the model that is in use, several questions at a time. ``publish`` receives each exchange once.
+
+    ``ask_version`` is asked for the version of a model while its first question may be under way already.
+    """
+
+    answering_changed = Signal()
+    """``answering`` is another one now."""
+    _grew = Signal(str, str)
+    _waits = Signal(str, str)
+    _ended = Signal(object)
+
+    def __init__(
+        self,
+        asyncio_thread: AsyncioThread,
+        stream_chat: StreamChat,
+        publish: ValueSink,
+        parent: QObject | None = None,
+        *,
+        ask_version: AskVersion = model_version,
+    ) -> None:
+        super().__init__(parent)
+        self._asyncio = asyncio_thread
+        self._stream_chat = stream_chat
+        self._ask_version = ask_version
+        self._publish = publish
+        self._endpoint: ModelEndpoint | None = None
+        self._local_only = True
+        self._shown_as = ""
+        self._why_none = "No language model is set up."
+        self._versions: dict[ModelEndpoint, str] = {}
+        self._asking_version: Future[None] | None = None
+        self._running: dict[str, _Running] = {}
+        self._grew.connect(self._on_grew)
+        self._waits.connect(self._on_waits)
+        self._ended.connect(self._on_ended)
+
+    @property
+    def ready(self) -> bool:
+        """Whether there is a model to ask."""
+        return self._endpoint is not None
+
+    @property
+    def model(self) -> str:
+        """The name of the model in use, for the wizard and the record; empty while there is none."""
+        return self._shown_as if self._endpoint is not None else ""
+
+    @property
+    def answering(self) -> bool:
+        """Whether anything is under way."""
+        return bool(self._running)
+
+    @property
+    def embedded(self) -> bool:
+        """Whether it is the small one of this program."""
+        return self._endpoint is not None and self._endpoint.provider == "embedded"
+
+    @property
+    def answers_here(self) -> bool:
+        """Whether this computer does the work of answering."""
+        return self._endpoint is not None and not self._endpoint.leaves_computer
+
+    def use(self, endpoint: ModelEndpoint, *, shown_as: str, local_only: bool) -> None:
+        """From now on ask this model, and with ``local_only`` only where it is on this computer. What is asked of the
+        one before is cancelled; where it is the same, everything goes on.
+        """
+        if (endpoint, shown_as, local_only) == (self._endpoint, self._shown_as, self._local_only):
+            return
+        self.cancel_all("another model was chosen")
+        self._endpoint, self._shown_as, self._local_only = endpoint, shown_as, local_only
+        self._find_version(endpoint, local_only=local_only)
+
+    def warm_up(self, messages: Sequence[ChatMessage]) -> None:
+        """Have the model of this program read what the next questions will begin with, so that the first of them need
+        not wait for it. Nothing of it is told or recorded; other models are left alone.
+        """
+        if self._endpoint is not None and self.embedded and messages:
+            self._submit(self._read(self._endpoint, tuple(messages)))
+
+    async def _read(self, endpoint: ModelEndpoint, messages: tuple[ChatMessage, ...]) -> None:
+        try:
+            async for _ in self._stream_chat(endpoint, messages, local_only=True, max_tokens=1, temperature=0.0):
+                break
+        except LanguageModelError as error:
+            _log.info("the language model was not warmed up: %s", error.what)
+
+    def use_none(self, why: str) -> None:
+        """There is no model (yet): ``why`` goes into what those who ask are told."""
+        self.cancel_all("the model is not there any more")
+        self._endpoint, self._why_none = None, why
+
+    def ask(
+        self,
+        messages: Sequence[ChatMessage],
+        *,
+        purpose: Purpose,
+        max_tokens: int,
+        temperature: float,
+        on_text: Callable[[str], None],
+        on_end: Callable[[LlmExchange], None],
+        on_wait: Callable[[str], None] = lambda _why: None,
+        schema: dict[str, Any] | None = None,
+        jpegs: Sequence[bytes] = (),
+        photo: str = "",
+        turn_id: str = "",
+        revision: int = 0,
+        recorded: Sequence[ChatMessage] | None = None,
+        actor: Actor = CONSOLE,
+        exchange_id: str = "",
+    ) -> Asking:
+        """Begin an exchange. Raises ToldFailure while there is no model.
+
+        ``on_text`` gets all of the answer so far, again and again; ``on_wait`` why a busy server is asked once more, in
+        words; ``on_end`` the exchange as it was published, once, whether it was answered, cancelled or failed. All are
+        called in the GUI thread. ``schema`` is a JSON schema that the answer has to follow. ``jpegs`` go with the last
+        message, ``photo`` names them for the record. ``recorded`` is what the record has instead of ``messages``, where
+        these tell more than it may hold. ``exchange_id`` is a new one unless given.
+        """
+        if self._endpoint is None:
+            raise ToldFailure(
+                "The assistant cannot answer now.", "Nothing was asked.", self._why_none, severity="warning"
+            )
+        asked = _Asked(
+            exchange_id=exchange_id or f"x-{secrets.token_hex(4)}",
+            endpoint=self._endpoint,
+            local_only=self._local_only,
+            model=self._shown_as,
+            messages=tuple(messages),
+            recorded=tuple(messages if recorded is None else recorded),
+            purpose=purpose,
+            max_tokens=max_tokens,
+            temperature=temperature,
+            schema=schema,
+            jpegs=tuple(jpegs),
+            photo=photo,
+            turn_id=turn_id,
+            revision=revision,
+            asked_ns=clock.now_ns(),
+            seed=secrets.randbelow(_SEEDS) if self._endpoint.takes_seed else None,
+            actor=actor,
+        )
+        heard = _Heard()
+        future = self._asyncio.submit(self._exchange(asked, heard))
+        self._running[asked.exchange_id] = _Running(asked, heard, future, on_text, on_wait, on_end)
+        if asked.endpoint not in self._versions and (self._asking_version is None or self._asking_version.done()):
+            self._find_version(asked.endpoint, local_only=asked.local_only)
+        if len(self._running) == 1:
+            self.answering_changed.emit()
+        return Asking(self, asked.exchange_id)
+
+    def cancel(self, exchange_id: str, why: str) -> None:
+        """End an exchange; its ``on_end`` is called before this returns. Nothing where it has ended."""
+        running = self._running.get(exchange_id)
+        if running is not None:
+            running.future.cancel()
+            # It may have ended just now, with the news of it still on its way.
+            self._conclude(
+                running.heard.exchange
+                or _exchange(running.asked, running.heard, "cancelled", why, self._version(running))
+            )
+
+    def cancel_all(self, why: str) -> None:
+        """End all that is under way."""
+        for exchange_id in tuple(self._running):
+            self.cancel(exchange_id, why)
+
+    # The version
+
+    def _version(self, running: "_Running") -> str:
+        return self._versions.get(running.asked.endpoint, "")
+
+    def _find_version(self, endpoint: ModelEndpoint, *, local_only: bool) -> None:
+        self._asking_version = self._submit(self._keep_version(endpoint, local_only=local_only))
+
+    def _submit(self, work: Coroutine[Any, Any, None]) -> "Future[None] | None":
+        try:
+            return self._asyncio.submit(work)
+        except RuntimeError:  # the loop has ended: the console closes
+            work.close()
+            return None
+
+    async def _keep_version(self, endpoint: ModelEndpoint, *, local_only: bool) -> None:
+        version = await self._ask_version(endpoint, local_only=local_only)
+        if version:
+            self._versions[endpoint] = version
+
+    # The stream
+
+    async def _exchange(self, asked: _Asked, heard: _Heard) -> None:
+        told_ns = 0
+        outcome: LlmOutcome = "answered"
+        detail = ""
+
+        def take_version(version: str) -> None:
+            heard.version = version
+
+        try:
+            async for piece in self._stream_chat(
+                asked.endpoint,
+                asked.messages,
+                local_only=asked.local_only,
+                max_tokens=asked.max_tokens,
+                temperature=asked.temperature,
+                seed=asked.seed,
+                jpegs=asked.jpegs,
+                schema=asked.schema,
+                told_version=take_version,
+                told_wait=lambda why: self._waits.emit(asked.exchange_id, why),
+                timeouts=_TIMEOUTS[asked.purpose],
+            ):
+                now_ns = clock.now_ns()
+                heard.first_token_ns = heard.first_token_ns or now_ns
+                heard.pieces.append(piece)
+                if now_ns - told_ns >= _TELL_EVERY_NS[asked.purpose]:
+                    told_ns = now_ns
+                    self._grew.emit(asked.exchange_id, "".join(heard.pieces))
+        except asyncio.CancelledError:
+            outcome, detail = "cancelled", "cancelled as the program closed"
+        except LanguageModelError as error:
+            outcome, detail = "failed", f"{error.what} {error.advice}"
+        except Exception as error:
+            _log.exception("the language model exchange failed")
+            outcome, detail = "failed", f"The answer could not be read ({type(error).__name__}). Ask again."
+        exchange = _exchange(asked, heard, outcome, detail, self._versions.get(asked.endpoint, ""))
+        if outcome != "cancelled":
+            heard.exchange = exchange
+        self._ended.emit(exchange)
+
+    def _on_grew(self, exchange_id: str, answer: str) -> None:
+        running = self._running.get(exchange_id)
+        if running is not None:
+            running.on_text(answer)
+
+    def _on_waits(self, exchange_id: str, why: str) -> None:
+        running = self._running.get(exchange_id)
+        if running is not None:
+            running.on_wait(why)
+
+    def _on_ended(self, exchange: LlmExchange) -> None:
+        if exchange.exchange_id in self._running:
+            self._conclude(exchange)
+
+    def _conclude(self, exchange: LlmExchange) -> None:
+        running = self._running.pop(exchange.exchange_id)
+        self._publish(exchange)
+        running.on_end(exchange)
+        if not self._running:
+            self.answering_changed.emit()
+
+
+def _exchange(asked: _Asked, heard: _Heard, outcome: LlmOutcome, detail: str, version: str) -> LlmExchange:
+    parameters: dict[str, float | int | str] = {"max_tokens": asked.max_tokens, "temperature": asked.temperature}
+    return LlmExchange(
+        stamp_ns=clock.now_ns(),
+        exchange_id=asked.exchange_id,
+        provider=asked.endpoint.provider,
+        model=asked.model,
+        messages=asked.recorded,
+        answer="".join(heard.pieces).strip(),
+        outcome=outcome,
+        asked_ns=asked.asked_ns,
+        first_token_ns=heard.first_token_ns,
+        parameters=parameters,
+        detail=detail,
+        model_version=heard.version or version,
+        server=asked.endpoint.server,
+        seed=asked.seed,
+        actor=asked.actor,
+        photo=asked.photo,
+        purpose=asked.purpose,
+        turn_id=asked.turn_id,
+        revision=asked.revision,
+    )

@@ -1,0 +1,66 @@
+"""Which language models the servers on this computer offer, found out in the background. GUI thread."""
+
+import os
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer, Signal
+
+from caris_desktop.conversation.models.endpoint import ModelEndpoint, ollama_url, openai_url
+from caris_desktop.conversation.models.listing import models_here
+from caris_desktop.conversation.models.words import LanguageModelError
+from caris_desktop.live.asyncio_thread import AsyncioThread
+
+_FIRST_AFTER_MS = 3000
+_EVERY_MS = 60_000
+ListModels = Callable[[], Coroutine[Any, Any, tuple[str, ...]]]
+
+
+async def local_models() -> tuple[str, ...]:
+    """As a scenario names them: those of Ollama and of an OpenAI-compatible server, where these are on this computer.
+
+    Nobody else is asked. Each has five seconds.
+    """
+    found: list[str] = []
+    for provider, url in (("ollama", ollama_url), ("openai", openai_url)):
+        try:
+            endpoint = ModelEndpoint("ollama" if provider == "ollama" else "openai", url(os.environ), "")
+        except LanguageModelError:
+            continue  # whoever chooses such a model is told
+        found += [f"{provider}:{name}" for name in await models_here(endpoint)]
+    return tuple(found)
+
+
+class ModelLists(QObject):
+    """``found`` when there are others than before; looks again every minute."""
+
+    found = Signal()
+    _listed = Signal(object)
+
+    def __init__(self, asyncio_thread: AsyncioThread, list_models: ListModels, parent: QObject) -> None:
+        super().__init__(parent)
+        self._asyncio = asyncio_thread
+        self._list_models = list_models
+        self.models: tuple[str, ...] = ()
+        self._timer = QTimer(self, singleShot=True)
+        self._timer.timeout.connect(self._look)
+        self._listed.connect(self._on_listed)
+
+    def start(self) -> None:
+        if not self._timer.isActive():
+            self._timer.start(_FIRST_AFTER_MS)
+
+    def stop(self) -> None:
+        self._timer.stop()
+
+    def _look(self) -> None:
+        self._timer.start(_EVERY_MS)
+        self._asyncio.submit(self._list())
+
+    async def _list(self) -> None:
+        self._listed.emit(await self._list_models())
+
+    def _on_listed(self, models: tuple[str, ...]) -> None:
+        if models != self.models:
+            self.models = models
+            self.found.emit()

@@ -1,0 +1,48 @@
+"""What a run is put together from: the concrete adapters that ``app`` chooses."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.services.assistant import AssistantParts
+from caris_desktop.live.services.cameras import WantedCameras
+from caris_desktop.live.services.going_on import GoingOnParts
+from caris_desktop.live.services.microphone import MicrophoneParts
+from caris_desktop.live.services.people import PeopleParts
+from caris_desktop.live.services.practice import PracticeParts
+from caris_desktop.live.services.robot import RobotConnection
+from caris_desktop.live.services.scenario import ScenarioParts
+from caris_desktop.live.services.session import SessionParts
+from caris_desktop.live.services.sound import SoundParts
+from caris_desktop.live.wizard_console import RobotChoice
+from caris_desktop.scenario.model import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class RobotParts:
+    """``connect_to`` waits on files in a thread of its own, and raises ToldFailure."""
+
+    choices: Callable[[], Sequence[RobotChoice]]
+    connect_to: Callable[[str], RobotConnection]
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The concrete adapters of a run, chosen in ``app``, as each service wants them."""
+
+    recorder: ProcessBody
+    speech: ProcessBody
+    said_before: Path
+    people: PeopleParts
+    cameras: Callable[[Scenario], WantedCameras]
+    assistant: AssistantParts
+    scenario: ScenarioParts
+    robots: RobotParts
+    session: SessionParts
+    going_on: GoingOnParts
+    practice: PracticeParts
+    microphone: MicrophoneParts
+    sound: SoundParts
+    listening: Callable[[Scenario], ProcessBody]
+    forgetting: Callable[[str], ProcessBody]

@@ -1,0 +1,44 @@
+"""What was said and noted in a recorded session, from its first word to its last."""
+
+import logging
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.conversation.transcript import Turn, turns_of
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.state import LiveState
+from caris_desktop.recording.session.marks import FinalMark, final_marks, notes_among
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS
+
+_log = logging.getLogger(__name__)
+
+
+class ReplayTranscript(QObject):
+    """Sets ``state.transcript`` and ``state.notes`` once, with what was changed about them in the session.
+
+    Both are read in a thread of their own.
+    """
+
+    def __init__(self, session: Session, state: LiveState, parent: QObject) -> None:
+        super().__init__(parent)
+        self._session = session
+        self._state = state
+        self._slow_work = SlowWork(self)
+
+    def start(self) -> None:
+        self._slow_work.do(self._read_turns, self._state.transcript.set_anew, self._on_failed)
+        self._slow_work.do(self._read_notes, self._state.notes.set_anew, self._on_failed)
+
+    def close(self) -> None:
+        self._slow_work.finish(lambda _what, work: work())
+
+    def _read_turns(self) -> tuple[Turn, ...]:
+        return turns_of(value for _, value in self._session.values(*UTTERANCE_STREAMS))
+
+    def _read_notes(self) -> tuple[FinalMark, ...]:
+        return notes_among(final_marks(self._session))
+
+    def _on_failed(self, failure: ToldFailure) -> None:
+        _log.warning("%s %s", failure.what, failure.meaning)

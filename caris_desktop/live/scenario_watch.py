@@ -1,0 +1,111 @@
+"""Notices that the scenario's file was changed by somebody else, once whoever writes it has come to rest."""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.slow_work import SlowWork
+
+LOOK_EVERY_MS = 1000
+AT_REST_MS = 250
+
+Touched = tuple[int, int, int]
+"""When the file was last written, in nanoseconds, how long it is, and which one it is on its disk."""
+
+
+class ScenarioWatch(QObject):
+    """Calls ``changed(path)`` once for each other content of the file. GUI thread; the file is read in another.
+
+    The file is asked for its times each second, rather than the system for news of it: that costs next to nothing,
+    works on network drives and for editors that put a new file in the old one's place, and Qt's own watcher was seen
+    to stand still and to take the program along. What is found has to be the same twice, a moment apart: a file that
+    is still being written is left alone. What the program wrote itself is told to :meth:`use`, in the order of the
+    slow work.
+    """
+
+    def __init__(self, slow_work: SlowWork, changed: Callable[[Path], None], parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._slow_work = slow_work
+        self._changed = changed
+        self._path: Path | None = None
+        self._known = ""
+        self._seen = ""
+        self._touched: Touched | None = None
+        self._asking = False
+        self._clock = QTimer(self, interval=LOOK_EVERY_MS)
+        self._clock.timeout.connect(self._ask)
+        self._rest = QTimer(self, singleShot=True, interval=AT_REST_MS)
+        self._rest.timeout.connect(self.look)
+
+    def start(self) -> None:
+        self._clock.start()
+
+    def stop(self) -> None:
+        self._clock.stop()
+        self._rest.stop()
+
+    def use(self, path: Path | None, sha256: str) -> None:
+        """This file is in force now, with this checksum."""
+        if path != self._path:
+            self._touched = None
+        self._path, self._known, self._seen = path, sha256, ""
+
+    def look(self) -> None:
+        """See what the file says now."""
+        path = self._path
+        if path is None:
+            return
+
+        def looked(sha256: str) -> None:
+            if path == self._path:
+                self._on_looked(path, sha256)
+
+        self._slow_work.do(lambda: _checksum(path), looked, lambda _failure: None)
+
+    def _ask(self) -> None:
+        path = self._path
+        if path is None or self._asking:
+            return  # a disk that does not answer is asked once
+        self._asking = True
+
+        def told(touched: Touched | None) -> None:
+            self._asking = False
+            if path == self._path and touched != self._touched:
+                self._touched = touched
+                self._rest.start()
+
+        def failed(_failure: ToldFailure) -> None:
+            self._asking = False
+
+        self._slow_work.do(lambda: _touched(path), told, failed)
+
+    def _on_looked(self, path: Path, sha256: str) -> None:
+        if sha256 in ("", self._known):
+            self._seen = ""  # it is away for a moment, or as it is known
+        elif sha256 != self._seen:
+            self._seen = sha256
+            if self._clock.isActive():
+                self._rest.start()
+        else:
+            self._known, self._seen = sha256, ""
+            self._changed(path)
+
+
+def _touched(path: Path) -> Touched | None:
+    """None where there is no such file now."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size, found.st_ino
+
+
+def _checksum(path: Path) -> str:
+    """Empty where there is no such file now."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return ""

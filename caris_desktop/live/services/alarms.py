@@ -1,0 +1,145 @@
+"""What is wrong now, made of the problems that are told and of what the state shows. GUI thread."""
+
+from collections.abc import Callable, Iterator
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.events import Event, Problem, ProblemEnd, RobotChosen, SessionStarted
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.alarm_causes import AlarmBook, Condition
+from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.state import LiveState
+
+BATTERY_LOW, BATTERY_WELL = 0.15, 0.20
+_SILENT_AFTER_S = 5.0
+_OF_ROBOT = ("robot_timeout", "robot_lacks", "robot_speed", "pose", "battery", "lidar")
+
+
+class AlarmsService(Service):
+    """Keeps ``state.alarms``, and tells of each alarm's beginning and end."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        publish: Callable[[Event], None],
+        parent: QObject | None = None,
+        *,
+        now_ns: Callable[[], int] = clock.now_ns,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._publish = publish
+        self._now_ns = now_ns
+        self._book = AlarmBook()
+        self._again = QTimer(self, singleShot=True)
+        self._again.timeout.connect(self.look)
+        for value in (
+            state.link, state.drive, state.recording, state.speech, state.assistant, state.perception,
+            state.microphone, state.wizard_microphone, state.listening, state.battery,
+        ):  # fmt: skip
+            value.changed.connect(self._on_changed)
+        for stream in (state.frame, state.scan, state.pose):
+            stream.freshness_changed.connect(self._on_changed)
+        self.look()
+
+    def follows(self) -> Follows:
+        return {Problem: self.take, RobotChosen: self._on_robot_chosen, SessionStarted: self._on_session_started}
+
+    def handlers(self) -> Handlers:
+        return {intents.DismissAlarm: self.dismiss}
+
+    def take(self, problem: Problem) -> None:
+        self._book.take(problem, self._now_ns())
+        self.look()
+
+    def look(self) -> None:
+        """See what has come to be wrong, and what is over."""
+        state, now_ns = self._state, self._now_ns()
+        self._book.look(tuple(conditions(state, self._book.causes())), endings(state), now_ns)
+        self._tell()
+
+    def dismiss(self, asked: intents.DismissAlarm) -> None:
+        if not self._book.dismiss(asked.alarm_id, asked.actor, self._now_ns()):
+            raise ToldFailure(
+                tr("That is still wrong, or it is over already."), tr("Nothing was changed."),
+                tr("What ends by itself leaves the list when it is over."), severity="warning",
+            )  # fmt: skip
+        self._tell()
+
+    def stop(self) -> None:
+        self._again.stop()
+
+    def _on_robot_chosen(self, _robot: RobotChosen) -> None:
+        self._book.forget(_OF_ROBOT, self._now_ns())
+        self.look()
+
+    def _on_session_started(self, _session: SessionStarted) -> None:
+        self._book.tell_all(self._now_ns())
+        self._tell()
+
+    def _on_changed(self, _value: object) -> None:
+        self.look()
+
+    def _tell(self) -> None:
+        for change in self._book.take_changes():
+            self._publish(change)
+        self._state.alarms.set(self._book.alarms)
+        wait_s = self._book.wait_s(self._now_ns())
+        if wait_s is None:
+            self._again.stop()
+        else:
+            self._again.start(max(50, round(wait_s * 1000)))
+
+
+def endings(state: LiveState) -> frozenset[ProblemEnd]:
+    """What is so now, of all that can end a problem."""
+    now: dict[ProblemEnd, bool] = {
+        "connected": state.link.value.state == "connected",
+        "released": not state.drive.value.emergency_stop,
+        "picture": state.frame.freshness == "fresh",
+        # From its start on: what goes wrong while it begins is about it. Going on after a pause is the same recording.
+        "recording": state.recording.value.state in ("starting", "recording", "paused"),
+        "voice": state.speech.value.ready and not state.speech.value.detail,
+        "assistant": state.assistant.value.state in ("ready", "answering"),
+        "people": state.perception.value.state == "ready",
+        "microphone": state.microphone.value.state == "on",
+        "own_microphone": state.wizard_microphone.value.state == "on",
+        "transcription": state.listening.value.state == "ready",
+        "pose": state.pose.freshness == "fresh",
+    }
+    return frozenset(end for end, true in now.items() if true)
+
+
+def conditions(state: LiveState, standing: frozenset[str]) -> Iterator[Condition]:
+    """What the state shows to be wrong, told or not. ``standing`` are the causes of the present alarms."""
+    link = state.link.value
+    if link.state == "lost" or ("link" in standing and link.state in ("connecting", "trouble")):
+        yield Condition(
+            "link", "error", tr("The link to the robot is lost."),
+            tr("It is not driven and says nothing; picture, map and LIDAR are missing. What else is recorded goes on."),
+            tr("Look after the robot and its network. It is tried again by itself; press a key anew to drive."),
+            until="connected", prevails=True,
+        )  # fmt: skip
+    if link.state != "connected":
+        return
+    if state.frame.freshness == "lost":
+        yield Condition(
+            "picture", "warning", tr("No picture comes from the camera {camera}.").format(camera=state.camera.value),
+            tr("You do not see what is in front of the robot, and no video is recorded."),
+            tr("Drive no further without a picture. Look at the camera, or choose another one (V)."),
+            _SILENT_AFTER_S, until="picture",
+        )  # fmt: skip
+    if state.scan.freshness == "lost":
+        yield Condition(
+            "lidar", "warning", tr("The LIDAR sends nothing any more."),
+            tr("Obstacles are not seen: the robot drives slowly or not at all."),
+            tr("Look at the LIDAR on the robot, and drive by sight only."), _SILENT_AFTER_S,
+        )  # fmt: skip
+    charge = state.battery.value.charge_fraction if state.battery.value is not None else None
+    if charge is not None and charge < (BATTERY_WELL if "battery" in standing else BATTERY_LOW):
+        yield Condition(
+            "battery", "warning", tr("The robot’s battery is at {percent} %.").format(percent=round(charge * 100)),
+            tr("It may stop in the middle of the session."), tr("Bring the session to an end, then charge it."),
+        )  # fmt: skip

@@ -1,0 +1,204 @@
+"""A trial that broke off with the program: written down while it runs, offered to the next run, gone on with."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar, get_args
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.events import ConfirmedAsBefore, Event, TrialResumed
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.service import Handlers, Service
+from caris_desktop.live.services.robot import RobotService
+from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import GoingOnStatus, RecordingStatus
+from caris_desktop.scenario.model import Scenario
+from caris_desktop.study import unfinished
+from caris_desktop.study.unfinished import UnfinishedTrial
+
+_log = logging.getLogger(__name__)
+_KEPT_EVERY_MS = 5000
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class GoingOnParts:
+    """``folder`` is where running programs write down what they record; ``details`` reads who took part in a session,
+    in a thread of its own, and gives empty ones where that is not to be had.
+    """
+
+    folder: Path
+    study: Path
+    details: Callable[[Path], TrialDetails]
+
+
+class GoingOnService(Service):
+    """Keeps ``state.going_on``.
+
+    Nothing is taken for granted after such an end: the robot is held by the emergency stop, and where it is, who is
+    there and that they agree is asked again.
+    """
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        parts: GoingOnParts,
+        slow_work: SlowWork,
+        *,
+        robot: RobotService,
+        do: Callable[[intents.Intent], str],
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._parts = parts
+        self._slow_work = slow_work
+        self._robot = robot
+        self._do = do
+        self._scenario: Scenario | None = None
+        self._offered: UnfinishedTrial | None = None
+        self._resumed: TrialResumed | None = None
+        self._confirmed: list[ConfirmedAsBefore] = []
+        self.step = ""
+        """The step of the protocol in which the next recording goes on; empty where none broke off in one."""
+        self._kept: UnfinishedTrial | None = None
+        self._soon = QTimer(self, singleShot=True, interval=_KEPT_EVERY_MS)
+        self._soon.timeout.connect(self._keep)
+        state.recording.changed.connect(self._on_recording_changed)
+        for value in (state.persons, state.selected_person, state.protocol, state.scenario, state.robot):
+            value.changed.connect(self._on_changed)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.GoOnWithTrial: self._go_on,
+            intents.LeaveTrial: self._leave,
+            intents.ConfirmAsBefore: self._confirm,
+        }
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+
+    def start(self) -> None:
+        def work() -> tuple[UnfinishedTrial, TrialDetails] | None:
+            found = unfinished.take_newest(self._parts.folder, self._parts.study)
+            return (found, self._parts.details(found.session)) if found is not None else None
+
+        self._slow_work.do(_told(work), self._on_found, _tell)
+
+    def end(self) -> None:
+        """The recording has been ended in order."""
+        try:
+            unfinished.forget(self._parts.folder)
+        except OSError:
+            _log.exception("the next run will offer to go on with a trial that has ended")
+
+    def standing(self, now_ns: int) -> list[Event]:
+        """What heads a recording of a trial that goes on."""
+        if self._resumed is None:
+            return []
+        return [replace(self._resumed, stamp_ns=now_ns), *(replace(one, stamp_ns=now_ns) for one in self._confirmed)]
+
+    # Writing it down
+
+    def _on_recording_changed(self, status: RecordingStatus) -> None:
+        if status.state in ("recording", "paused"):
+            if self._kept is None:
+                self._keep()
+        elif status.state in ("idle", "failed") and self._kept is not None:
+            self._kept = None
+            self._soon.stop()
+            self._slow_work.do(_told(lambda: unfinished.forget(self._parts.folder)), lambda _done: None, _tell)
+            self._over()
+
+    def _over(self) -> None:
+        """What was gone on with has been recorded."""
+        self._resumed, self._confirmed, self.step = None, [], ""
+        self._state.going_on.set(GoingOnStatus())
+
+    def _on_changed(self, _value: object) -> None:
+        if self._kept is not None and not self._soon.isActive():
+            self._soon.start()
+
+    def _keep(self) -> None:
+        state, scenario, connection = self._state, self._scenario, self._robot.connection
+        folder: Path | None = state.recording.value.folder
+        if folder is None:
+            return
+        trial = UnfinishedTrial(
+            folder,
+            str(scenario.path) if scenario is not None and scenario.path is not None else "",
+            connection.name if connection is not None else "",
+            tuple(row.person_id for row in state.persons.value if row.here),
+            state.selected_person.value,
+            state.protocol.value.step_id,
+        )
+        if trial != self._kept:
+            self._kept = trial
+            self._slow_work.do(_told(lambda: unfinished.keep(self._parts.folder, trial)), lambda _done: None, _tell)
+
+    # Going on
+
+    def _on_found(self, found: tuple[UnfinishedTrial, TrialDetails] | None) -> None:
+        if found is None:
+            return
+        self._offered, details = found
+        self._state.going_on.set(GoingOnStatus("offered", self._offered.session.name, details))
+
+    def _go_on(self, asked: intents.GoOnWithTrial) -> None:
+        trial, status = self._offered, self._state.going_on.value
+        if trial is None or status.state != "offered":
+            raise ToldFailure("There is no trial to go on with.", "Nothing was changed.", "Start a recording.")
+        # Whoever was about to move when the program ended may be anywhere by now.
+        if not self._state.drive.value.emergency_stop:
+            self._do(intents.EmergencyStop(actor=asked.actor))
+        here, connection = self._scenario, self._robot.connection
+        if trial.scenario and (here is None or str(here.path) != trial.scenario):
+            self._do(intents.OpenScenario(Path(trial.scenario), actor=asked.actor))
+        if trial.robot and (connection is None or connection.name != trial.robot):
+            self._do(intents.UseRobot(trial.robot, actor=asked.actor))
+        if trial.attended:
+            self._do(intents.AttendPerson(trial.attended, actor=asked.actor))
+        self._offered, self.step = None, trial.step
+        self._resumed = TrialResumed(clock.now_ns(), trial.session.name, asked.actor)
+        self._bus.publish(self._resumed)
+        self._state.going_on.set(
+            replace(status, state="unconfirmed", unconfirmed=get_args(intents.AsBefore), people=trial.people)
+        )
+
+    def _leave(self, asked: intents.LeaveTrial) -> None:
+        self._offered, self._resumed, self._confirmed, self.step = None, None, [], ""
+        self._state.going_on.set(GoingOnStatus())
+        _log.info("the trial is not gone on with, says %s", asked.actor)
+
+    def _confirm(self, asked: intents.ConfirmAsBefore) -> None:
+        status: GoingOnStatus = self._state.going_on.value
+        if asked.what not in status.unconfirmed:
+            return
+        event = ConfirmedAsBefore(clock.now_ns(), asked.what, asked.actor)
+        self._confirmed.append(event)
+        self._bus.publish(event)
+        left = tuple(what for what in status.unconfirmed if what != asked.what)
+        self._state.going_on.set(replace(status, unconfirmed=left, state="unconfirmed" if left else "confirmed"))
+
+
+def _told(work: Callable[[], T]) -> Callable[[], T]:
+    def run() -> T:
+        try:
+            return work()
+        except OSError as error:
+            raise ToldFailure("A trial that breaks off cannot be offered again.", str(error), "") from error
+
+    return run
+
+
+def _tell(failure: ToldFailure) -> None:
+    # Nothing of the session is lost with it: the log is enough.
+    _log.warning("%s %s", failure.what, failure.meaning)

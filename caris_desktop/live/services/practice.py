@@ -1,0 +1,224 @@
+"""The guided exercise: sets the stage on the simulated robot, watches what happens, and tells how it went."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.events import (
+    CommandSent,
+    EmergencyStopChanged,
+    LinkChanged,
+    LlmExchange,
+    Marked,
+    PersonRenamed,
+    PhotoTaken,
+    PracticeEnded,
+    PracticeStepEnded,
+    SuggestionChanged,
+    UtteranceChanged,
+)
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.sensing import Odometry
+from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.practice import STEPS, EndedStep, Practice
+from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import IN_SESSION, PracticeStatus, PracticeStepStatus, RecordingStatus
+
+PURPOSE = "practice"
+LINK_IS_CUT_S = 4.0
+_ASKED = "Could you tell me something about this place?"
+_ASKED_AGAIN_MS = 20_000
+_STAGE_EVERY_MS = 300
+_WATCHED = (
+    CommandSent, EmergencyStopChanged, LinkChanged, LlmExchange, Marked, PersonRenamed, PhotoTaken, SuggestionChanged,
+    UtteranceChanged,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class PracticeParts:
+    """``robot`` has the simulated robot connected, now or as soon as it is ready, and raises ToldFailure; ``cut_link``
+    has it lose the link for so many seconds.
+    """
+
+    scenario: Path
+    robot: Callable[[], None]
+    cut_link: Callable[[float], None]
+
+
+class PracticeService(Service):
+    """Keeps ``state.practice``. What is practised is recorded, as a session that is no data."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        parts: PracticeParts,
+        *,
+        do: Callable[[intents.Intent], str],
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._parts = parts
+        self._do = do
+        self._practice: Practice | None = None
+        self._wizard = ""
+        self._asked = 0
+        self._ask_again = QTimer(self, interval=_ASKED_AGAIN_MS)
+        self._ask_again.timeout.connect(self._ask)
+        self._stage = QTimer(self, interval=_STAGE_EVERY_MS)
+        self._stage.timeout.connect(self._begin_when_ready)
+        state.odometry.changed.connect(self._on_odometry)
+        state.recording.changed.connect(self._on_recording_changed)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.BeginPractice: self._begin,
+            intents.SkipPracticeStep: lambda asked: self._skip(asked.actor),
+            intents.EndPractice: lambda asked: self._end(asked.actor),
+        }
+
+    def follows(self) -> Follows:
+        return dict.fromkeys(_WATCHED, self._on_event)
+
+    def stop(self) -> None:
+        self._ask_again.stop()
+        self._stage.stop()
+
+    # Begin and end
+
+    def _begin(self, asked: intents.BeginPractice) -> None:
+        if self._state.practice.value.state in ("preparing", "running"):
+            return
+        if self._state.recording.value.state in IN_SESSION:
+            raise ToldFailure(
+                "The practice cannot begin: a recording is running.", "It goes on.", "Stop the recording first."
+            )
+        self._parts.robot()
+        scenario = self._state.scenario.value
+        if scenario is None or scenario.path is None or scenario.path.resolve() != self._parts.scenario.resolve():
+            self._do(intents.OpenScenario(self._parts.scenario, actor=asked.actor))
+        self._wizard = asked.wizard
+        self._practice = None
+        self._state.practice.set(PracticeStatus("preparing"))
+        self._stage.start()
+
+    def _begin_when_ready(self) -> None:
+        """The scenario is open, the robot is there, and what is done is recorded."""
+        state = self._state
+        scenario, recording = state.scenario.value, state.recording.value.state
+        here = scenario is not None and scenario.path is not None
+        if not here or scenario.path.resolve() != self._parts.scenario.resolve() or not state.drive.value.allowed:
+            return
+        if recording in ("idle", "failed"):
+            self._do(intents.StartRecording(TrialDetails(wizard=self._wizard, purpose=PURPOSE), actor=CONSOLE))
+        elif recording == "recording":
+            self._stage.stop()
+            self._practice = Practice(self._now_s())
+            self._show()
+
+    def _end(self, actor: Actor) -> None:
+        practice, self._practice = self._practice, None
+        self._stage.stop()
+        self._ask_again.stop()
+        if practice is None:
+            self._state.practice.set(PracticeStatus())
+            return
+        minutes = practice.minutes(self._now_s())
+        self._bus.publish(
+            PracticeEnded(clock.now_ns(), practice.done, len(STEPS), round(minutes, 2), practice.score, actor)
+        )
+        self._do(intents.StopRecording(actor=CONSOLE))
+        self._state.practice.set(
+            PracticeStatus("ended", _steps(practice), practice.done, minutes, practice.score, wizard=self._wizard)
+        )
+
+    def _on_recording_changed(self, status: RecordingStatus) -> None:
+        if self._practice is not None and status.state in ("idle", "failed", "stopping"):
+            self._end(CONSOLE)  # somebody stopped it, or the disk is full
+
+    # What happens
+
+    def _on_event(self, event: Any) -> None:
+        if self._practice is not None:
+            self._take(event)
+
+    def _on_odometry(self, odometry: Odometry | None) -> None:
+        if self._practice is not None and odometry is not None:
+            self._take(odometry)
+
+    def _take(self, value: Any) -> None:
+        if self._practice is None:
+            return
+        ended = self._practice.take(value, self._now_s())
+        if ended is not None:
+            self._tell(ended, getattr(value, "actor", "") or CONSOLE)
+
+    def _skip(self, actor: Actor) -> None:
+        ended = self._practice.skip(self._now_s()) if self._practice is not None else None
+        if ended is not None:
+            self._tell(ended, actor)
+
+    def _tell(self, ended: EndedStep, actor: Actor) -> None:
+        practice = self._practice
+        if practice is None:
+            return
+        self._bus.publish(
+            PracticeStepEnded(
+                clock.now_ns(), ended.step.id, len(practice.ended), ended.done, round(ended.took_s, 2), actor
+            )
+        )
+        self._ask_again.stop()
+        step = practice.now
+        if step is None:
+            self._end(actor)
+            return
+        if step.id == "suggestion":
+            self._ask()
+            self._ask_again.start()
+        elif step.id == "link":
+            self._parts.cut_link(LINK_IS_CUT_S)
+        self._show()
+
+    def _ask(self) -> None:
+        """Somebody asks the robot something, so that replies are suggested."""
+        self._asked += 1
+        turn, now_ns = f"practice-{self._asked}", clock.now_ns()
+        said = UtteranceChanged(now_ns, turn, "participant", _ASKED, "heard", "started", source=PURPOSE)
+        for event in (said, replace(said, state="finished")):
+            self._bus.publish(event)
+
+    def _show(self) -> None:
+        practice = self._practice
+        if practice is not None:
+            self._state.practice.set(
+                PracticeStatus(
+                    "running", _steps(practice), practice.done, since_ns=round(practice.since_s * 1e9),
+                    wizard=self._wizard,
+                )
+            )  # fmt: skip
+
+    def _now_s(self) -> float:
+        return clock.now_ns() / 1e9
+
+
+def _steps(practice: Practice) -> tuple[PracticeStepStatus, ...]:
+    ended = {one.step.id: one for one in practice.ended}
+    now = practice.now
+    steps = []
+    for step in STEPS:
+        one = ended.get(step.id)
+        if one is not None:
+            steps.append(PracticeStepStatus(step.id, "done" if one.done else "skipped", one.took_s))
+        else:
+            steps.append(PracticeStepStatus(step.id, "now" if now is step else "open"))
+    return tuple(steps)

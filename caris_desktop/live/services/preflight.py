@@ -1,0 +1,217 @@
+"""The checks before a recording: looked at again and again, ticked by hand, and kept with the recording. GUI thread."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE
+from caris_desktop.domain.events import Event, LinkChanged, PreflightChecked, RobotChosen, SessionEnded
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.preflight import Facts, Tick, automatic_checks, ticked_checks
+from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.state import LiveState, streams_lost_with
+from caris_desktop.live.status import IN_SESSION, DriveStatus, LinkStatus, MicrophoneStatus, PreflightCheck
+from caris_desktop.scenario.model import Scenario
+
+_LOOK_EVERY_MS = 500
+_DISK_EVERY_MS = 15_000
+# The peak of a quiet word two metres off; a fan or a humming cable stays below.
+_LOUD = 0.04
+_LINK_LOST = QT_TR_NOOP("Taken back, as the link to the robot was lost. Look again.")
+_OTHER_ROBOT = QT_TR_NOOP("Taken back, as another robot is connected. Look again.")
+_NEXT_RECORDING = QT_TR_NOOP("For the next recording, look again.")
+
+Disk = tuple[int | None, float | None]
+
+
+class PreflightService(Service):
+    """Keeps ``state.preflight``. While a recording runs, what the console checks by itself stays as it was then."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        publish: Callable[[Event], None],
+        slow_work: SlowWork,
+        *,
+        disk: Callable[[Scenario], Disk],
+        microphone_chosen: Callable[[], bool],
+        parent: QObject | None = None,
+    ) -> None:
+        """``disk`` gives what is free and what an hour takes; it waits on files, in a thread of its own."""
+        super().__init__(parent)
+        self._state = state
+        self._publish = publish
+        self._slow_work = slow_work
+        self._disk_of = disk
+        self._microphone_chosen = microphone_chosen
+        self._scenario: Scenario | None = None
+        self._disk: Disk = (None, None)
+        self._ticks: dict[str, Tick] = {}
+        self._why_open = ""
+        self._loud = False
+        self._link_state: str = state.link.value.state
+        self._link_since_ns = clock.now_ns()
+        self._automatic: tuple[PreflightCheck, ...] = ()
+        self._timer = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._timer.timeout.connect(self.look)
+        self._disk_timer = QTimer(self, interval=_DISK_EVERY_MS)
+        self._disk_timer.timeout.connect(self._look_at_disk)
+        for value in (state.link, state.recording):
+            value.changed.connect(self.look)
+        self._emergency_stop = state.drive.value.emergency_stop
+        state.drive.changed.connect(self._on_drive_changed)
+        state.microphone.changed.connect(self._on_microphone_changed)
+
+    def handlers(self) -> Handlers:
+        return {intents.TickCheck: self._tick}
+
+    def follows(self) -> Follows:
+        return {
+            LinkChanged: self._on_link_changed,
+            RobotChosen: self._on_robot_chosen,
+            SessionEnded: self._on_session_ended,
+        }
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        before, self._scenario = self._scenario, scenario
+        if before is not None and before.path != scenario.path:
+            self._reset("")
+        if self._disk_timer.isActive():
+            self._look_at_disk()
+        self.look()
+
+    def start(self) -> None:
+        self._timer.start()
+        self._disk_timer.start()
+        self._look_at_disk()
+
+    def stop(self) -> None:
+        self._timer.stop()
+        self._disk_timer.stop()
+
+    def standing(self, *, accepted: bool) -> list[Event]:
+        """How every check stands now that a recording begins. ``accepted``: the wizard begins in spite of it."""
+        self.look()
+        now_ns = clock.now_ns()
+        return [
+            PreflightChecked(
+                now_ns, check.id, check.title, check.state, check.detail or _ticked_words(check), check.manual,
+                at_start=True, accepted=accepted and check.asks_first, checked_ns=check.checked_ns,
+                actor=check.actor or CONSOLE,
+            )
+            for check in self._state.preflight.value
+        ]  # fmt: skip
+
+    def look(self, _changed: object = None) -> None:
+        """Find out how everything stands now."""
+        scenario = self._scenario
+        if scenario is None:
+            return
+        if self._state.link.value.state != self._link_state:
+            self._link_state, self._link_since_ns = self._state.link.value.state, clock.now_ns()
+        if self._state.recording.value.state not in IN_SESSION or not self._automatic:
+            self._automatic = automatic_checks(self._facts(scenario))
+        self._state.preflight.set((*self._automatic, *ticked_checks(scenario, self._ticks, tr(self._why_open))))
+
+    def _facts(self, scenario: Scenario) -> Facts:
+        state = self._state
+        link: LinkStatus = state.link.value
+        heard = min(
+            (stream for stream in (state.odometry, state.scan, state.pose) if stream.value is not None),
+            key=lambda stream: stream.age_s() or 0.0,
+            default=None,
+        )
+        anchor, offset_ms = state.present.anchor, link.clock_offset_ms
+        ahead_ms = None if offset_ms is None else offset_ms - (anchor.utc_ns - anchor.monotonic_ns) / 1e6
+        free_bytes, bytes_per_hour = self._disk
+        return Facts(
+            scenario,
+            state.robot.value,
+            link,
+            link_for_s=(clock.now_ns() - self._link_since_ns) / 1e9,
+            robot_heard="none" if heard is None else heard.freshness,
+            robot_silent_s=0.0 if heard is None else heard.age_s() or 0.0,
+            robot_ahead_ms=ahead_ms,
+            drive=state.drive.value,
+            cameras={name: state.frame_of(name).freshness for name in state.cameras.value},
+            scan=state.scan.freshness,
+            pose=state.pose.freshness,
+            has_map=state.map.value is not None,
+            charge_fraction=None if state.battery.value is None else state.battery.value.charge_fraction,
+            free_bytes=free_bytes,
+            bytes_per_hour=bytes_per_hour,
+            microphone=state.microphone.value,
+            microphone_chosen=self._microphone_chosen(),
+            loud=self._loud,
+            listening=state.listening.value,
+            speech=state.speech.value,
+            voice=state.voice.value,
+            perception=state.perception.value,
+            assistant=state.assistant.value,
+            people=state.persons.value,
+        )
+
+    def _tick(self, asked: intents.TickCheck) -> None:
+        check = next((one for one in self._state.preflight.value if one.id == asked.check_id and one.manual), None)
+        if check is None:
+            raise ToldFailure(
+                tr("There is no such check to tick."), tr("Nothing was changed."), tr("Look at the list of checks.")
+            )
+        now_ns = clock.now_ns()
+        if asked.done:
+            self._ticks[check.id] = Tick(now_ns, asked.actor)
+        else:
+            self._ticks.pop(check.id, None)
+        self._publish(
+            PreflightChecked(
+                now_ns, check.id, check.title, "passed" if asked.done else "not checked", manual=True,
+                checked_ns=now_ns if asked.done else None, actor=asked.actor,
+            )
+        )  # fmt: skip
+        self.look()
+
+    def _reset(self, why: str) -> None:
+        """Whatever was looked after has to be looked after again; ``why`` is said where anything was."""
+        if self._ticks or not why:
+            self._why_open = why
+        self._ticks.clear()
+        self._loud = False
+
+    def _on_link_changed(self, event: LinkChanged) -> None:
+        if event.link == "control" and streams_lost_with(event):
+            self._reset(_LINK_LOST)
+            self.look()
+
+    def _on_robot_chosen(self, _event: RobotChosen) -> None:
+        self._reset(_OTHER_ROBOT)
+        self.look()
+
+    def _on_session_ended(self, _event: SessionEnded) -> None:
+        self._reset(_NEXT_RECORDING)
+        self.look()
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        if drive.emergency_stop != self._emergency_stop:
+            self._emergency_stop = drive.emergency_stop
+            self.look()
+
+    def _on_microphone_changed(self, microphone: MicrophoneStatus) -> None:
+        if microphone.state == "on" and microphone.level >= _LOUD and not self._loud:
+            self._loud = True
+            self.look()
+
+    def _look_at_disk(self) -> None:
+        scenario = self._scenario
+        if scenario is not None and self._state.recording.value.state not in IN_SESSION:
+            self._slow_work.do(lambda: self._disk_of(scenario), self._on_disk_looked_at, lambda _failure: None)
+
+    def _on_disk_looked_at(self, disk: Disk) -> None:
+        self._disk = disk
+        self.look()
+
+
+def _ticked_words(check: PreflightCheck) -> str:
+    return tr("It was ticked.") if check.state == "passed" else tr("It was not ticked.")

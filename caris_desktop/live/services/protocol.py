@@ -1,0 +1,117 @@
+"""The protocol of the scenario: where the wizard is in it, told and recorded. GUI thread."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.events import Event, ProtocolEnded, ProtocolOpened, StepEntered, StepTicked
+from caris_desktop.live.protocol_walk import ProtocolWalk
+from caris_desktop.live.service import Handlers, Service
+from caris_desktop.live.state import LiveState
+from caris_desktop.scenario.model import Scenario
+
+ProtocolEvent = ProtocolOpened | StepEntered | StepTicked | ProtocolEnded
+
+
+class ProtocolService(Service):
+    """Keeps ``state.protocol``.
+
+    A recording begins with the first step, unless the scenario leaves that to the wizard, and after it all begins anew.
+    A scenario that was edited leaves the wizard in their step.
+    """
+
+    def __init__(self, state: LiveState, publish: Callable[[Event], None], parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._publish = publish
+        self._scenario: Scenario | None = None
+        self._walk = ProtocolWalk()
+        self._entered: StepEntered | None = None
+        self._in_session = False
+        # What the record lacks of a pause; None while there is none.
+        self._since_pause: list[ProtocolEvent] | None = None
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.NextStep: lambda asked: self._tell(self._walk.next(clock.now_ns(), asked.actor)),
+            intents.PreviousStep: lambda asked: self._tell(self._walk.back(clock.now_ns(), asked.actor)),
+            intents.SkipStep: lambda asked: self._tell(self._walk.skip(clock.now_ns(), asked.actor)),
+            intents.TakeBranch: lambda asked: self._tell(self._walk.branch(asked.branch, clock.now_ns(), asked.actor)),
+            intents.GoToStep: lambda asked: self._tell(self._walk.choose(asked.step_id, clock.now_ns(), asked.actor)),
+            intents.TickItem: self._tick,
+        }
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        before, self._scenario = self._scenario, scenario
+        steps, known = scenario.protocol.steps, () if before is None else before.protocol.steps
+        another = before is None or not known or (scenario.title != before.title and scenario.path != before.path)
+        if another:
+            self._walk = ProtocolWalk()
+            self._walk.pause(self._since_pause is not None, clock.now_ns())
+        self._walk.follow(steps)
+        if steps != known:
+            self._tell(self._walk.opened(clock.now_ns()))
+        if another and self._in_session:
+            self._begin(CONSOLE)
+        self._show()
+
+    # What a session asks of it
+
+    def begin_session(self, actor: Actor, *, step_id: str = "") -> None:
+        """With that step, where a trial goes on in it and the protocol still has it."""
+        self._in_session, self._since_pause = True, None
+        if self._walk.has(step_id):
+            self._walk = ProtocolWalk(self._walk.steps)
+            self._tell(self._walk.choose(step_id, clock.now_ns(), actor))
+        else:
+            self._begin(actor)
+
+    def standing(self, now_ns: int, *, resumed: bool) -> list[Event]:
+        """What heads a recording, or was missed by one that was paused."""
+        if resumed:
+            return [replace(event, stamp_ns=now_ns) for event in self._since_pause or ()]
+        opened: list[Event] = [self._walk.opened(now_ns)] if self._walk.steps else []
+        entered = self._entered if self._walk.under_way else None
+        return opened if entered is None else [*opened, replace(entered, stamp_ns=now_ns)]
+
+    def pause(self, paused: bool) -> None:
+        if self._in_session:
+            self._walk.pause(paused, clock.now_ns())
+            self._since_pause = [] if paused else None
+            self._show()
+
+    def end_session(self) -> None:
+        """Also where there was none: then it stays as it is."""
+        if self._in_session:
+            self._in_session, self._since_pause = False, None
+            self._walk = ProtocolWalk(self._walk.steps)
+            self._show()
+
+    # Inside
+
+    def _begin(self, actor: Actor) -> None:
+        """With nothing behind it, unless the wizard begins by hand, and may have done so already."""
+        if self._scenario is not None and self._scenario.protocol.begins == "with_recording":
+            self._walk = ProtocolWalk(self._scenario.protocol.steps)
+            self._walk.pause(self._since_pause is not None, clock.now_ns())
+            if self._walk.steps:
+                self._tell(self._walk.start(clock.now_ns(), actor))
+
+    def _tick(self, asked: intents.TickItem) -> None:
+        event = self._walk.tick(asked.item, asked.on, clock.now_ns(), asked.actor)
+        if event is not None:
+            self._tell(event)
+
+    def _tell(self, event: ProtocolEvent) -> None:
+        if isinstance(event, StepEntered):
+            self._entered = event
+        if self._since_pause is not None:
+            self._since_pause.append(event)
+        self._show()
+        self._publish(event)
+
+    def _show(self) -> None:
+        self._state.protocol.set(self._walk.status())

@@ -1,0 +1,246 @@
+"""Sound for the wizard and from the wizard: hearing the robot's microphone along, and push-to-talk. GUI thread."""
+
+from dataclasses import dataclass, replace
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import ANSWER, LinkChanged
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound import PARTICIPANT_SOURCES
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.children import Children
+from caris_desktop.live.own_voice import Outlet, OwnVoice
+from caris_desktop.live.playback import Playback
+from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.services.microphone import MicrophoneService
+from caris_desktop.live.services.robot import RobotService
+from caris_desktop.live.services.speech import SpeechService
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import MicrophoneStatus, SoundStatus
+from caris_desktop.scenario.model import Scenario
+
+# Whoever has just spoken often speaks again, and a microphone takes a moment to open.
+_OPEN_FOR_MS = 20_000
+# The robot's microphone hears the last of the wizard's own voice later than it was said.
+_DEAF_FOR_MS = 500
+_HEARING = "hearing"
+
+
+@dataclass(frozen=True, slots=True)
+class SoundParts:
+    """What plays the robot's sound to the wizard, and the wizard's voice to the participant."""
+
+    hearing: ProcessBody
+    own_voice: ProcessBody
+
+
+class SoundService(Service):
+    """Keeps ``state.sound``.
+
+    While the wizard's own voice goes out, what the robot hears is not played: it would be that voice, a little later,
+    and nobody can speak against it.
+    """
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        children: Children,
+        parts: SoundParts,
+        *,
+        microphones: MicrophoneService,
+        robot: RobotService,
+        speech: SpeechService,
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._problem = bus.problem
+        self._microphones = microphones
+        self._speech = speech
+        self._scenario: Scenario | None = None
+        self._started = False
+        self._hears = False
+        self._hearing = Playback(parts.hearing, children, ended=self._on_hearing_ended, parent=self)
+        self._voice = OwnVoice(
+            state, bus, children, parts.own_voice, to_robot=robot.send_sound, over=self._on_voice_over, parent=self
+        )
+        self._open_for = QTimer(self, singleShot=True, interval=_OPEN_FOR_MS)
+        self._open_for.timeout.connect(microphones.close_wizards)
+        self._deaf = QTimer(self, singleShot=True, interval=_DEAF_FOR_MS)
+        self._deaf.timeout.connect(self._hear_or_not)
+        bus.tap(self._take, (AudioChunk,))
+        state.wizard_microphone.changed.connect(self._on_microphone)
+        state.robot.changed.connect(self._get_ready)
+
+    def handlers(self) -> Handlers:
+        return {intents.PushToTalk: self._push_to_talk, intents.HearRobot: self._hear_robot}
+
+    def follows(self) -> Follows:
+        return {LinkChanged: self._on_link_changed}
+
+    def processes(self) -> dict[str, ChildProcess]:
+        playing = (self._hearing, self._voice.playback)
+        return {each.child.body.name: each.child for each in playing if each.child is not None}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        status: SoundStatus = self._state.sound.value
+        permitted = {"robot": scenario.permissions.own_voice, "dictation": scenario.permissions.transcription}
+        if not permitted.get(status.talking, True):
+            self._let_go()
+        if status.hearing and not scenario.sound.hear:
+            self._hear(False)
+        self._get_ready()
+
+    def start(self) -> None:
+        self._started = True
+        self._get_ready()
+
+    def _get_ready(self, _robot: object = None) -> None:
+        """What plays the wizard's voice here is started before it is needed, once it is known that it will be."""
+        scenario, robot = self._scenario, self._state.robot.value
+        if not self._started or scenario is None:
+            return
+        if not scenario.permissions.own_voice:
+            self._voice.playback.dismiss()
+            return
+        known = robot is not None or scenario.sound.own_voice != "auto"
+        if known and "computer" in self._outlets(scenario):
+            self._voice.playback.get_ready()
+
+    def stop(self) -> None:
+        self._voice.stop()
+        self._hear(False)
+        self._hearing.ask_to_end()
+        self._open_for.stop()
+        self._deaf.stop()
+
+    def end(self) -> None:
+        self._hearing.stop()
+        self._voice.playback.stop()
+
+    # The wizard's own voice
+
+    def _push_to_talk(self, asked: intents.PushToTalk) -> None:
+        if not asked.on:
+            self._let_go()
+            return
+        scenario = self._scenario
+        if scenario is None or self._state.sound.value.talking:
+            return
+        if self._microphones.wizards_choice is None:
+            raise ToldFailure(
+                "You have no microphone.", "Nobody hears you.", "Choose one in the menu of the window.",
+                severity="warning",
+            )  # fmt: skip
+        if asked.to == "robot":
+            speech = self._state.speech.value
+            if speech.now is not None or speech.waiting:
+                # One voice at a time: the robot's own gives way.
+                self._speech.queue.silence(asked.actor)
+            robot = self._state.robot.value
+            rate_hz = robot.audio.rate_hz if robot is not None and robot.audio is not None else 16_000
+            self._voice.begin(self._outlets(scenario), rate_hz, asked.actor)
+        self._show(talking=asked.to)
+        self._hear_or_not()
+        self._open_for.stop()
+        self._microphones.open_wizards()
+
+    def _outlets(self, scenario: Scenario) -> frozenset[Outlet]:
+        robot = self._state.robot.value
+        plays = robot is not None and robot.audio is not None and robot.audio.speaker is not None
+        match scenario.sound.own_voice:
+            case "both":
+                return frozenset(("robot", "computer"))
+            case "robot":
+                return frozenset(("robot",))
+            case "computer":
+                return frozenset(("computer",))
+        return frozenset(("robot",)) if plays else frozenset(("computer",))
+
+    def _let_go(self) -> None:
+        if not self._state.sound.value.talking:
+            return
+        if self._voice.under_way:
+            self._voice.end()
+            self._deaf.start()
+        else:
+            self._microphones.mute_wizards()
+        self._show(talking="")
+        self._open_for.start()
+        self._hear_or_not()
+
+    def _on_voice_over(self, detail: str) -> None:
+        if self._state.sound.value.talking != "dictation":
+            self._microphones.mute_wizards()
+        if self._state.sound.value.talking == "robot":
+            self._show(talking="")
+            self._open_for.start()
+        if detail and detail != "nothing was heard of it":
+            self._problem(
+                "warning",
+                f"Your own voice was not heard: {detail}.",
+                "The participant heard nothing of it, or not all.",
+                "Type it, or hold the key again when that has changed.",
+                cause=ANSWER,
+            )
+        self._hear_or_not()
+
+    def _on_microphone(self, status: MicrophoneStatus) -> None:
+        if status.state == "failed":
+            self._voice.fail(status.detail.rstrip(".").lower() or "the microphone failed")
+
+    def _on_link_changed(self, event: LinkChanged) -> None:
+        if event.link == "media" and event.state in ("lost", "closed") and self._voice.outlets == {"robot"}:
+            self._voice.fail("the link to the robot was lost")
+
+    # Hearing along
+
+    def _hear_robot(self, asked: intents.HearRobot) -> None:
+        scenario = self._scenario
+        if asked.on and (scenario is None or not scenario.sound.hear):
+            raise ToldFailure(
+                "In this scenario the wizard does not hear along.", "Nothing is played.", "Open a scenario that does.",
+                severity="warning",
+            )  # fmt: skip
+        self._show(volume=asked.volume)
+        self._hearing.set_volume(asked.volume)
+        self._hear(asked.on)
+
+    def _hear(self, on: bool) -> None:
+        if on == self._state.sound.value.hearing:
+            return
+        self._show(hearing=on)
+        self._microphones.need_hearing(on)
+        if on:
+            self._hearing.begin(_HEARING, volume=self._state.sound.value.volume)
+        else:
+            self._hearing.end(at_once=True)
+        self._hear_or_not()
+
+    def _hear_or_not(self) -> None:
+        status: SoundStatus = self._state.sound.value
+        self._hears = status.hearing and status.talking != "robot" and not self._deaf.isActive()
+
+    def _take(self, chunk: AudioChunk, _raw: bytes | None) -> None:  # any thread
+        if self._hears and chunk.source in PARTICIPANT_SOURCES:
+            self._hearing.play(chunk)
+
+    def _on_hearing_ended(self, _stream_id: str, _heard_out_ns: int | None, detail: str) -> None:
+        if not detail or not self._state.sound.value.hearing:
+            return
+        self._hear(False)
+        self._problem(
+            "warning",
+            f"The robot's microphone cannot be played to you: {detail}.",
+            "You do not hear along; what is said is recorded and written down as before.",
+            "Connect headphones or start the sound server, then hear along again.",
+            cause=ANSWER,
+        )
+
+    def _show(self, **changed: object) -> None:
+        self._state.sound.set(replace(self._state.sound.value, **changed))

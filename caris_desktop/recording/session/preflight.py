@@ -1,0 +1,48 @@
+"""What was checked before a recording, from its record."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from caris_desktop.domain.events import PreflightChecked
+
+
+@dataclass(frozen=True, slots=True)
+class Preflight:
+    """How each check stood as the recording began; what was ticked by hand later on counts as ``ticked_later``."""
+
+    checks: tuple[PreflightChecked, ...] = ()
+    ticked_later: frozenset[str] = frozenset()
+
+    @property
+    def passed(self) -> int:
+        return sum(check.state == "passed" for check in self.checks)
+
+    @property
+    def still_open(self) -> tuple[PreflightChecked, ...]:
+        return tuple(check for check in self.checks if check.state != "passed")
+
+
+def preflight_of(events: Iterable[PreflightChecked]) -> Preflight:
+    """``events`` in the order in which they happened."""
+    checks: dict[str, PreflightChecked] = {}
+    ticked: set[str] = set()
+    for event in events:
+        if event.at_start:
+            checks[event.check_id] = event
+        elif event.check_id in checks and checks[event.check_id].state != "passed":
+            (ticked.add if event.state == "passed" else ticked.discard)(event.check_id)
+    return Preflight(tuple(checks.values()), frozenset(ticked))
+
+
+def open_words(preflight: Preflight) -> list[str]:
+    """Each check that was open, with how: ``Emergency stop is released (major; the wizard began nevertheless)``."""
+    return [_open_words(check, later=check.check_id in preflight.ticked_later) for check in preflight.still_open]
+
+
+def _open_words(check: PreflightChecked, *, later: bool) -> str:
+    how: str = check.state
+    if check.accepted:
+        how += "; the wizard began nevertheless"
+    if later:
+        how += "; ticked later"
+    return f"{check.title} ({how})"

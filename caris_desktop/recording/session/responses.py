@@ -1,0 +1,96 @@
+"""How long each turn of the participant waited for its answer, and by what it was answered."""
+
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import get_args
+
+from caris_desktop.domain.events import RecordingPaused, ReplyMeans, ResponseTimed
+from caris_desktop.recording.session.pauses import pauses_of
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, SpokenUtterance, UtteranceEvent, spoken_of
+
+RESPONSE_LIMIT_S = 30.0
+"""What the robot says later than this after a participant is not taken for a response."""
+AT_ONCE_S = 1.0
+"""Answers that come sooner are counted: from here on a pause is noticed."""
+_MEANS: tuple[ReplyMeans, ...] = get_args(ReplyMeans)
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """One answer. ``gap_s`` is from the end of the participant's voice to the first sound, negative where the robot
+    spoke over it. ``first``: nothing came before it, so that a filler and the answer after it are told apart. What
+    older recordings do not tell is None.
+    """
+
+    turn_id: str
+    reply_id: str
+    means: ReplyMeans
+    voice_ended_ns: int
+    first_sound_ns: int
+    first: bool
+    asked_ns: int | None = None
+    text_ns: int | None = None
+    suggested_ns: int | None = None
+    person_id: str = ""
+
+    @property
+    def gap_s(self) -> float:
+        return (self.first_sound_ns - self.voice_ended_ns) / 1e9
+
+
+def responses(session: Session) -> tuple[Response, ...]:
+    """Of a session, in the order in which they were heard. Raises SessionError."""
+    names = (*UTTERANCE_STREAMS, "event/recording_paused", "event/response_timed")
+    events = [value for _, value in session.values(*names)]
+    pauses = [event for event in events if isinstance(event, RecordingPaused)]
+    utterances = spoken_of(
+        (event for event in events if isinstance(event, UtteranceEvent)),
+        ended_ns=session.ended_ns,
+        paused_ns=[event.stamp_ns for event in pauses if event.paused],
+    )
+    return responses_of(
+        utterances,
+        (event for event in events if isinstance(event, ResponseTimed)),
+        pauses_of(pauses, ended_ns=session.ended_ns),
+    )
+
+
+def responses_of(
+    utterances: Iterable[SpokenUtterance], timed: Iterable[ResponseTimed] = (), pauses: Sequence[tuple[int, int]] = ()
+) -> tuple[Response, ...]:
+    """By what was said, as it is corrected: who turns out to be no participant was not answered. ``timed`` adds what
+    the utterances do not tell. A turn is answered by the first filler after it, and by the first that is none.
+
+    Left out: what comes later than ``RESPONSE_LIMIT_S``, and after a pause of the recording.
+    """
+    said = sorted((item for item in utterances if item.said), key=lambda item: item.start_ns or 0)
+    turns = [item for item in said if item.speaker == "participant"]
+    starts_ns = [turn.start_ns or 0 for turn in turns]
+    told = {(event.turn_id, event.reply_id): event for event in timed}
+    found: list[Response] = []
+    answered: set[tuple[str, bool]] = set()
+    for reply in said:
+        number = bisect_right(starts_ns, reply.start_ns or 0) - 1
+        if number < 0 or reply.speaker == "participant" or reply.origin not in _MEANS:
+            continue
+        turn, filler = turns[number], reply.origin == "filler"
+        ended_ns, heard_ns = turn.end_ns or turn.start_ns or 0, reply.start_ns or 0
+        paused = any(start_ns < heard_ns and end_ns > ended_ns for start_ns, end_ns in pauses)
+        late = heard_ns - ended_ns > RESPONSE_LIMIT_S * 1e9
+        if paused or late or (turn.utterance_id, False) in answered or (turn.utterance_id, filler) in answered:
+            continue
+        first = (turn.utterance_id, not filler) not in answered
+        answered.add((turn.utterance_id, filler))
+        response = Response(
+            turn.utterance_id, reply.utterance_id, reply.origin, ended_ns, heard_ns, first, reply.requested_ns,
+            person_id=turn.person_id,
+        )  # fmt: skip
+        event = told.get((turn.utterance_id, reply.utterance_id))
+        if event is not None:
+            response = replace(
+                response, means=event.means, text_ns=event.text_ns, suggested_ns=event.suggested_ns
+            )  # fmt: skip
+        found.append(response)
+    return tuple(found)

@@ -1,0 +1,72 @@
+"""What became of each suggested reply that was shown in a session: exactly one fate, also where the end is missing."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.events import RecordingPaused, SuggestionChanged
+from caris_desktop.recording.session.session_reader import Session
+
+Fate = Literal["taken", "edited", "dismissed", "superseded", "expired"]
+
+
+@dataclass(frozen=True, slots=True)
+class ShownReply:
+    """One that was displayed. ``told`` is False where the session ends or pauses before its fate was: it has expired
+    then, since nobody can have said it any more.
+    """
+
+    suggestion_id: str
+    turn_id: str
+    revision: int
+    rank: int
+    text: str
+    model: str
+    shown_ns: int
+    latency_ms: float | None
+    fate: Fate
+    ended_ns: int
+    told: bool
+    edit_distance: int | None = None
+    utterance_id: str = ""
+    actor: Actor = ""
+
+
+def shown_replies(session: Session) -> tuple[ShownReply, ...]:
+    """In the order in which they were shown. Raises SessionError."""
+    events = [value for _, value in session.values("event/suggestion_changed", "event/recording_paused")]
+    paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
+    changes = (event for event in events if isinstance(event, SuggestionChanged))
+    return replies_of(changes, ends_ns=(*paused_ns, session.ended_ns))
+
+
+def replies_of(changes: Iterable[SuggestionChanged], *, ends_ns: Sequence[int]) -> tuple[ShownReply, ...]:
+    """``ends_ns`` are when the recording paused and ended. The first fate that is told is the one; a fate of something
+    that the recording has not seen displayed is none of it.
+    """
+    replies: dict[str, ShownReply] = {}
+    for change in changes:
+        known = replies.get(change.suggestion_id)
+        if change.state == "displayed":
+            if known is None:
+                replies[change.suggestion_id] = _unended(change, ends_ns)
+        elif known is not None and not known.told:
+            replies[change.suggestion_id] = replace(
+                known,
+                fate=change.state,
+                ended_ns=change.stamp_ns,
+                told=True,
+                edit_distance=change.edit_distance,
+                utterance_id=change.utterance_id,
+                actor=change.actor,
+            )
+    return tuple(replies.values())
+
+
+def _unended(shown: SuggestionChanged, ends_ns: Sequence[int]) -> ShownReply:
+    ended_ns = min((end_ns for end_ns in ends_ns if end_ns >= shown.stamp_ns), default=shown.stamp_ns)
+    return ShownReply(
+        shown.suggestion_id, shown.turn_id, shown.revision, shown.rank, shown.text, shown.model,
+        shown.stamp_ns, shown.latency_ms, "expired", ended_ns, told=False,
+    )  # fmt: skip

@@ -1,0 +1,250 @@
+"""A robot that is asked to speak: by a service, or by the web interface (HTTP) that it has."""
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Protocol
+from urllib.parse import quote
+
+from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.commands import Say
+from caris_desktop.domain.controls import VALUE, filled
+from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.robot.profile import SpeechInterface, SpeechService, SpeechWeb
+from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.voice import LONGEST_UTTERANCE_S, STARTS_WITHIN_S, estimated_duration_s, tell_utterance
+from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
+from caris_desktop.ros.messages import decode_bool
+
+_log = logging.getLogger(__name__)
+
+ANSWERS_WITHIN_S = 5.0
+_CONNECTS_WITHIN_S = 3.0
+
+
+class NotSaidError(Exception):
+    """The robot does not say it; the text says why, for the wizard."""
+
+
+class Speaker(Protocol):
+    """Asks the robot."""
+
+    can_stop: bool
+
+    async def say(self, text: str, *, within_s: float) -> None:
+        """Returns when the robot answers. Raises NotSaidError."""
+
+    async def stop(self) -> None:
+        """Be quiet. Raises NotSaidError."""
+
+    async def close(self) -> None:
+        """Ask nothing more."""
+
+
+class AskedVoice:
+    """One utterance after the other: who asks twice may be heard twice at once. ``emit`` as of other voices.
+
+    By the robot's ``speaking`` topic where it has one, else by its answer, else by an estimate.
+    """
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        dialect: Dialect,
+        speech: SpeechInterface,
+        speaker: Speaker,
+        *,
+        answers_at_end: bool,
+        emit: Callable[[UtteranceChanged], None],
+    ) -> None:
+        self._speaker = speaker
+        self._answers_at_end = answers_at_end
+        self._emit = emit
+        self._waiting: deque[Say] = deque()
+        self._worker: asyncio.Task[None] | None = None
+        self._others: set[asyncio.Task[None]] = set()
+        self._speaking = asyncio.Event()
+        self._quiet = asyncio.Event()
+        self._quiet.set()
+        self._follows = speech.speaking is not None
+        if speech.speaking is not None:
+            kind = type_name(dialect, "std_msgs", "Bool")
+            topic = SafeTopic(ros, speech.speaking, kind, queue_length=10, every_message=True)
+            topic.subscribe(self._take_speaking)
+
+    def say(self, command: Say) -> None:
+        self._waiting.append(command)
+        if self._worker is None:
+            self._worker = asyncio.get_running_loop().create_task(self._say_all())
+
+    def silence(self, actor: Actor) -> bool:
+        if self._waiting and not self._speaker.can_stop:
+            return False
+        interrupted, self._waiting = list(self._waiting), deque()
+        if interrupted:
+            self._give_up()
+            stopping = asyncio.get_running_loop().create_task(self._stop())
+            self._others.add(stopping)
+            stopping.add_done_callback(self._others.discard)
+        for command in interrupted:
+            tell_utterance(self._emit, command, "interrupted", actor=actor)
+        return True
+
+    def link_lost(self) -> None:
+        """Whoever waits for an answer is told that none comes."""
+
+    def link_connected(self) -> None:
+        """Nothing is asked twice."""
+
+    async def close(self) -> None:
+        self._give_up()
+        for task in list(self._others):
+            task.cancel()
+        await self._speaker.close()
+
+    def _give_up(self) -> None:
+        if self._worker is not None:
+            self._worker.cancel()
+            self._worker = None
+
+    async def _stop(self) -> None:
+        try:
+            await self._speaker.stop()
+        except NotSaidError as error:
+            _log.warning("the robot's voice was not silenced: %s", error)
+
+    async def _say_all(self) -> None:
+        while self._waiting:
+            command = self._waiting[0]
+            try:
+                await self._say_one(command)
+            except NotSaidError as error:
+                tell_utterance(self._emit, command, "failed", str(error))
+            except Exception as error:
+                _log.exception("an utterance of the robot failed")
+                tell_utterance(self._emit, command, "failed", str(error))
+            self._waiting.popleft()
+        self._worker = None
+
+    async def _say_one(self, command: Say) -> None:
+        within_s = LONGEST_UTTERANCE_S if self._answers_at_end else ANSWERS_WITHIN_S
+        self._speaking.clear()
+        if self._follows:
+            answer: asyncio.Future[Any] = asyncio.ensure_future(self._speaker.say(command.text, within_s=within_s))
+            try:
+                await self._followed(command, answer)
+            finally:
+                answer.cancel()
+        elif self._answers_at_end:
+            tell_utterance(self._emit, command, "started", estimated=True)
+            await self._speaker.say(command.text, within_s=within_s)
+            tell_utterance(self._emit, command, "finished")
+        else:
+            await self._speaker.say(command.text, within_s=within_s)
+            tell_utterance(self._emit, command, "started", estimated=True)
+            await asyncio.sleep(estimated_duration_s(command.text, command.language))
+            tell_utterance(self._emit, command, "finished", estimated=True)
+
+    async def _followed(self, command: Say, answer: "asyncio.Future[Any]") -> None:
+        started: asyncio.Future[Any] = asyncio.ensure_future(self._speaking.wait())
+        try:
+            async with asyncio.timeout(STARTS_WITHIN_S):
+                await asyncio.wait({started, answer}, return_when=asyncio.FIRST_COMPLETED)
+                if answer.done():
+                    # A refusal, or the answer before the word that it speaks.
+                    answer.result()
+                await started
+        except TimeoutError:
+            raise NotSaidError("the robot did not report that it speaks") from None
+        finally:
+            started.cancel()
+        tell_utterance(self._emit, command, "started")
+        try:
+            async with asyncio.timeout(LONGEST_UTTERANCE_S):
+                await self._quiet.wait()
+        except TimeoutError:
+            raise NotSaidError("the robot did not report that it finished") from None
+        tell_utterance(self._emit, command, "finished")
+
+    def _take_speaking(self, message: Any) -> None:
+        if decode_bool(message):
+            self._quiet.clear()
+            self._speaking.set()
+        else:
+            self._quiet.set()
+
+
+class ServiceSpeaker:
+    """Asks a service of the robot."""
+
+    def __init__(self, ros: SafeRos, dialect: Dialect, told: SpeechService) -> None:
+        self._ros = ros
+        self._told = told
+        package, _, name = plain_name(told.type).partition("/")
+        self._kind = service_type_name(dialect, package, name)
+        self._stop_kind = service_type_name(dialect, "std_srvs", "Trigger")
+        self.can_stop = told.stop is not None
+
+    async def say(self, text: str, *, within_s: float) -> None:
+        await self._ask(self._told.name, self._kind, filled(self._told.request, text), within_s)
+
+    async def stop(self) -> None:
+        if self._told.stop is not None:
+            await self._ask(self._told.stop, self._stop_kind, {}, ANSWERS_WITHIN_S)
+
+    async def close(self) -> None:
+        """The link closes."""
+
+    async def _ask(self, name: str, kind: str, request: Any, within_s: float) -> None:
+        try:
+            answer = await self._ros.ask(name, kind, request, timeout_s=within_s)
+        except ServiceCallError as error:
+            raise NotSaidError(str(error)) from error
+        if answer.get("success", True) is False:
+            said = answer.get("message")
+            raise NotSaidError(said[:200] if isinstance(said, str) and said else "the robot refused")
+
+
+class WebSpeaker:
+    """Asks a web interface, at the address of the profile and no other: redirects and proxies are not followed."""
+
+    def __init__(self, told: SpeechWeb) -> None:
+        self._told = told
+        self._client: Any = None
+        self.can_stop = told.stop is not None
+
+    async def say(self, text: str, *, within_s: float) -> None:
+        url = self._told.url.replace(VALUE, quote(text, safe=""))
+        if self._told.body is None:
+            await self._ask("GET", url, within_s)
+        else:
+            await self._ask("POST", url, within_s, json=filled(self._told.body, text))
+
+    async def stop(self) -> None:
+        if self._told.stop is not None:
+            await self._ask("POST", self._told.stop, ANSWERS_WITHIN_S)
+
+    async def close(self) -> None:
+        if self._client is not None:
+            await self._client.aclose()
+
+    async def _ask(self, method: str, url: str, within_s: float, **content: Any) -> None:
+        # Only the robots that have one need it, and it takes a tenth of a second.
+        import httpx
+
+        if self._client is None:
+            timeout = httpx.Timeout(within_s, connect=_CONNECTS_WITHIN_S)
+            self._client = httpx.AsyncClient(timeout=timeout, follow_redirects=False, trust_env=False)
+        try:
+            async with (
+                asyncio.timeout(within_s + _CONNECTS_WITHIN_S),
+                # What it answers with is not read: it may be long.
+                self._client.stream(method, url, timeout=within_s, **content) as response,
+            ):
+                if not response.is_success:
+                    raise NotSaidError(f"the robot's web interface answers {response.status_code}")
+        except (TimeoutError, httpx.TimeoutException):
+            raise NotSaidError("the robot's web interface does not answer") from None
+        except (httpx.HTTPError, httpx.InvalidURL) as error:
+            raise NotSaidError(f"the robot's web interface cannot be reached ({error})") from error

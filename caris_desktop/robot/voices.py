@@ -1,0 +1,62 @@
+"""Everything that a robot says: what it is asked to, in the way that its profile names, and what it says by itself."""
+
+from collections.abc import Callable
+
+from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.commands import Say
+from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.robot.asked_voice import AskedVoice, ServiceSpeaker, Speaker, WebSpeaker
+from caris_desktop.robot.own_speech import OwnSpeech
+from caris_desktop.robot.profile import SpeechInterface
+from caris_desktop.robot.transport import SafeRos
+from caris_desktop.robot.voice import ActionVoice, RobotVoice, TopicVoice
+from caris_desktop.ros.dialect import Dialect
+
+
+class RobotSpeech:
+    """The robot's voice. ``emit`` gets what becomes of each utterance, and the robot's own ones."""
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        dialect: Dialect,
+        speech: SpeechInterface | None,
+        *,
+        emit: Callable[[UtteranceChanged], None],
+    ) -> None:
+        self._voice = _voice_of(ros, dialect, speech, emit)
+        self._own = OwnSpeech(ros, dialect, speech.says if speech is not None else None, emit=emit)
+
+    def say(self, command: Say) -> None:
+        """Ask the robot to say it now, or behind what it is saying."""
+        self._own.asked(command.text)
+        self._voice.say(command)
+
+    def silence(self, actor: Actor) -> bool:
+        """Interrupt, where the robot can be interrupted. False where it cannot."""
+        return self._voice.silence(actor)
+
+    def link_lost(self) -> None:
+        self._voice.link_lost()
+
+    def link_connected(self) -> None:
+        self._voice.link_connected()
+
+    async def close(self) -> None:
+        self._own.close()
+        await self._voice.close()
+
+
+def _voice_of(
+    ros: SafeRos, dialect: Dialect, speech: SpeechInterface | None, emit: Callable[[UtteranceChanged], None]
+) -> RobotVoice:
+    if speech is not None and speech.action is not None:
+        return ActionVoice(ros, dialect, speech.action, emit=emit)
+    speaker: Speaker
+    if speech is not None and speech.service is not None:
+        speaker, at_end = ServiceSpeaker(ros, dialect, speech.service), speech.service.answers_at_end
+        return AskedVoice(ros, dialect, speech, speaker, answers_at_end=at_end, emit=emit)
+    if speech is not None and speech.web is not None:
+        speaker, at_end = WebSpeaker(speech.web), speech.web.answers_at_end
+        return AskedVoice(ros, dialect, speech, speaker, answers_at_end=at_end, emit=emit)
+    return TopicVoice(ros, dialect, speech, emit=emit)

@@ -1,0 +1,57 @@
+"""How much the language model may do by itself."""
+
+from dataclasses import dataclass
+from typing import Annotated, get_args
+
+from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.events import AssistanceLevel
+
+
+def levels_up_to(highest: AssistanceLevel) -> tuple[AssistanceLevel, ...]:
+    """Those that a scenario of that level allows, from off upwards."""
+    levels: tuple[AssistanceLevel, ...] = get_args(AssistanceLevel)
+    return levels[: levels.index(highest) + 1]
+
+
+@dataclass(frozen=True, slots=True)
+class AssistanceSettings:
+    """How much is done without being asked for, each as `off`, `suggest` (the wizard's key does it) or `act` (done
+    after a countdown that the wizard sees and can stop). The wizard can lower each while a session runs, and raise it
+    to what stands here. What moves the robot always waits for the wizard's key.
+    """
+
+    replies: Annotated[
+        AssistanceLevel,
+        Rule("Replies to what participants say, from the language model. With `act` the first of them is said."),
+    ] = "suggest"
+    fillers: Annotated[
+        AssistanceLevel,
+        Rule("The filler where no reply has come in time: `suggest` points at its key, `act` says it."),
+    ] = "off"
+    actions: Annotated[
+        AssistanceLevel,
+        Rule(
+            "What the robot could do next, from the language model: places, gestures, controls, photos. With `act` "
+            "what moves nothing is done."
+        ),
+    ] = "off"
+    countdown_s: Annotated[
+        float,
+        Rule(
+            "How long the wizard has to stop what is done by itself.",
+            title="Countdown",
+            unit="seconds",
+            at_least=1,
+            at_most=30,
+        ),
+    ] = 3.0
+    filler_after_s: Annotated[
+        float,
+        Rule(
+            "How long after a participant's last word a reply is late.",
+            title="A reply is late after",
+            unit="seconds",
+            at_least=0.5,
+            at_most=30,
+        ),
+    ] = 1.5

@@ -1,0 +1,186 @@
+"""A scenario with what it refers to in one file, to be handed on. Nothing in such a file is ever executed.
+
+It is a zip archive of plain YAML files: ``scenario/NAME.yaml``, and beside it ``robot/NAME.yaml`` and
+``face/NAME.yaml`` as far as the scenario names such and they do not come with the program.
+"""
+
+import io
+import json
+import re
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.scenario.file import MAX_FILE_BYTES, ScenarioError, parse_scenario, scenario_data
+from caris_desktop.scenario.text_editing import edited
+
+SUFFIX = ".caris"
+BUNDLE_VERSION = 1
+MOST_PARTS = 12
+MAX_BUNDLE_BYTES = MOST_PARTS * MAX_FILE_BYTES
+PartKind = Literal["scenario", "robot", "face"]
+_ABOUT = "about.json"
+_PART = re.compile(r"(scenario|robot|face)/([A-Za-z0-9][A-Za-z0-9_-]{0,59})\.yaml")
+_AT_FIRST = (1980, 1, 1, 0, 0, 0)  # the same content gives the same file
+
+
+class BundleError(Exception):
+    """A file that cannot be used, or written; the text says what is wrong and what is allowed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One YAML file, by its name without the ending."""
+
+    kind: PartKind
+    name: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    scenario: Part
+    beside: tuple[Part, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Unpacked:
+    """Where the scenario lies now, and what got another name as there was something else under its own."""
+
+    path: Path
+    renamed: tuple[tuple[Part, str], ...] = ()
+
+
+def bundle_name(stem: str) -> str:
+    """A name that may stand in a bundle, for any file."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", stem).strip("-_")[:60] or "scenario"
+
+
+def write_bundle(bundle: Bundle, path: Path) -> None:
+    """Raises BundleError."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        about = json.dumps({"format": "caris-scenario", "version": BUNDLE_VERSION})
+        archive.writestr(zipfile.ZipInfo(_ABOUT, _AT_FIRST), about)
+        for part in (bundle.scenario, *bundle.beside):
+            archive.writestr(zipfile.ZipInfo(f"{part.kind}/{part.name}.yaml", _AT_FIRST), part.text)
+    try:
+        replace_file(path, packed.getvalue(), durable=True)
+    except OSError as error:
+        raise BundleError(f"{path} was not written ({error.strerror or error}).") from error
+
+
+def read_bundle(path: Path) -> Bundle:
+    """What is in the file, as far as it may be; the scenario in it is checked. Raises BundleError."""
+    try:
+        if path.stat().st_size > MAX_BUNDLE_BYTES:
+            raise BundleError(f"{path.name} is too large for a scenario. Allowed: {MAX_BUNDLE_BYTES} bytes.")
+        with zipfile.ZipFile(path) as archive:
+            texts = dict(_texts(archive))
+    except OSError as error:
+        raise BundleError(f"{path.name} cannot be read: {error.strerror or error}.") from error
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
+        raise BundleError(f"{path.name} is no file with a scenario, or it was damaged on its way.") from error
+    _check_version(texts.pop(_ABOUT, ""), path)
+    parts = [Part(*_kind_and_name(name), text) for name, text in texts.items()]
+    scenarios = [part for part in parts if part.kind == "scenario"]
+    if len(scenarios) != 1:
+        raise BundleError(f"{path.name} has {len(scenarios)} scenarios in it. Allowed: one.")
+    try:
+        parse_scenario(scenarios[0].text, path=Path(f"{scenarios[0].name}.yaml"))
+    except ScenarioError as error:
+        raise BundleError(str(error)) from error
+    return Bundle(scenarios[0], tuple(part for part in parts if part.kind != "scenario"))
+
+
+def unpack(
+    bundle: Bundle, folders: Mapping[PartKind, Path], known: Callable[[PartKind, str], tuple[Path, str] | None]
+) -> Unpacked:
+    """Put the files where they belong, none over another one.
+
+    ``known`` gives the file that goes by a name already, of the user's own and of what comes with the program, and its
+    text. What is the same is used as it is; what differs gets another name, by which the scenario then refers to it.
+    Raises BundleError, and leaves nothing behind then.
+    """
+    renamed: list[tuple[Part, str]] = []
+    written: list[Path] = []
+
+    def put(part: Part) -> Path:
+        there = known(part.kind, part.name)
+        if there is not None and there[1].strip() == part.text.strip():
+            return there[0]
+        names = (part.name, *(f"{part.name[:56]}-{number}" for number in range(2, 1000)))
+        name = next(name for name in names if known(part.kind, name) is None)
+        path = folders[part.kind] / f"{name}.yaml"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("x", encoding="utf-8") as file:
+            written.append(path)
+            file.write(part.text)
+        if name != part.name:
+            renamed.append((part, name))
+        return path
+
+    try:
+        names = {(part.kind, part.name): put(part).stem for part in bundle.beside}
+        scenario = replace(bundle.scenario, text=_referring(bundle.scenario.text, names))
+        path = put(scenario)
+    except OSError as error:
+        for path in written:
+            path.unlink(missing_ok=True)
+        raise BundleError(f"Nothing was imported ({error.strerror or error}).") from error
+    return Unpacked(path, tuple(renamed))
+
+
+def _texts(archive: zipfile.ZipFile) -> Iterator[tuple[str, str]]:
+    entries = archive.infolist()
+    if len(entries) > MOST_PARTS:
+        raise BundleError(f"There are {len(entries)} files in it. Allowed: {MOST_PARTS}.")
+    seen: set[str] = set()
+    for entry in entries:
+        if entry.filename != _ABOUT and not _PART.fullmatch(entry.filename):
+            raise BundleError(
+                f"There is '{entry.filename}' in it. Allowed: scenario/NAME.yaml, robot/NAME.yaml, face/NAME.yaml."
+            )
+        if entry.filename.casefold() in seen:
+            raise BundleError(f"'{entry.filename}' is in it twice.")
+        seen.add(entry.filename.casefold())
+        with archive.open(entry) as file:
+            raw = file.read(MAX_FILE_BYTES + 1)  # what it says of its size is not relied on
+        if len(raw) > MAX_FILE_BYTES:
+            raise BundleError(f"'{entry.filename}' is too large. Allowed: {MAX_FILE_BYTES} bytes.")
+        yield entry.filename, raw.decode("utf-8-sig")
+
+
+def _check_version(about: str, path: Path) -> None:
+    try:
+        said = json.loads(about)
+    except ValueError:
+        said = None
+    if not isinstance(said, dict) or said.get("format") != "caris-scenario":
+        raise BundleError(f"{path.name} is no file with a scenario, or it was damaged on its way.")
+    if said.get("version") != BUNDLE_VERSION:
+        raise BundleError(f"{path.name} was written by another version of this program. Update it to read the file.")
+
+
+def _kind_and_name(entry: str) -> tuple[PartKind, str]:
+    kind, _, file_name = entry.partition("/")
+    kinds: dict[str, PartKind] = {"scenario": "scenario", "robot": "robot", "face": "face"}
+    return kinds[kind], file_name.removesuffix(".yaml")
+
+
+def _referring(text: str, names: Mapping[tuple[PartKind, str], str]) -> str:
+    """``text`` with other names of robot and face, where those got other ones."""
+    scenario = parse_scenario(text, path=Path("scenario.yaml"))
+    robot = names.get(("robot", scenario.robot), scenario.robot)
+    face = names.get(("face", scenario.face.face), scenario.face.face)
+    changed = replace(scenario, robot=robot, face=replace(scenario.face, face=face))
+    return text if changed == scenario else edited(text, scenario_data(scenario), scenario_data(changed))
+
+
+def names_of(parts: Iterable[tuple[Part, str]]) -> str:
+    """What got which name, for the wizard."""
+    return ", ".join(f"{part.name} → {name}" for part, name in parts)

@@ -1,0 +1,498 @@
+"""A scenario file while it is edited: one text that is changed place by place, with every step undone and redone.
+
+The text is what counts, and what the form shows follows from it; comments, order and columns stay as their author left
+them. A mistake loses nothing: the text holds it, its sentence names line and place, and only saving waits for it.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain.declared import (
+    form_of,
+    group_meant,
+    groups_of,
+    is_group,
+    item_of,
+    keys_of,
+    text_of,
+    value_from,
+)
+from caris_desktop.domain.declared_places import (
+    ABSENT,
+    Difference,
+    called,
+    copied,
+    default_of,
+    differences,
+    form_at,
+    group_at,
+    key_of,
+    text_key,
+    value_at,
+    with_value_at,
+    without_at,
+)
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.yaml_source import LocatedData, YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.scenario.file import mistakes
+from caris_desktop.scenario.migrations import migrate
+from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.text_editing import (
+    UnusualLayoutError,
+    quick_data,
+    with_entry,
+    with_entry_moved,
+    with_value,
+    without,
+)
+
+MOST_STEPS = 500
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """What is wrong at a place of the file, in a sentence; ``line`` is counted from 1."""
+
+    path: KeyPath
+    line: int
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """``unreadable`` says why ``data`` are not what ``text`` says, but what it said last."""
+
+    text: str
+    data: dict[str, Any]
+    unreadable: Mistake | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What was done, to be undone: ``path`` is the place, of which ``words`` is what a person calls it."""
+
+    before: _State
+    path: KeyPath
+    words: tuple[str, ...]
+    goes_on: bool
+
+
+class ScenarioDocument:
+    """``velocity_topic_of`` is as for ``load_scenario``.
+
+    Raises YamlSourceError or ValueError where ``text`` is none that a form can show.
+    """
+
+    def __init__(
+        self, text: str, path: Path, velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
+    ) -> None:
+        self.path = path
+        self._velocity_topic_of = velocity_topic_of
+        state = _read(text)
+        if state.unreadable is not None:
+            raise YamlSourceError(state.unreadable.message, state.unreadable.line)
+        self._saved = state
+        self._state = state
+        self._undone: list[Step] = []
+        self._done: list[Step] = []
+        self._lines: tuple[str, LocatedData] | None = None
+        self._checked: tuple[_State, tuple[Mistake, ...]] | None = None
+        self._valid: Scenario | None = None
+        self._valid_state: _State | None = None
+
+    # ---- what it says
+
+    @property
+    def text(self) -> str:
+        return self._state.text
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """What the form shows: never to be changed in place."""
+        return self._state.data
+
+    @property
+    def saved_text(self) -> str:
+        return self._saved.text
+
+    @property
+    def saved_data(self) -> dict[str, Any]:
+        return self._saved.data
+
+    @property
+    def unreadable(self) -> Mistake | None:
+        """Why the text, as it was typed, cannot be shown as a form."""
+        return self._state.unreadable
+
+    @property
+    def changed(self) -> bool:
+        return self._state.text != self._saved.text
+
+    def value(self, path: KeyPath) -> Any:
+        """What the file says there, or else what it means by saying nothing; ABSENT where that is nothing."""
+        said = self.said(path)
+        if said is not ABSENT or not path:
+            return said
+        above, last = self.value(path[:-1]), path[-1]
+        if isinstance(last, int) or value_at(above, (last,)) is not ABSENT:
+            return value_at(above, (last,))
+        try:
+            return default_of(key_of(form_at(Scenario, self.data, path[:-1]), above, last))
+        except KeyError:
+            return ABSENT
+
+    def said(self, path: KeyPath) -> Any:
+        """What the file itself says there."""
+        found = value_at(self.data, path)
+        if found is ABSENT and path and isinstance(path[-1], str):
+            # A text in place of a group says what the group's first key would.
+            above = value_at(self.data, path[:-1])
+            if isinstance(above, str):
+                group = group_at(form_at(Scenario, self.data, path[:-1]), above)
+                return above if group is not None and text_key(group) == path[-1] else ABSENT
+        return found
+
+    @property
+    def mistakes(self) -> tuple[Mistake, ...]:
+        """All that keeps it from being saved, by their lines."""
+        if self._checked is None or self._checked[0] is not self._state:
+            self._checked = (self._state, self._found_mistakes())
+        return self._checked[1]
+
+    def _found_mistakes(self) -> tuple[Mistake, ...]:
+        if self.unreadable is not None:
+            return (self.unreadable,)
+        found = [
+            Mistake(path, self.line_of(path), message) for path, message in mistakes(self.data, self._velocity_topic_of)
+        ]
+        return tuple(sorted(found, key=lambda mistake: mistake.line))
+
+    @property
+    def scenario(self) -> Scenario | None:
+        """As it was last without a mistake; None where it never was."""
+        if self._valid_state is not self._state and not self.mistakes:
+            self._valid = value_from(Scenario, migrate(self.data))
+            self._valid_state = self._state
+        return self._valid
+
+    def line_of(self, path: KeyPath) -> int:
+        """The line at which that place begins, or what it is in."""
+        if self._lines is None or self._lines[0] != self.text:
+            try:
+                self._lines = (self.text, quick_data(self.text))
+            except (UnusualLayoutError, YamlSourceError):
+                self._lines = (self.text, LocatedData({}))
+        return self._lines[1].line_of(path)
+
+    def differences(self) -> tuple[Difference, ...]:
+        """What has changed since it was saved."""
+        return tuple(differences(Scenario, self.saved_data, self.data))
+
+    def words(self, path: KeyPath) -> tuple[str, ...]:
+        """What a person calls the place, from the outside in."""
+        return tuple(called(Scenario, self.data, path))
+
+    # ---- what is done
+
+    def set(self, path: KeyPath, value: Any) -> None:
+        """Let the file say ``value`` there. One change after the other at the same place is one step."""
+        if self.said(path) == value and type(self.said(path)) is type(value):
+            return
+        place, placed = self._placed(path, value)
+        if place != path:
+            self._change(path, with_value_at(self.data, place, placed), place, placed)
+        elif value == self._left_out(path) and (value == "" or value_at(self.saved_data, path) is ABSENT):
+            self.clear(path)
+        else:
+            self._change(path, with_value_at(self.data, path, value), path, value)
+
+    def clear(self, path: KeyPath) -> None:
+        """Let the file say nothing there, so that the default holds."""
+        if value_at(self.data, path) is ABSENT or isinstance(path[-1], int):
+            return
+        if (shorter := self._as_text(path)) is not None:
+            self._change(path, with_value_at(self.data, path[:-1], shorter), path[:-1], shorter)
+            return
+        gone = path
+        data = without_at(self.data, path)
+        # A group that was there only for this goes with it.
+        while len(gone) > 1 and value_at(data, gone[:-1]) == {} and value_at(self.saved_data, gone[:-1]) is ABSENT:
+            gone = gone[:-1]
+            data = without_at(data, gone)
+        self._change(path, data, gone, ABSENT)
+
+    def add(self, path: KeyPath, entry: Any) -> None:
+        """Put an entry into the list, at the place that ``path`` ends with."""
+        above, place = path[:-1], path[-1]
+        entries = self.value(above)
+        entries = list(entries) if isinstance(entries, list) else []
+        entries.insert(int(place), copied(entry))
+        data = with_value_at(self.data, above, entries)
+
+        def write(text: str) -> str:
+            try:
+                return with_entry(text, path, entry)
+            except UnusualLayoutError:
+                return with_value(text, above, entries, self._names_before(above))
+
+        self._keep(path, data, write, goes_on=False)
+
+    def remove(self, path: KeyPath) -> None:
+        """Take an entry out of its list."""
+        above = path[:-1]
+        if value_at(self.data, above) is ABSENT:
+            self.set(above, without_at(self.value(above), path[-1:]))
+            self.pause()
+            return
+        data = without_at(self.data, path)
+        if value_at(data, above) == [] and value_at(self.saved_data, above) in (ABSENT, []):
+            self.clear(above)
+            return
+
+        def write(text: str) -> str:
+            try:
+                return without(text, path)
+            except UnusualLayoutError:
+                return with_value(text, above, value_at(data, above))
+
+        self._keep(path, data, write, goes_on=False)
+
+    def move(self, path: KeyPath, place: int) -> None:
+        """Put an entry at another place of its list."""
+        above, index = path[:-1], int(path[-1])
+        entries = list(self.value(above))
+        if not 0 <= place < len(entries) or place == index:
+            return
+        entries.insert(place, entries.pop(index))
+        data = with_value_at(self.data, above, entries)
+
+        def write(text: str) -> str:
+            try:
+                return with_entry_moved(text, path, place)
+            except UnusualLayoutError:
+                return with_value(text, above, entries)
+
+        self._keep(path, data, write, goes_on=False)
+
+    def set_text(self, text: str) -> None:
+        """The whole text as somebody wrote it. Where a form cannot show it, that stays as it was."""
+        if text == self.text:
+            return
+        state = _read(text, self._state.data)
+        self._push((), state, goes_on=True)
+
+    def take_over(self, path: KeyPath, other: Mapping[str, Any]) -> None:
+        """Say there what another file says."""
+        value = value_at(other, path)
+        self.pause()
+        if value is ABSENT:
+            self.clear(path)
+        else:
+            self.set(path, copied(value))
+        self.pause()
+
+    def pause(self) -> None:
+        """What is done next is a step of its own."""
+        if self._done and self._done[-1].goes_on:
+            last = self._done[-1]
+            self._done[-1] = Step(last.before, last.path, last.words, goes_on=False)
+
+    # ---- back and forth
+
+    @property
+    def to_undo(self) -> Step | None:
+        return self._done[-1] if self._done else None
+
+    @property
+    def to_redo(self) -> Step | None:
+        return self._undone[-1] if self._undone else None
+
+    def undo(self) -> Step | None:
+        return self._turn(self._done, self._undone)
+
+    def redo(self) -> Step | None:
+        return self._turn(self._undone, self._done)
+
+    def _turn(self, source: list[Step], target: list[Step]) -> Step | None:
+        if not source:
+            return None
+        step = source.pop()
+        target.append(Step(self._state, step.path, step.words, goes_on=False))
+        self._state = step.before
+        return step
+
+    def revert(self) -> None:
+        """Back to what was saved; this too can be undone."""
+        if self.changed:
+            self._push((), self._saved, goes_on=False)
+
+    # ---- the file
+
+    def note_saved(self, sent: str, text: str, path: Path) -> None:
+        """The file at ``path`` says ``text`` now, which was written of ``sent``; what came after that is still to be
+        saved.
+        """
+        self.pause()
+        self.path = path
+        if self.text == sent:
+            self._state = self._saved = _read(text, self.data)
+        elif sent == text:
+            self._saved = _read(text, self.data)
+        else:
+            self._saved = _read(sent, self.data)
+            self.rebase(text)
+
+    def rebase(self, text: str) -> tuple[Difference, ...]:
+        """The file says ``text`` by now, written by somebody else: what was changed here is changed in that, and told.
+
+        Raises YamlSourceError, ValueError where it is no text that a form can show; then nothing has happened.
+        """
+        other = _read(text)
+        if other.unreadable is not None:
+            raise YamlSourceError(other.unreadable.message, other.unreadable.line)
+        mine = self.differences()
+        data = self.data
+        if self.changed:
+            self._push((), other, goes_on=False)
+        else:
+            self._state = other
+        self._saved = other
+        for difference in mine:
+            self.take_over(difference.path, data)
+        return mine
+
+    # ---- within
+
+    def _change(self, told: KeyPath, data: dict[str, Any], path: KeyPath, value: Any) -> None:
+        """``data`` are those of now with ``value`` at ``path``; ``told`` is the place that the person changed."""
+        names = self._names_before(path)
+
+        def write(text: str) -> str:
+            return without(text, path) if value is ABSENT else with_value(text, path, value, names)
+
+        self._keep(told, data, write, goes_on=value is not ABSENT)
+
+    def _keep(self, path: KeyPath, data: dict[str, Any], write: Callable[[str], str], *, goes_on: bool) -> None:
+        if self.unreadable is not None:
+            return
+        try:
+            text = write(self.text)
+            written = quick_data(text).data == data
+        except (UnusualLayoutError, YamlSourceError):
+            written = False
+        if not written:
+            # An unusual layout: what it says counts more than how it looks.
+            text = yaml_text(data)
+        self._push(path, _State(text, data), goes_on=goes_on)
+
+    def _push(self, path: KeyPath, state: _State, *, goes_on: bool) -> None:
+        last = self._done[-1] if self._done else None
+        words = self.words(path)
+        if last is None or not (goes_on and last.goes_on and last.path == path):
+            self._done.append(Step(self._state, path, words, goes_on))
+            del self._done[:-MOST_STEPS]
+        self._undone.clear()
+        self._state = state
+
+    def _names_before(self, path: KeyPath) -> tuple[str, ...]:
+        """The keys that go before the first one on the way that is not there yet."""
+        for number, part in enumerate(path):
+            if value_at(self.data, path[: number + 1]) is ABSENT and isinstance(part, str):
+                above = path[:number]
+                group = group_at(form_at(Scenario, self.data, above), value_at(self.data, above))
+                names = [key.name for key in keys_of(group)] if group is not None else []
+                return tuple(names[: names.index(part)]) if part in names else tuple(names)
+        return ()
+
+    def _left_out(self, path: KeyPath) -> Any:
+        """What holds where the file says nothing."""
+        try:
+            parent = form_at(Scenario, self.data, path[:-1])
+            key = key_of(parent, value_at(self.data, path[:-1]), str(path[-1]))
+        except KeyError:
+            return ABSENT
+        if key.required:
+            return ABSENT
+        default = default_of(key)
+        return "" if default is ABSENT and key.form.kind is str else default
+
+    def _placed(self, path: KeyPath, value: Any) -> tuple[KeyPath, Any]:
+        """What is to be set so that ``value`` stands at ``path``: the group where a text stands in its place and
+        another key of it is set, the list where it has been there by default alone; else as given.
+        """
+        for number in range(1, len(path)):
+            above = path[:number]
+            text = value_at(self.data, above)
+            if text is ABSENT and isinstance(path[number], int):
+                return above, with_value_at(self.value(above), path[number:], value)
+            if isinstance(text, str) and isinstance(path[number], str):
+                form = form_at(Scenario, self.data, above)
+                group = group_at(form, text)
+                if group is None:
+                    return path, value
+                first = text_key(group)
+                if path[number:] == (first,):
+                    return above, value
+                return above, with_value_at({first: text}, path[number:], value)
+        return path, value
+
+    def _as_text(self, path: KeyPath) -> str | None:
+        """What is left of a group without that key, where a text alone can say it and said it before."""
+        above = path[:-1]
+        group_data = value_at(self.data, above)
+        if not above or not isinstance(group_data, Mapping) or isinstance(value_at(self.saved_data, above), Mapping):
+            return None
+        form = form_at(Scenario, self.data, above)
+        group = group_at(form, group_data)
+        left = {name: value for name, value in group_data.items() if name != path[-1]}
+        if text_of(form.kind) is None or group is None or list(left) != [text_key(group)]:
+            return None
+        text = left[text_key(group)]
+        return text if isinstance(text, str) else None
+
+
+def _read(text: str, last: dict[str, Any] | None = None) -> _State:
+    """What a text says that anybody may have written; ``last`` is what holds where it says nothing of use."""
+    try:
+        source = parse_yaml(text)
+        path: KeyPath = ()
+        line, message = 1, "a scenario is a list of 'key: value' lines, found something else."
+        if isinstance(source.data, dict):
+            path = ("version",)
+            line = source.line_of(path)
+            migrate(source.data)
+            found = _out_of_shape(Scenario, source.data, ())
+            if found is None:
+                return _State(text, source.data)
+            path, message = found
+            line = source.line_of(path)
+    except YamlSourceError as error:
+        line, path, message = error.line, (), f"{error}"
+    except ValueError as error:
+        message = f"{error}"
+    return _State(text, last or {}, Mistake(path, line, message))
+
+
+def _out_of_shape(hint: Any, data: Any, path: KeyPath) -> tuple[KeyPath, str] | None:
+    """Where ``data`` are built otherwise than declared, so that no form shows them; single values may be anything."""
+    form = form_of(hint)
+    if text_of(form.kind) is not None and isinstance(data, str):
+        return None
+    groups = (form.kind,) if is_group(form.kind) else groups_of(form.kind)
+    item = item_of(form.kind)
+    if groups:
+        if not isinstance(data, dict):
+            return path, "a group of 'key: value' lines must stand here."
+        forms = {key.name: key.form for key in keys_of(group_meant(groups, data) or groups[0])}
+        inside = [(forms[name], value, name) for name, value in data.items() if name in forms]
+    elif item is not None:
+        if not isinstance(data, list):
+            return path, "a list must stand here."
+        inside = [(item, value, number) for number, value in enumerate(data)]
+    else:
+        return None
+    found = (_out_of_shape(form, value, (*path, part)) for form, value, part in inside)
+    return next((each for each in found if each is not None), None)

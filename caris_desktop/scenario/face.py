@@ -1,0 +1,32 @@
+"""What a scenario says of the robot's face."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from caris_desktop.domain.declared import Rule
+
+
+@dataclass(frozen=True, slots=True)
+class FaceSettings:
+    """The robot's face, where `permissions` have `face`: in a window of its own, or as a page on the robot."""
+
+    face: Annotated[
+        str,
+        Rule(
+            "The face that it begins with: a file of the folder `faces`, by its name.",
+            pattern=r"^[A-Za-z0-9_-]{1,60}$",
+            allowed="letters, digits, - and _.",
+        ),
+    ] = "calm"
+    captions: Annotated[bool, Rule("What the robot says is written below its mouth.")] = True
+    live_picture: Annotated[bool, Rule("What the robot sees can be shown to whoever stands before it.", quiet=True)] = (
+        False
+    )
+    page: Annotated[
+        Literal["this_computer", "network"],
+        Rule(
+            "Who can open the page with the face, while it is served: this computer alone, or whoever is on its "
+            "network and has the address with its secret part.",
+            quiet=True,
+        ),
+    ] = "this_computer"

@@ -1,0 +1,122 @@
+"""The sentences of a scenario that are one key away: plain, with what goes along with them, or in titled groups."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Annotated
+
+from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.key_path import Problem
+
+KEYS_OF_A_GROUP = 8
+"""F1 to F8."""
+_OF_TEXT_FIELDS = "ACVXYZ"
+
+Sentence = Annotated[str, Rule(shortest=1, longest=500)]
+
+
+@dataclass(frozen=True, slots=True)
+class Phrase:
+    """A sentence with what goes along with it."""
+
+    say: Annotated[Sentence, Rule("What is said.", title="Sentence")]
+    key: Annotated[
+        str,
+        Rule(
+            "A key of its own, which works whatever group is on show.",
+            pressed=True,
+            pattern=rf"^(Ctrl\+(?![{_OF_TEXT_FIELDS}]$)(Shift\+)?[A-Z0-9])?$",
+            allowed="Ctrl or Ctrl+Shift with a letter or digit, as Ctrl+G; not the keys with which text is edited.",
+            quiet=True,
+        ),
+    ] = ""
+    gesture: Annotated[
+        str,
+        Rule(
+            "What the robot does as it begins: a control of the Robot panel by its id, `nod`, or `look` to turn the "
+            "head to whom it is said to.",
+            longest=80,
+            quiet=True,
+        ),
+    ] = ""
+    face: Annotated[str, Rule("The expression that the robot's face takes as it begins.", longest=40, quiet=True)] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PhraseGroup:
+    """Phrases for one part of the session, on F1 to F8 while their group is chosen. F10 chooses the next group."""
+
+    group: Annotated[str, Rule("Its title.", title="Title of the group", shortest=1, longest=40)]
+    phrases: Annotated[
+        tuple[Sentence | Phrase, ...], Rule("Its sentences.", title="Sentences", shortest=1, longest=KEYS_OF_A_GROUP)
+    ]
+
+
+PhraseEntry = Sentence | Phrase | PhraseGroup
+
+
+@dataclass(frozen=True, slots=True)
+class PhraseKeys:
+    """What F1 to F8 mean while a group is chosen. ``title`` is empty for the phrases that stand in no group."""
+
+    title: str
+    phrases: tuple[Phrase, ...]
+
+
+class _Grouped:
+    """Those that were asked for last: of one scenario they are asked for again and again, and it may have thousands."""
+
+    last: tuple[Iterable[PhraseEntry], tuple[PhraseKeys, ...]] = ((), ())
+
+
+def phrase_groups(entries: Iterable[PhraseEntry]) -> tuple[PhraseKeys, ...]:
+    """The groups in their order; what stands in none comes first."""
+    if not isinstance(entries, tuple):
+        return _grouped(tuple(entries))
+    last = _Grouped.last
+    if entries is not last[0]:
+        last = _Grouped.last = (entries, _grouped(entries))
+    return last[1]
+
+
+def _grouped(entries: tuple[PhraseEntry, ...]) -> tuple[PhraseKeys, ...]:
+    loose = tuple(map(_as_phrase, (entry for entry in entries if not isinstance(entry, PhraseGroup))))
+    groups = [
+        PhraseKeys(entry.group, tuple(map(_as_phrase, entry.phrases)))
+        for entry in entries
+        if isinstance(entry, PhraseGroup)
+    ]
+    return (*([PhraseKeys("", loose)] if loose else []), *groups)
+
+
+def sentences(entries: Iterable[PhraseEntry]) -> tuple[str, ...]:
+    """What there is to say, of every group."""
+    return tuple(phrase.say for group in phrase_groups(entries) for phrase in group.phrases)
+
+
+def _as_phrase(entry: str | Phrase) -> Phrase:
+    return Phrase(entry) if isinstance(entry, str) else entry
+
+
+def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
+    """What is wrong with phrases beside one another; the paths begin at their list."""
+    entries = tuple(entries)
+    loose = [index for index, entry in enumerate(entries) if not isinstance(entry, PhraseGroup)]
+    for index in loose[KEYS_OF_A_GROUP : KEYS_OF_A_GROUP + 1]:
+        yield (index,), f"more than {KEYS_OF_A_GROUP} phrases stand in no group: there are keys for {KEYS_OF_A_GROUP}."
+    titles: set[str] = set()
+    keys: set[str] = set()
+    for index, entry in enumerate(entries):
+        if isinstance(entry, PhraseGroup):
+            if entry.group.casefold() in titles:
+                yield (index, "group"), f"the group '{entry.group}' is there twice."
+            titles.add(entry.group.casefold())
+            inside: list[tuple[tuple[int | str, ...], str | Phrase]] = [
+                ((index, "phrases", place), phrase) for place, phrase in enumerate(entry.phrases)
+            ]
+        else:
+            inside = [((index,), entry)]
+        for path, phrase in inside:
+            if isinstance(phrase, Phrase) and phrase.key:
+                if phrase.key in keys:
+                    yield (*path, "key"), f"the key {phrase.key} says another phrase already."
+                keys.add(phrase.key)

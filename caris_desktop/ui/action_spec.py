@@ -1,0 +1,64 @@
+"""What a row of the table of actions says."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from caris_desktop.domain.intents import INTENTS, Intent, Permission
+from caris_desktop.live.state import LiveState
+from caris_desktop.scenario.model import PanelName, Scenario
+
+Kind = Literal["command", "hold", "safety", "mark", "talk"]
+Condition = Literal[
+    "always", "recording", "video", "photo", "cameras", "answer", "asked", "suggested", "queued", "in_queue",
+    "step", "step_ahead", "step_back", "step_branches", "step_says", "step_goes",
+]  # fmt: skip
+Feature = Literal["sideways", "head"]
+IntentNow = Callable[[Scenario, LiveState, Any], Intent | None]
+"""What is asked for where that depends on the scenario, on what is so now and on the row's argument; None: nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class ActionSpec:
+    """One row. ``keys`` work anywhere in the window, ``driving_keys`` also while Drive, Video or Map has the focus.
+
+    ``kind`` says who listens for the keys: ``command`` is a shortcut, ``hold`` belongs to hold-to-drive and
+    ``safety`` to the application event filter that also works over dialogs. ``mark`` keys are a shortcut too, whose
+    press and release the window hears of, also while Alt is down to drive, and ``talk`` keys are held to speak.
+    ``intent`` is what the console is asked for, or a function that finds it from ``argument``. A row without one is
+    of the window alone: ``callback`` names the method that is called, with ``argument`` if there is one.
+    ``by_position``: letters and digits among the keys mean the places of those keys on a US keyboard, whatever the
+    present layout types there; hold-to-drive listens for them.
+    ``also`` is another permission that it needs. ``panel``: what it does happens in that panel. ``needs`` is what the
+    robot must have. ``within`` names the part of the window that listens for the keys itself
+    while it has the focus; empty for keys that work anywhere.
+    """
+
+    id: str
+    text: str
+    icon: str = ""
+    keys: tuple[str, ...] = ()
+    driving_keys: tuple[str, ...] = ()
+    permission: Permission | None = None
+    kind: Kind = "command"
+    enabled_when: Condition = "always"
+    intent: Intent | IntentNow | None = None
+    callback: str = ""
+    argument: Any = None
+    group: str = ""
+    by_position: bool = False
+    needs: Feature | None = None
+    within: Literal["", "timeline", "queue"] = ""
+    also: Permission | None = None
+    panel: PanelName | None = None
+
+    @property
+    def permissions(self) -> tuple[Permission, ...]:
+        """All that the scenario must allow: what the row says, and what is known of its intent."""
+        named = tuple(one for one in (self.permission, self.also) if one is not None)
+        return (*named, *INTENTS[type(self.intent)].permissions) if isinstance(self.intent, Intent) else named
+
+    @property
+    def runs(self) -> bool:
+        """Whether it does something by itself; what is held drives, and that is another matter."""
+        return self.intent is not None or bool(self.callback)

@@ -1,0 +1,47 @@
+"""How the window looks and speaks, as its user chose it: theme, size, language."""
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, languages
+from caris_desktop.ui.theme import SCALE_KEY, SCALES, THEME_KEY, Theme, ThemeChoice
+from caris_desktop.ui.window_place import Settings
+
+
+class Appearance:
+    """Size and language hold from the next start on: what stands in the window already is not drawn anew."""
+
+    def __init__(self, theme: Theme, settings: Settings | None) -> None:
+        self.theme = theme
+        self._settings = settings
+
+    def choose_theme(self, choice: ThemeChoice) -> None:
+        self.theme.set_choice(choice)
+        self._keep(THEME_KEY, choice)
+
+    @property
+    def scale(self) -> str:
+        """One of SCALES."""
+        kept = str(self._settings.value(SCALE_KEY, "")) if self._settings is not None else ""
+        return kept if kept in SCALES else ""
+
+    def choose_scale(self, scale: str) -> None:
+        self._keep(SCALE_KEY, scale)
+
+    @property
+    def language(self) -> str:
+        return str(self._settings.value(LANGUAGE_KEY, ENGLISH)) if self._settings is not None else ENGLISH
+
+    def choose_language(self, name: str) -> None:
+        self._keep(LANGUAGE_KEY, name)
+
+    def languages(self) -> tuple[str, ...]:
+        return languages()
+
+    def _keep(self, key: str, value: str) -> None:
+        if self._settings is not None:
+            self._settings.setValue(key, value)
+
+
+def scale_words(scale: str) -> str:
+    if not scale:
+        return tr("Size: as the system has it")
+    return tr("Size: {percent} % from the next start").format(percent=round(float(scale) * 100))

@@ -1,0 +1,1 @@
+"""What the Assistant panel is made of."""

@@ -1,0 +1,109 @@
+"""What goes along with the next question: a chip each with its size, taken out and put back by a click or Space."""
+
+from collections.abc import Sequence
+from typing import cast
+
+from PySide6.QtCore import Signal
+
+from caris_desktop.domain.intents import CAMERA_PICTURE, Along
+from caris_desktop.live.status import PartAlong
+from caris_desktop.ui import tokens
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.flow_layout import FlowRow
+
+_HEIGHT_PX = 26
+
+
+class AlongChips(FlowRow):
+    """``left_out`` lasts until the wizard puts it back; ``pictures`` go with one question."""
+
+    changed = Signal()
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__(gap_px=6)
+        self._theme = theme
+        self._chips: dict[str, ActionButton] = {}
+        self._parts: tuple[PartAlong, ...] = ()
+        self._left_out: set[str] = set()
+        self._pictures: list[str] = []
+        self.setObjectName("assistant_along")
+
+    @property
+    def left_out(self) -> tuple[Along, ...]:
+        return cast(tuple[Along, ...], tuple(sorted(self._left_out)))
+
+    @property
+    def pictures(self) -> tuple[str, ...]:
+        return tuple(self._pictures)
+
+    @property
+    def chips(self) -> Sequence[ActionButton]:
+        return tuple(self._chips.values())
+
+    def show_parts(self, parts: tuple[PartAlong, ...]) -> None:
+        if parts != self._parts:
+            self._parts = parts
+            self._show()
+
+    def add_picture(self, name: str) -> None:
+        if name not in self._pictures:
+            self._pictures.append(name)
+            self._show()
+
+    def forget_pictures(self) -> None:
+        """They were sent, or cannot be sent any more."""
+        if self._pictures:
+            self._pictures.clear()
+            self._show()
+
+    def keep(self, left_out: Sequence[str], pictures: Sequence[str]) -> None:
+        """As the panel before had it."""
+        self._left_out, self._pictures = set(left_out), list(pictures)
+        self._show()
+
+    def _show(self) -> None:
+        wanted: dict[str, tuple[str, bool]] = {}
+        for part in self._parts:
+            words = f"{part.words} {'word' if part.words == 1 else 'words'}"
+            wanted[part.kind] = (f"{part.title} · {words}", part.kind not in self._left_out)
+        for name in self._pictures:
+            wanted[f"picture {name}"] = (picture_words(name), True)
+        for key in [key for key in self._chips if key not in wanted]:
+            chip = self._chips.pop(key)
+            chip.hide()
+            chip.deleteLater()
+        for key, (text, along) in wanted.items():
+            chip = self._chips.get(key) or self._new_chip(key)
+            chip.setChecked(along)
+            chip.set_label(text, icon="x" if along else "plus")
+            tip = "Goes along with the question. Press to leave it out." if along else "Is left out. Press to add it."
+            chip.setToolTip(tip)
+            chip.setAccessibleDescription(tip)
+        self.updateGeometry()
+        self.changed.emit()
+
+    def _new_chip(self, key: str) -> ActionButton:
+        chip = self._chips[key] = ActionButton(
+            self._theme, "", icon="x", height_px=_HEIGHT_PX, text_px=tokens.STATUS_PX, may_shrink=True
+        )
+        chip.setObjectName(f"along_{key.split(maxsplit=1)[0]}")
+        chip.setCheckable(True)
+        chip.clicked.connect(lambda: self._on_clicked(key))
+        self.add(chip)
+        chip.show()
+        return chip
+
+    def _on_clicked(self, key: str) -> None:
+        if key.startswith("picture "):
+            self._pictures.remove(key.removeprefix("picture "))
+        else:
+            self._left_out ^= {key}
+        self._show()
+
+
+def picture_words(name: str) -> str:
+    """A picture of a question, as ``Ask.pictures`` names it, for the wizard."""
+    if name.startswith(CAMERA_PICTURE):
+        return f"Picture now: {name.removeprefix(CAMERA_PICTURE)}"
+    return f"Photo {name.rsplit('/', 1)[-1].removesuffix('.png')}"

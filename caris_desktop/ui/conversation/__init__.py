@@ -1,0 +1,1 @@
+"""What the Conversation panel is made of."""

@@ -1,0 +1,59 @@
+"""How much the language model does by itself: shown, and changed up to what the scenario allows."""
+
+from collections.abc import Callable
+
+from PySide6.QtGui import QActionGroup
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
+from caris_desktop.live.status import LevelsStatus
+from caris_desktop.scenario.assistance import levels_up_to
+from caris_desktop.ui.event_words import FUNCTIONS, LEVELS
+from caris_desktop.ui.panel import PanelContext
+from caris_desktop.ui.top_bar import as_menu
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+
+class LevelsButton(ActionButton):
+    """Amber where something is done without a key; its menu has a section for each function."""
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context.theme, icon="sliders-horizontal", look="ghost", height_px=30)
+        self.setObjectName("levels_button")
+        self._context = context
+        self._state = context.console.state
+        self._menu = as_menu(context.theme, self, "levels_menu")
+        self._menu.aboutToShow.connect(self.fill)
+        self.clicked.connect(lambda: self._menu.popup(self.mapToGlobal(self.rect().bottomLeft())))
+        self._state.levels.changed.connect(self._refresh)
+        self._refresh()
+
+    def _refresh(self, _levels: object = None) -> None:
+        levels: LevelsStatus = self._state.levels.value
+        acting = any(getattr(levels, function) == "act" for function in FUNCTIONS)
+        self.set_label("By itself" if acting else "", look="amber" if acting else "ghost")
+        told = [f"{title}: {LEVELS[getattr(levels, function)]}" for function, title in FUNCTIONS.items()]
+        self.setToolTip("\n".join(("What is done without being asked for", *told)))
+        self.setAccessibleName("What is done without being asked for")
+        self.setEnabled(self._state.present.live)
+
+    def fill(self) -> None:
+        """The menu as it stands now; what the scenario does not allow cannot be chosen."""
+        self._menu.clear()
+        for function, title in FUNCTIONS.items():
+            self._menu.addSection(title)
+            group = QActionGroup(self._menu)
+            allowed = levels_up_to(getattr(self._context.console.scenario.assistance, function))
+            for level, title_of_level in LEVELS.items():
+                action = self._menu.addAction(title_of_level)
+                action.setCheckable(True)
+                action.setChecked(getattr(self._state.levels.value, function) == level)
+                action.setEnabled(level in allowed)
+                action.setActionGroup(group)
+                action.triggered.connect(self._setter(function, level))
+
+    def _setter(self, function: AssistedFunction, level: AssistanceLevel) -> Callable[[], None]:
+        def set_level() -> None:
+            self._context.console.do(intents.SetLevel(function, level))
+
+        return set_level

@@ -1,0 +1,1 @@
+"""The robot's face on screens of this computer."""

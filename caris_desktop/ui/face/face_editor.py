@@ -1,0 +1,217 @@
+"""Change a face beside a preview of it, and keep it as one's own. What can be changed follows from the declaration."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import (
+    QDialog,
+    QFormLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QScrollArea,
+    QSlider,
+    QVBoxLayout,
+    QWidget,
+)
+
+from caris_desktop.conversation.face.drawing import drawing_of
+from caris_desktop.conversation.face.file import (
+    DEFAULT_FACE,
+    Expression,
+    Eyes,
+    Face,
+    FaceError,
+    Mouth,
+    checked,
+    face_text,
+    load_face,
+)
+from caris_desktop.conversation.face.motion import FaceMotion, Voice
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.declared import Key, keys_of
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import tokens
+from caris_desktop.ui.face.face_view import FaceView
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+
+_STEPS = 200
+_DRAW_EVERY_MS = 40
+_COLOURS = {"background": "Background", "ink": "Eyes and mouth", "words": "Captions"}
+
+
+class FaceEditor(QDialog):
+    """Not modal: the robot can be driven and stopped meanwhile. Nothing of the face in use changes until it is kept."""
+
+    def __init__(self, theme: Theme, console: WizardConsole, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("face_editor")
+        self.setWindowTitle("Edit the face")
+        self._theme = theme
+        self._console = console
+        status = console.state.face.value
+        self._face = _loaded(status.face)
+        self._motion = FaceMotion(self._face)
+        self._preview = FaceView()
+        self._preview.setMinimumSize(360, 300)
+        self._name = QLineEdit(self._face.name)
+        self._name.setObjectName("face_name")
+        self._name.setMaxLength(40)
+        self._choice = DropDown(theme, "face_expression_choice", "Expression that is changed")
+        self._choice.addItems([one.name for one in self._face.expressions])
+        self._choice.currentIndexChanged.connect(self._on_expression_chosen)
+        self._sliders: dict[tuple[str, str], _ValueSlider] = {}
+        rows = QWidget()
+        form = self._form = QFormLayout(rows)
+        form.addRow(_heading(theme, "Expression"), self._choice)
+        self._add_sliders("expression", Expression)
+        form.addRow(_heading(theme, "Eyes"), QWidget())
+        self._add_sliders("eyes", Eyes)
+        form.addRow(_heading(theme, "Mouth"), QWidget())
+        self._add_sliders("mouth", Mouth)
+        form.addRow(_heading(theme, "Colours"), QWidget())
+        for key, words in _COLOURS.items():
+            field = QLineEdit(getattr(self._face, key))
+            field.setObjectName(f"face_{key}")
+            field.setMaxLength(7)
+            field.setAccessibleName(words)
+            field.textEdited.connect(self._colour_setter(key))
+            form.addRow(words, field)
+        scroll = QScrollArea()
+        scroll.setWidgetResizable(True)
+        scroll.setWidget(rows)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self._speak = ActionButton(theme, "Speak", icon="chat-text", height_px=32)
+        self._speak.setCheckable(True)
+        self._speak.setObjectName("face_speak")
+        self._speak.toggled.connect(self._on_speak)
+        self._keep = ActionButton(theme, "Keep as", icon="check", height_px=32, look="primary")
+        self._keep.setObjectName("face_keep")
+        self._keep.clicked.connect(self._on_keep)
+        self._note = QLabel()
+        self._note.setWordWrap(True)
+        self._note.setObjectName("face_note")
+        buttons = QHBoxLayout()
+        buttons.addWidget(self._speak)
+        buttons.addStretch(1)
+        buttons.addWidget(self._keep)
+        buttons.addWidget(self._name)
+        left = QVBoxLayout()
+        left.addWidget(self._preview, 1)
+        left.addWidget(self._note)
+        left.addLayout(buttons)
+        layout = QHBoxLayout(self)
+        layout.addLayout(left, 3)
+        layout.addWidget(scroll, 2)
+        self.resize(900, 560)
+        self._drawing = QTimer(self, interval=_DRAW_EVERY_MS)
+        self._drawing.timeout.connect(self._draw)
+        self._drawing.start()
+        self._on_expression_chosen(0)
+        theme.color_text(self._note, "dim")
+        self._note.setText("A face of your own goes before one of the same name that comes with the program.")
+
+    def _add_sliders(self, part: str, group: Any) -> None:
+        for key in keys_of(group):
+            rule = key.form.rule
+            if key.form.kind is not float or rule.at_least is None or rule.at_most is None:
+                continue
+            slider = _ValueSlider(key, self._setter(part, key.attribute))
+            slider.setObjectName(f"face_{part}_{key.attribute}")
+            self._sliders[part, key.attribute] = slider
+            self._form.addRow(key.attribute.removesuffix("_deg").replace("_", " ").capitalize(), slider)
+            if part != "expression":
+                slider.show_value(getattr(getattr(self._face, part), key.attribute))
+
+    def _setter(self, part: str, attribute: str) -> Callable[[float], None]:
+        def put(value: Any) -> None:
+            if part == "expression":
+                at = self._choice.currentIndex()
+                changed = replace(self._face.expressions[at], **{attribute: value})
+                expressions = (*self._face.expressions[:at], changed, *self._face.expressions[at + 1 :])
+                self._use(replace(self._face, expressions=expressions))
+            else:
+                self._use(replace(self._face, **{part: replace(getattr(self._face, part), **{attribute: value})}))
+
+        return put
+
+    def _colour_setter(self, key: str) -> Callable[[str], None]:
+        def put(text: Any) -> None:
+            try:
+                self._use(checked(replace(self._face, **{key: text})))
+            except FaceError:
+                self._say("A colour is written as #rrggbb.")
+
+        return put
+
+    def _use(self, face: Face) -> None:
+        self._face = face
+        self._motion.use(face)
+        self._say("")
+
+    def _say(self, text: str) -> None:
+        self._note.setText(text)
+
+    def _on_expression_chosen(self, index: int) -> None:
+        expression = self._face.expressions[index]
+        self._motion.express(expression.name)
+        for (part, attribute), slider in self._sliders.items():
+            if part == "expression":
+                slider.show_value(getattr(expression, attribute))
+
+    def _on_speak(self, on: bool) -> None:
+        self._motion.speak(Voice(clock.now_ns()) if on else None)
+
+    def _on_keep(self) -> None:
+        name = self._name.text().strip()
+        refused = self._console.do(intents.KeepFace(name, face_text(self._face)))
+        self._say(refused or f"Kept as “{name}”. The robot wears it now.")
+
+    def _draw(self) -> None:
+        caption = "What the robot says stands here." if self._speak.isChecked() else ""
+        self._preview.show_drawing(drawing_of(self._face, self._motion.at(clock.now_ns()), caption=caption))
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._drawing.stop()
+        super().closeEvent(event)
+
+
+class _ValueSlider(QSlider):
+    """A number between the bounds that its declaration gives."""
+
+    def __init__(self, key: Key, put: Callable[[float], None]) -> None:
+        super().__init__(Qt.Orientation.Horizontal)
+        rule = key.form.rule
+        self._least, self._most = float(rule.at_least or 0.0), float(rule.at_most or 1.0)
+        self._put = put
+        self.setRange(0, _STEPS)
+        self.setToolTip(rule.text)
+        self.setAccessibleName(key.name)
+        self.setMinimumWidth(120)
+        self.valueChanged.connect(self._on_moved)
+
+    def show_value(self, value: float) -> None:
+        self.blockSignals(True)
+        self.setValue(round((value - self._least) / (self._most - self._least) * _STEPS))
+        self.blockSignals(False)
+
+    def _on_moved(self, step: int) -> None:
+        self._put(round(self._least + (self._most - self._least) * step / _STEPS, 3))
+
+
+def _loaded(name: str) -> Face:
+    try:
+        return load_face(name)
+    except FaceError:
+        return load_face(DEFAULT_FACE)
+
+
+def _heading(theme: Theme, text: str) -> QLabel:
+    label = QLabel(text)
+    label.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+    return label

@@ -1,0 +1,86 @@
+"""What somebody sees who has not used the program before, and where it is remembered that they have."""
+
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.first_use.drive_hint import DriveHint
+from caris_desktop.ui.robot_choice import RobotChooser
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_place import Settings
+
+if TYPE_CHECKING:  # imported when it is first opened
+    from caris_desktop.ui.first_use.set_up_page import SetUpPage
+
+SET_UP_KEY, DRIVEN_KEY = "first_use/set_up", "first_use/driven"
+
+
+class FirstUse(QObject):
+    """``simulated_wanted`` where the wizard wants to drive the simulated robot. Without ``settings`` nothing is kept,
+    and nothing comes by itself.
+    """
+
+    simulated_wanted = Signal()
+
+    def __init__(
+        self,
+        theme: Theme,
+        console: WizardConsole,
+        actions: Actions,
+        robots: RobotChooser,
+        window: QWidget,
+        *,
+        settings: Settings | None,
+    ) -> None:
+        super().__init__(window)
+        self._theme = theme
+        self._console = console
+        self._robots = robots
+        self._window = window
+        self._settings = settings
+        self._page: SetUpPage | None = None
+        self.hint = DriveHint(theme, console, actions)
+        self.hint.driven.connect(self._on_driven)
+
+    def begin(self, *, with_simulated_robot: bool) -> None:
+        """The window stands. Who starts with the simulated robot is only told how it is driven."""
+        if with_simulated_robot:
+            self._tell_how_to_drive()
+        elif self._settings is not None and not self._settings.value(SET_UP_KEY, ""):
+            self.open()
+
+    def open(self) -> None:
+        """Show the page, from its beginning."""
+        from caris_desktop.ui.first_use.set_up_page import SetUpPage
+
+        if self._page is None:
+            self._page = SetUpPage(self._theme, self._window, self._console, self._robots)
+            self._page.simulated_wanted.connect(self._on_simulated_wanted)
+            self._page.finished.connect(self._on_finished)
+        self._page.open_welcome()
+
+    def close(self) -> None:
+        """Whoever presses Esc goes on with the window."""
+        if self._page is not None:
+            self._page.close_overlay()
+
+    def _on_simulated_wanted(self) -> None:
+        self.simulated_wanted.emit()
+        self._tell_how_to_drive()
+
+    def _on_finished(self, through: bool) -> None:
+        self._keep(SET_UP_KEY, "done" if through else "skipped")
+
+    def _tell_how_to_drive(self) -> None:
+        if self._settings is not None and not self._settings.value(DRIVEN_KEY, ""):
+            self.hint.begin()
+
+    def _on_driven(self) -> None:
+        self._keep(DRIVEN_KEY, "yes")
+
+    def _keep(self, key: str, value: str) -> None:
+        if self._settings is not None:
+            self._settings.setValue(key, value)

@@ -1,0 +1,303 @@
+"""One page for each step: choose, and see or hear at once whether it works."""
+
+from collections.abc import Callable
+from functools import partial
+
+from PySide6.QtCore import QRectF, QSize, Qt, QTimer
+from PySide6.QtGui import QImage, QPainter, QPaintEvent
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QSizePolicy, QVBoxLayout, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.distant_ear import ear_of
+from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.first_use.steps import Step, StepName
+from caris_desktop.ui.preflight.preflight_list import PreflightRow
+from caris_desktop.ui.robot_choice import RobotChooser
+from caris_desktop.ui.speak.voice_choices import voice_choices
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.camera_strip import shrunk
+from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.flow_layout import FlowRow
+
+_PICTURE_EVERY_MS = 200
+_CHOICE_PX, _SHORT_WORDS = 240, 30
+_PICTURE_PX = QSize(480, 270)
+
+
+class StepPage(QWidget):
+    """What the step is about, how it stands, and what to do about it."""
+
+    def __init__(self, theme: Theme, console: WizardConsole, step: Step) -> None:
+        super().__init__()
+        self.setObjectName(f"first_use_step_{step.name}")
+        self.theme, self.console, self.step = theme, console, step
+        self._rows: dict[str, PreflightRow] = {}
+        self._title = self.label(tr(step.title), tokens.SPEECH_PX)
+        self._about = self.label(tr(step.about))
+        self.column = QVBoxLayout(self)
+        self.column.setContentsMargins(0, 0, 0, 0)
+        self.column.setSpacing(10)
+        self.column.addWidget(self._title)
+        self.column.addWidget(self._about)
+        self.build()
+        self.column.addStretch(1)
+        console.state.preflight.changed.connect(self._show_checks)
+        theme.changed.connect(self._style)
+        self._show_checks(console.state.preflight.value)
+        self._style()
+
+    def build(self) -> None:
+        """Add what is chosen and tried here."""
+
+    def add_check(self, check_id: str) -> bool:
+        """How this check stands, at this place; False where the scenario has no need of it."""
+        check = next((one for one in self.console.state.preflight.value if one.id == check_id), None)
+        if check is not None:
+            self._rows[check_id] = PreflightRow(self.theme, self.console, check, self)
+            self.column.addWidget(self._rows[check_id])
+        return check is not None
+
+    def add_choice(self, title: str, choice: DropDown, *beside: QWidget) -> None:
+        """Something to choose, with its title before it."""
+        choice.setMinimumWidth(_CHOICE_PX)
+        row = QHBoxLayout()
+        row.setSpacing(tokens.GRID_PX)
+        for widget in (self.label(title), choice, *beside):
+            row.addWidget(widget)
+        row.addStretch(1)
+        self.column.addLayout(row)
+
+    def label(self, text: str, size_px: int = tokens.BODY_PX) -> QLabel:
+        label = QLabel(text)
+        label.setTextFormat(Qt.TextFormat.PlainText)
+        label.setWordWrap(len(text) > _SHORT_WORDS)
+        weight = tokens.WEIGHT_SEMIBOLD if size_px == tokens.SPEECH_PX else tokens.WEIGHT_NORMAL
+        label.setFont(self.theme.font(size_px, weight))
+        return label
+
+    def _show_checks(self, checks: tuple[PreflightCheck, ...]) -> None:
+        for check in self.step.of(checks):
+            if check.id in self._rows:
+                self._rows[check.id].show_check(check, in_full=True)
+
+    def _style(self) -> None:
+        self.theme.color_text(self._about, "dim")
+
+
+class RobotPage(StepPage):
+    """The robots that there are profiles of, and a look for others."""
+
+    def __init__(self, theme: Theme, console: WizardConsole, step: Step, robots: RobotChooser) -> None:
+        self._robots = robots
+        super().__init__(theme, console, step)
+
+    def build(self) -> None:
+        self.add_check("robot")
+        flow = FlowRow()
+        self._buttons: dict[str, ActionButton] = {}
+        for choice in self.console.robots():
+            button = self._buttons[choice.name] = ActionButton(self.theme, choice.title, icon="robot", may_shrink=True)
+            button.setCheckable(True)  # the present one looks pressed
+            button.setObjectName(f"first_use_robot_{choice.name}")
+            button.setEnabled(not choice.problem)
+            button.setToolTip(choice.problem or choice.address)
+            button.clicked.connect(self._robots.chooser(choice))
+            button.clicked.connect(self._show_present)
+            flow.add(button)
+        self.console.state.robot.changed.connect(self._show_present)
+        self._show_present()
+        self.column.addWidget(flow)
+        if self._robots.can_look:
+            other = ActionButton(self.theme, tr("Another robot…"), icon="magnifying-glass")
+            other.setObjectName("first_use_another_robot")
+            other.setToolTip(tr("Look at a robot by its address, and see live what comes from it"))
+            other.clicked.connect(self._robots.open_dialog)
+            self.column.addWidget(other)
+
+    def _show_present(self, _changed: object = None) -> None:
+        robot = self.console.state.robot.value
+        for name, button in self._buttons.items():
+            button.setChecked(robot is not None and robot.name == name)
+
+
+class CameraPage(StepPage):
+    """The picture itself."""
+
+    def build(self) -> None:
+        self.add_check("video")
+        state = self.console.state
+        self._camera = DropDown(self.theme, "first_use_camera", tr("Camera"))
+        self._camera.activated.connect(self._on_chosen)
+        self.column.addWidget(self._camera)
+        self.column.addWidget(LivePicture(self.theme, self.console))
+        state.cameras.changed.connect(self._show_cameras)
+        state.camera.changed.connect(self._show_cameras)
+        self._show_cameras()
+
+    def _show_cameras(self, _changed: object = None) -> None:
+        names = self.console.state.cameras.value
+        self._camera.clear()
+        for name in names:
+            self._camera.addItem(words.camera_title(name), name)
+        self._camera.setCurrentIndex(max(0, self._camera.findData(self.console.state.camera.value)))
+        self._camera.setVisible(len(names) > 1)
+
+    def _on_chosen(self, index: int) -> None:
+        self.console.state.choose_camera(self._camera.itemData(index))
+
+
+class LivePicture(QWidget):
+    """The newest picture some times a second; words where there is none, and never an old one."""
+
+    def __init__(self, theme: Theme, console: WizardConsole) -> None:
+        super().__init__()
+        self.setObjectName("first_use_picture")
+        self.setAccessibleName(tr("What the camera sees"))
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+        self.setMaximumWidth(_PICTURE_PX.width())
+        self._theme = theme
+        self._console = console
+        self._image: QImage | None = None
+        self._timer = QTimer(self, interval=_PICTURE_EVERY_MS)
+        self._timer.timeout.connect(self.look)
+        self._timer.start()
+
+    @property
+    def shows_picture(self) -> bool:
+        return self._image is not None
+
+    def look(self) -> None:
+        """Take the newest picture, where anybody sees it."""
+        stream = self._console.state.frame
+        if not self.isVisible():
+            return
+        image_bgr = self._console.frames.read(stream.value) if stream.freshness in ("fresh", "stale") else None
+        self._image = None if image_bgr is None else shrunk(image_bgr, self.size())
+        self.update()
+
+    def sizeHint(self) -> QSize:
+        return _PICTURE_PX
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        whole = QRectF(self.rect())
+        painter.fillRect(whole, self._theme.color("video_ground"))
+        if self._image is not None:
+            size = self._image.size()
+            left, top = (self.width() - size.width()) / 2, (self.height() - size.height()) / 2
+            painter.drawImage(QRectF(left, top, size.width(), size.height()), self._image)
+            return
+        painter.setPen(self._theme.color("video_dim"))
+        painter.drawText(whole, int(Qt.AlignmentFlag.AlignCenter), tr("No picture yet"))
+
+
+class SoundPage(StepPage):
+    """A sentence to hear, and a level to see."""
+
+    def build(self) -> None:
+        console = self.console
+        self._output: DropDown | None = None
+        if self.add_check("voice"):
+            self._output = DropDown(self.theme, "first_use_voice", tr("Who speaks"))
+            self._output.activated.connect(self._on_output)
+            say = ActionButton(self.theme, tr("Say a sentence"), icon="speaker-high")
+            say.setObjectName("first_use_say")
+            say.clicked.connect(self._on_say)
+            self.add_choice(tr("Who speaks"), self._output, say)
+            console.state.voice.changed.connect(self._show_voice)
+            self._show_voice()
+        if not self.add_check("microphone"):
+            return
+        if ear_of(console.scenario, console.state.robot.value) == "computer":
+            self.add_choice(tr("Microphone"), self._make_microphones())
+        self._level = QProgressBar()
+        self._level.setObjectName("first_use_level")
+        self._level.setAccessibleName(tr("How loud the microphone hears"))
+        self._level.setTextVisible(False)
+        self._level.setMaximumWidth(_PICTURE_PX.width())
+        self.column.addWidget(self._level)
+        console.state.microphone.changed.connect(self._show_level)
+        self._show_level(console.state.microphone.value)
+
+    def _make_microphones(self) -> DropDown:
+        choice = DropDown(self.theme, "first_use_microphone", tr("Microphone"))
+        choice.addItem(tr("No microphone"), None)
+        for name in dict.fromkeys(("", *self.console.microphones())):
+            choice.addItem(words.microphone(name), name)
+        choice.setCurrentIndex(max(0, choice.findData(self.console.microphone)))
+        choice.activated.connect(lambda index: self.console.do(intents.UseMicrophone(choice.itemData(index))))
+        return choice
+
+    def _show_voice(self, _changed: object = None) -> None:
+        if self._output is not None:
+            self._output.clear()
+            for number, choice in enumerate(voice_choices(self.console.state.voice.value)[0]):
+                self._output.addItem(choice.text, choice.intent)
+                if choice.chosen:
+                    self._output.setCurrentIndex(number)
+
+    def _on_output(self, index: int) -> None:
+        if self._output is not None:
+            self.console.do(self._output.itemData(index))
+
+    def _on_say(self) -> None:
+        self.console.do(intents.Say(tr("Hello. Can you hear me?"), "phrase"))
+
+    def _show_level(self, microphone: MicrophoneStatus) -> None:
+        # Loudness is felt by its root: a quiet word has to show.
+        self._level.setValue(round(100 * microphone.level**0.5) if microphone.state == "on" else 0)
+
+
+class ModelPage(StepPage):
+    """A model to choose, and a question to see that it answers."""
+
+    def build(self) -> None:
+        self.add_check("model")
+        state = self.console.state
+        self._models = DropDown(self.theme, "first_use_model", tr("Language model"))
+        self._models.activated.connect(self._on_chosen)
+        ask = ActionButton(self.theme, tr("Ask it to say hello"), icon="chat-text")
+        ask.setObjectName("first_use_ask")
+        ask.clicked.connect(self._on_ask)
+        self.add_choice(tr("Model"), self._models, ask)
+        self._answer = self.label("")
+        self._answer.setObjectName("first_use_answer")
+        self.column.addWidget(self._answer)
+        self._asked = False
+        state.assistant_setup.changed.connect(self._show_models)
+        state.assistant.changed.connect(self._show_answer)
+        self._show_models(state.assistant_setup.value)
+
+    def _show_models(self, setup: AssistantSetup) -> None:
+        self._models.clear()
+        for choice in setup.models:
+            self._models.addItem(f"{choice.title} · {choice.where}" if choice.where else choice.title, choice.model)
+        self._models.setCurrentIndex(max(0, self._models.findData(setup.model)))
+        self._models.setVisible(bool(setup.models))
+
+    def _on_chosen(self, index: int) -> None:
+        self.console.do(intents.ChooseModel(self._models.itemData(index)))
+
+    def _on_ask(self) -> None:
+        self._asked = True
+        self.console.do(intents.Ask(tr("Say hello in one short sentence.")))
+
+    def _show_answer(self, assistant: AssistantStatus) -> None:
+        if self._asked:
+            self._answer.setText(f"“{assistant.answer}”" if assistant.answer else assistant.detail)
+
+
+def page_maker(
+    theme: Theme, console: WizardConsole, robots: RobotChooser
+) -> dict[StepName, Callable[[Step], StepPage]]:
+    """Makes the page of a step by its name."""
+    return {
+        "robot": lambda step: RobotPage(theme, console, step, robots),
+        "camera": partial(CameraPage, theme, console),
+        "sound": partial(SoundPage, theme, console),
+        "model": partial(ModelPage, theme, console),
+    }

@@ -1,0 +1,61 @@
+"""What is connected one after the other, each shown by the checks that there are before a recording too."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.live.status import PreflightCheck
+
+StepName = Literal["robot", "camera", "sound", "model"]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """``checks`` are the ids of those that tell how it stands; without any of them the scenario has no need of it."""
+
+    name: StepName
+    title: str
+    about: str
+    icon: str
+    checks: tuple[str, ...]
+
+    def of(self, checks: Sequence[PreflightCheck]) -> tuple[PreflightCheck, ...]:
+        return tuple(check for check in checks if check.id in self.checks)
+
+
+STEPS: tuple[Step, ...] = (
+    Step(
+        "robot",
+        QT_TR_NOOP("Robot"),
+        QT_TR_NOOP("Choose the robot. It has to run rosbridge, and be in the same network as this computer."),
+        "robot",
+        ("robot",),
+    ),
+    Step(
+        "camera",
+        QT_TR_NOOP("Camera"),
+        QT_TR_NOOP("This is what the robot sees now. Which cameras are used, the scenario says."),
+        "camera",
+        ("video",),
+    ),
+    Step(
+        "sound",
+        QT_TR_NOOP("Sound"),
+        QT_TR_NOOP("Hear that the robot speaks, and see that the microphone hears."),
+        "speaker-high",
+        ("voice", "microphone"),
+    ),
+    Step(
+        "model",
+        QT_TR_NOOP("Language model"),
+        QT_TR_NOOP("It suggests what to say. You can do everything without one."),
+        "brain",
+        ("model",),
+    ),
+)
+
+
+def steps_for(checks: Sequence[PreflightCheck]) -> tuple[Step, ...]:
+    """Those that the scenario has need of."""
+    return tuple(step for step in STEPS if step.of(checks))

@@ -1,0 +1,189 @@
+"""What a glance tells from two metres: whether the robot moves and speaks, and whether it is recorded and listened."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from PySide6.QtCore import QRectF, QSize, Qt, QTimer
+from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.sensing import Odometry
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.ui import tokens
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.words import UNDER_WAY
+
+SignName = Literal["moving", "speaking", "recording", "listening"]
+Lit = Literal["on", "half", "off"]
+_STILL_AFTER_MS = 600
+_MOVES_MPS, _TURNS_RADPS = 0.02, 0.05
+_SIDE_PX, _GAP_PX, _BETWEEN_PX = 12, 8, 8
+
+
+@dataclass(frozen=True, slots=True)
+class Sign:
+    """A filled sign is on, an outlined one off; a dashed outline is neither, or nobody knows."""
+
+    lit: Lit
+    icon: str
+    word: str
+
+
+_SIGNS: Mapping[tuple[SignName, str], Sign] = {
+    ("moving", "yes"): Sign("on", "arrow-fat-up", QT_TR_NOOP("Moving")),
+    ("moving", "no"): Sign("off", "anchor-simple", QT_TR_NOOP("Still")),
+    ("moving", "unknown"): Sign("half", "question", QT_TR_NOOP("No link")),
+    ("speaking", "yes"): Sign("on", "speaker-high", QT_TR_NOOP("Speaking")),
+    ("speaking", "no"): Sign("off", "speaker-slash", QT_TR_NOOP("Silent")),
+    ("recording", "yes"): Sign("on", "record", QT_TR_NOOP("Recording")),
+    ("recording", "paused"): Sign("half", "pause-circle", QT_TR_NOOP("Paused")),
+    ("recording", "no"): Sign("off", "circle-dashed", QT_TR_NOOP("Not recorded")),
+    ("listening", "yes"): Sign("on", "ear", QT_TR_NOOP("Listening")),
+    ("listening", "no"): Sign("off", "ear-slash", QT_TR_NOOP("Not listening")),
+}
+_COLORS: Mapping[SignName, str] = {"moving": "blue", "speaking": "blue", "recording": "green", "listening": "green"}
+
+
+def signs_of(state: LiveState, *, moves: bool) -> dict[SignName, Sign]:
+    """The four signs as things are; ``moves``: the robot's own wheels say so."""
+    linked = state.link.value.state in ("connected", "trouble")
+    speaks = state.speech.value.now is not None or state.sound.value.talking == "robot"
+    recorded = {"recording": "yes", "paused": "paused"}.get(state.recording.value.state, "no")
+    return {
+        "moving": _SIGNS["moving", ("yes" if moves else "no") if linked else "unknown"],
+        "speaking": _SIGNS["speaking", "yes" if speaks else "no"],
+        "recording": _SIGNS["recording", recorded],
+        "listening": _SIGNS["listening", "yes" if state.microphone.value.state == "on" else "no"],
+    }
+
+
+class GlanceSigns(QWidget):
+    """Icon and word each, always in the same place; painted when one of them changes and not before."""
+
+    def __init__(self, theme: Theme, state: LiveState) -> None:
+        super().__init__()
+        self.setObjectName("glance")
+        self._theme = theme
+        self._state = state
+        self._compact = False
+        self._moves = False
+        self._signs: dict[SignName, Sign] = {}
+        self._widths: list[int] = []
+        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
+        self._still = QTimer(self, singleShot=True, interval=_STILL_AFTER_MS)
+        self._still.timeout.connect(self._on_still)
+        state.odometry.changed.connect(self._on_odometry)
+        for value in (
+            state.link, state.drive, state.goal, state.speech, state.sound, state.recording, state.microphone,
+        ):  # fmt: skip
+            value.changed.connect(self._on_changed)
+        theme.changed.connect(self._measure)
+        self._measure()
+        self._on_changed()
+
+    @property
+    def signs(self) -> Mapping[SignName, Sign]:
+        return self._signs
+
+    def use_room(self, *, compact: bool) -> None:
+        """Smaller words, where something else needs the room too."""
+        if compact != self._compact:
+            self._compact = compact
+            self._measure()
+
+    def sizeHint(self) -> QSize:
+        return QSize(sum(self._widths) + _BETWEEN_PX * (len(self._widths) - 1), 34)
+
+    def minimumSizeHint(self) -> QSize:
+        return self.sizeHint()
+
+    def _on_odometry(self, odometry: Odometry) -> None:
+        twist = odometry.twist
+        moves = math.hypot(twist.forward_mps, twist.left_mps) > _MOVES_MPS or abs(twist.turn_radps) > _TURNS_RADPS
+        if moves:
+            self._still.start()
+        if moves and not self._moves:
+            self._moves = True
+            self._on_changed()
+
+    def _on_still(self) -> None:
+        self._moves = False
+        self._on_changed()
+
+    def _moves_now(self) -> bool:
+        """As its wheels say; of a robot that does not tell, as it was asked to."""
+        if self._state.odometry.value is not None:
+            return self._moves
+        drive: DriveStatus = self._state.drive.value
+        goal: GoalChanged | None = self._state.goal.value
+        asked = drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps
+        return bool(asked) or (goal is not None and goal.state in UNDER_WAY)
+
+    def _on_changed(self, _value: object = None) -> None:
+        signs = signs_of(self._state, moves=self._moves_now())
+        if signs != self._signs:
+            self._signs = signs
+            self.setAccessibleName(tr("The robot now: {signs}").format(signs=", ".join(map(_word, signs.values()))))
+            self.update()
+
+    def _font_px(self) -> int:
+        return tokens.BODY_PX if self._compact else tokens.GLANCE_PX
+
+    def _icon_px(self) -> int:
+        return 20 if self._compact else 26
+
+    def _measure(self) -> None:
+        """As wide as the longest word of each, so that nothing moves when one changes."""
+        metrics = QFontMetricsF(self._theme.font(self._font_px(), tokens.WEIGHT_SEMIBOLD))
+        around_px = 2 * _SIDE_PX + self._icon_px() + _GAP_PX
+        self._widths = [
+            math.ceil(max(metrics.horizontalAdvance(_word(sign)) for (each, _), sign in _SIGNS.items() if each == name))
+            + around_px
+            for name in _COLORS
+        ]
+        self.setFixedWidth(self.sizeHint().width())
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        left = 0.0
+        for (name, sign), width in zip(self._signs.items(), self._widths, strict=True):
+            self._paint_sign(painter, QRectF(left, 0, width, self.height()), sign, _COLORS[name])
+            left += width + _BETWEEN_PX
+
+    def _paint_sign(self, painter: QPainter, rect: QRectF, sign: Sign, role: str) -> None:
+        theme = self._theme
+        color = theme.color(role)
+        match sign.lit:
+            case "on":
+                painter.setPen(Qt.PenStyle.NoPen)
+                painter.setBrush(color)
+                ink = theme.color("panel")
+            case "half":
+                painter.setPen(QPen(theme.color("amber"), 2, Qt.PenStyle.DashLine))
+                painter.setBrush(theme.color("amber_soft"))
+                ink = theme.color("text")
+            case _:
+                painter.setPen(QPen(theme.color("line"), 1))
+                painter.setBrush(Qt.BrushStyle.NoBrush)
+                ink = theme.color("dim")
+        radius = tokens.CONTROL_RADIUS_PX
+        painter.drawRoundedRect(rect.adjusted(1, 1, -1, -1), radius, radius)
+        icon_px = self._icon_px()
+        place = QRectF(rect.left() + _SIDE_PX, rect.center().y() - icon_px / 2, icon_px, icon_px)
+        draw_icon(painter, place, sign.icon, ink)
+        painter.setFont(theme.font(self._font_px(), tokens.WEIGHT_SEMIBOLD))
+        painter.setPen(ink)
+        words = rect.adjusted(_SIDE_PX + icon_px + _GAP_PX, 0, 0, 0)
+        painter.drawText(words, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), _word(sign))
+
+
+def _word(sign: Sign) -> str:
+    return tr(sign.word)

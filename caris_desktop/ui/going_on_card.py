@@ -1,0 +1,152 @@
+"""After an end that nobody wanted: offers the trial, then asks about everything that may not be as before."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QEvent, QObject, QRectF, Qt
+from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.intents import AsBefore
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live.status import GoingOnStatus
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import tokens
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.check_box import CheckBox
+
+_WIDTH_PX, _FROM_EDGE_PX = 520, 20
+_ASKED: dict[AsBefore, str] = {
+    "map": QT_TR_NOOP("The robot stands where the map shows it"),
+    "people": QT_TR_NOOP("People are who the list says"),
+    "consent": QT_TR_NOOP("The participant agrees to go on being recorded"),
+}
+
+
+def trial_in_words(details: TrialDetails) -> str:
+    """Of whom the trial is, as a wizard calls it."""
+    if details.participant and details.trial:
+        return tr("{participant}, trial {trial}").format(participant=details.participant, trial=details.trial)
+    return details.participant or (tr("trial {trial}").format(trial=details.trial) if details.trial else tr("a trial"))
+
+
+class GoingOnCard(QWidget):
+    """Over the upper middle of the docks, and no dialog: the stop and everything else can be reached meanwhile.
+
+    ``start_recording`` is where the next part of the trial begins.
+    """
+
+    def __init__(
+        self, theme: Theme, over: QWidget, console: WizardConsole, start_recording: Callable[[], None]
+    ) -> None:
+        super().__init__(over)
+        self.setObjectName("going_on_card")
+        self._theme = theme
+        self._over = over
+        self._console = console
+        self._heading = QLabel()
+        self._heading.setObjectName("going_on_heading")
+        self._text = QLabel()
+        self._text.setObjectName("going_on_text")
+        for label in (self._heading, self._text):
+            label.setWordWrap(True)
+            label.setTextFormat(Qt.TextFormat.PlainText)
+        self._boxes: dict[AsBefore, CheckBox] = {}
+        column = self._column = QVBoxLayout(self)
+        column.setContentsMargins(20, 16, 20, 16)
+        column.setSpacing(tokens.GRID_PX)
+        column.addWidget(self._heading)
+        column.addWidget(self._text)
+        for what, asked in _ASKED.items():
+            box = self._boxes[what] = CheckBox(theme, tr(asked))
+            box.setObjectName(f"going_on_{what}")
+            box.clicked.connect(self._confirmer(what))
+            column.addWidget(box)
+        self._yes = ActionButton(theme, tr("Go on with the trial"), look="primary", height_px=38)
+        self._yes.setObjectName("going_on_yes")
+        self._yes.clicked.connect(lambda: console.do(intents.GoOnWithTrial()))
+        self._start = ActionButton(theme, tr("Record the next part"), icon="record", look="primary", height_px=38)
+        self._start.setObjectName("going_on_start")
+        self._start.clicked.connect(start_recording)
+        self._no = ActionButton(theme, tr("Do not go on"), look="ghost", height_px=38)
+        self._no.setObjectName("going_on_no")
+        self._no.clicked.connect(lambda: console.do(intents.LeaveTrial()))
+        buttons = QHBoxLayout()
+        buttons.setSpacing(tokens.GRID_PX)
+        buttons.addWidget(self._no)
+        buttons.addStretch(1)
+        buttons.addWidget(self._start)
+        buttons.addWidget(self._yes)
+        column.addSpacing(4)
+        column.addLayout(buttons)
+        over.installEventFilter(self)
+        theme.changed.connect(self._style)
+        self.hide()
+        self._style()
+        console.state.going_on.changed.connect(self._show)
+        self._show(console.state.going_on.value)
+
+    def _confirmer(self, what: AsBefore) -> Callable[[bool], None]:
+        def confirm(_checked: bool) -> None:
+            self._console.do(intents.ConfirmAsBefore(what))
+            self._show(self._console.state.going_on.value)  # it cannot be taken back
+
+        return confirm
+
+    def _show(self, status: GoingOnStatus) -> None:
+        if not status.state:
+            self.hide()
+            return
+        offered, trial = status.state == "offered", trial_in_words(status.details)
+        if offered:
+            self._heading.setText(tr("The program ended in the midst of a recording."))
+            self._text.setText(
+                tr(
+                    "{trial} was being recorded. What was recorded until then is safe. You can go on with the same "
+                    "participant: the robot is then held by the emergency stop until you release it."
+                ).format(trial=trial)
+            )
+        else:
+            self._heading.setText(tr("Going on with {trial}").format(trial=trial))
+            self._text.setText(
+                tr("Look at what may have changed meanwhile. The robot is held until you release the emergency stop.")
+            )
+        for what, box in self._boxes.items():
+            box.setVisible(not offered)
+            box.setChecked(what not in status.unconfirmed)
+            box.setEnabled(what in status.unconfirmed)
+        self._yes.setVisible(offered)
+        self._start.setVisible(not offered)
+        self._start.setEnabled(status.state == "confirmed")
+        self._start.setToolTip("" if status.state == "confirmed" else tr("Tick what you have looked at first"))
+        self.setAccessibleName(f"{self._heading.text()} {self._text.text()}")
+        self.show()
+        self._place()
+
+    def _place(self) -> None:
+        self.setFixedWidth(min(_WIDTH_PX, self._over.width() - 2 * _FROM_EDGE_PX))
+        self.resize(self.width(), self._column.heightForWidth(self.width()))
+        self.move((self._over.width() - self.width()) // 2, _FROM_EDGE_PX)
+        self.raise_()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self._over and event.type() == QEvent.Type.Resize and not self.isHidden():
+            self._place()
+        return False
+
+    def _style(self) -> None:
+        self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        self._text.setFont(self._theme.font(tokens.BODY_PX))
+        self._theme.color_text(self._text, "dim")
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._theme.color("amber"), 1.4))
+        painter.setBrush(self._theme.color("panel"))
+        painter.drawRoundedRect(
+            QRectF(self.rect()).adjusted(1, 1, -1, -1), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
+        )

@@ -1,0 +1,243 @@
+"""The keys that a wizard chose in place of those of the table: what stands in the way of one, and what becomes of all.
+
+No safety key can be chosen for anything else, nor changed. Where two rows would answer to one key, what was chosen
+gives way to what the table says, and somebody is told.
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, Literal
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QKeySequence
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui.action_rows import say_keyed_phrase
+from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.key_positions import position_codes
+
+Column = Literal["keys", "driving_keys"]
+COLUMNS: tuple[Column, ...] = ("keys", "driving_keys")
+_ARROWS = ("Up", "Down", "Left", "Right")
+_STOPS = ("Esc", "Pause")
+_EDITS_TEXT = frozenset(f"Ctrl+{key}" for key in ("A", "C", "V", "X", "Z", "Y", "Left", "Right", "Backspace", "Del"))
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """Of one row: those that work anywhere, and those while Drive, Video or Map has the focus."""
+
+    keys: tuple[str, ...] = ()
+    driving_keys: tuple[str, ...] = ()
+
+
+Choices = Mapping[str, Keys]
+"""By ``name_of_row``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """``rows`` with the chosen keys. Of ``fallen_back`` the chosen keys could not be used; each says why.
+
+    ``clashes`` are phrases whose own key, as the scenario has it, is that of another row; it does not work.
+    """
+
+    rows: tuple[ActionSpec, ...] = ()
+    fallen_back: tuple[str, ...] = ()
+    clashes: tuple[tuple[ActionSpec, ActionSpec], ...] = ()
+
+
+def name_of_row(spec: ActionSpec) -> str:
+    """A phrase with a key of its own is known by its sentence: its number changes with the file."""
+    return f"phrase: {spec.argument.say}" if spec.intent is say_keyed_phrase else spec.id
+
+
+@cache
+def normalized(key: str) -> str:
+    """One spelling for a key sequence. Raises ValueError for one that Qt does not know."""
+    sequence = QKeySequence(key, QKeySequence.SequenceFormat.PortableText)
+    text = sequence.toString(QKeySequence.SequenceFormat.PortableText)
+    # Qt makes a key without a code of a word that it does not know.
+    if not text or any(sequence[place].key() == Qt.Key.Key_unknown for place in range(sequence.count())):  # type: ignore[index]
+        raise ValueError(f"no such key: {key!r}")
+    return text
+
+
+def conflicts(specs: Iterable[ActionSpec]) -> list[tuple[str, tuple[str, ...]]]:
+    """Keys that more than one action would answer to while a driving panel has the focus (where all keys of the window
+    work), or a part of the window that some rows belong to: only one part has the focus at a time.
+    """
+    rows = tuple(specs)
+    found: dict[str, dict[str, None]] = {}
+    for part in dict.fromkeys(("", *(spec.within for spec in rows))):
+        owners: dict[str, list[str]] = {}
+        for spec in rows:
+            if spec.within in ("", part):
+                keys = spec.keys if part else (*spec.keys, *spec.driving_keys)
+                for key in {normalized(key) for key in keys}:
+                    owners.setdefault(key, []).append(spec.id)
+        for key, ids in owners.items():
+            if len(ids) > 1:
+                found.setdefault(key, {}).update(dict.fromkeys(ids))
+    return sorted((key, tuple(ids)) for key, ids in found.items())
+
+
+def types_something(key: str) -> bool:
+    """Whether it writes or moves in a text field: it comes without Ctrl and Alt, and is no function key."""
+    last = normalized(key).removeprefix("Shift+")
+    return not last.startswith(("Ctrl+", "Alt+", "Meta+")) and not (last[:1] == "F" and last[1:].isdecimal())
+
+
+def with_keys(spec: ActionSpec, keys: Keys | None) -> ActionSpec:
+    return spec if keys is None else replace(spec, keys=keys.keys, driving_keys=keys.driving_keys)
+
+
+def changed(spec: ActionSpec, column: Column, key: str) -> Keys:
+    """The keys of the row once ``key`` was chosen for it. A drive key keeps its arrow where a letter is chosen."""
+    if not spec.by_position:
+        return replace(Keys(spec.keys, spec.driving_keys), **{column: (key,)})
+    arrow = key in _ARROWS
+    bare = tuple(known for known in spec.driving_keys if (known in _ARROWS) != arrow)
+    bare = (*bare, key) if arrow else (key, *bare)
+    return Keys(tuple(f"Alt+{each}" for each in bare), bare)
+
+
+def without(spec: ActionSpec, key: str) -> Keys:
+    """The keys of the row once ``key`` was taken from it; a drive key goes with its chord."""
+    gone = {key, f"Alt+{key}", key.removeprefix("Alt+")} if spec.by_position else {key}
+    return Keys(
+        *(tuple(each for each in keys if normalized(each) not in gone) for keys in (spec.keys, spec.driving_keys))
+    )
+
+
+def owners(rows: Iterable[ActionSpec], spec: ActionSpec, keys: Keys) -> list[tuple[str, ActionSpec]]:
+    """Which other rows have those of ``keys`` now, by key."""
+    others = {row.id: row for row in rows if row.id != spec.id}
+    changed_row = with_keys(spec, keys)
+    found = conflicts((*others.values(), changed_row))
+    return [(key, others[row]) for key, ids in found if spec.id in ids for row in ids if row != spec.id]
+
+
+def refusal(spec: ActionSpec, column: Column, key: str, rows: Iterable[ActionSpec], *, position: str = "") -> str:
+    """Why ``key`` can never be that of the row; empty where it can. ``position`` is where on the keyboard it lies."""
+    modifiers, _plus, last = key.rpartition("+") if not key.endswith("+") else (key[:-2], "", "+")
+    if spec.kind == "safety":
+        return tr("This key stops the robot, always. It stays as it is.")
+    if last in _STOPS:
+        return tr("Esc and Pause stop the robot, always.")
+    if last in ("Tab", "Backtab"):
+        return tr("Tab moves through the window.")
+    if spec.by_position:
+        arrow_fits = spec.kind == "hold" and last in _ARROWS
+        if modifiers or not (arrow_fits or last in position_codes("linux")):
+            return tr("Here it is one letter or digit alone. With Alt it then works anywhere.")
+        return ""
+    if "Alt" in modifiers:
+        return tr("Alt is for driving while you type. Use Ctrl, or Ctrl with Shift.")
+    if spec.within:
+        return ""
+    if column == "driving_keys":
+        held = {each for row in rows if row.kind == "hold" for each in row.driving_keys}
+        if not modifiers and (last in held or position in held):
+            return tr("{key} drives the robot here.").format(key=last)
+        return ""
+    if key in _EDITS_TEXT and key not in spec.keys:
+        return tr("{key} edits what you type.").format(key=key)
+    if types_something(key) and not any(map(types_something, spec.keys)):
+        return tr("{key} types in a text field. Use it with Ctrl, or only while driving.").format(key=key)
+    return ""
+
+
+def settle(specs: Iterable[ActionSpec], choices: Choices) -> Settled:
+    """The rows with the keys that were chosen, as far as that goes; a wizard's choice goes before a scenario's."""
+    standard = list(specs)
+    told: list[str] = []
+    chosen: dict[str, Keys] = {}
+    for spec in standard:
+        keys = choices.get(name_of_row(spec))
+        if keys is not None:
+            why = _broken(spec, keys, standard)
+            if why:
+                told.append(tr("“{act}”: {why}").format(act=spec.text, why=why))
+            else:
+                chosen[spec.id] = keys
+    firm = [spec for spec in standard if spec.id in chosen or spec.intent is not say_keyed_phrase]
+    by_id = {spec.id: spec for spec in firm}
+    while True:
+        rows = [with_keys(spec, chosen.get(spec.id)) for spec in firm]
+        found = next(((key, ids) for key, ids in conflicts(rows) if any(each in chosen for each in ids)), None)
+        if found is None:
+            break
+        key, ids = found
+        loser = next(each for each in reversed(ids) if each in chosen)
+        del chosen[loser]
+        other = next(each for each in ids if each != loser)
+        told.append(
+            tr("“{act}”: {key} is the key of “{other}”.").format(
+                act=by_id[loser].text, key=key, other=by_id[other].text
+            )
+        )
+    return _with_phrases(standard, rows, tuple(told))
+
+
+def _with_phrases(standard: Sequence[ActionSpec], firm: Sequence[ActionSpec], told: tuple[str, ...]) -> Settled:
+    taken = {normalized(key): spec for spec in firm for key in (*spec.keys, *spec.driving_keys)}
+    settled = {spec.id: spec for spec in firm}
+    clashes = []
+    for spec in standard:
+        if spec.id in settled:
+            continue
+        other = taken.get(normalized(spec.keys[0]))
+        if other is None:
+            settled[spec.id] = taken[normalized(spec.keys[0])] = spec
+        else:
+            clashes.append((spec, other))
+    return Settled(tuple(settled[spec.id] for spec in standard if spec.id in settled), told, tuple(clashes))
+
+
+def _broken(spec: ActionSpec, keys: Keys, rows: Iterable[ActionSpec]) -> str:
+    """Why these cannot be the keys of the row, whatever other rows have; empty where they can."""
+    if spec.kind == "safety":
+        return refusal(spec, "keys", "", rows)
+    if spec.by_position and keys.keys != tuple(f"Alt+{key}" for key in keys.driving_keys):
+        return tr("What was kept are no keys for driving.")
+    for column in COLUMNS:
+        for key in getattr(keys, column):
+            try:
+                same = normalized(key) == key
+            except ValueError:
+                same = False
+            if not same or ", " in key:
+                return tr("{key} is no key.").format(key=key)
+            bare = key.removeprefix("Alt+") if spec.by_position else key
+            why = "" if key in getattr(spec, column) else refusal(spec, column, bare, rows)
+            if why:
+                return why
+    return ""
+
+
+def as_text(choices: Choices) -> str:
+    """For the settings."""
+    return json.dumps(
+        {name: {"keys": list(keys.keys), "driving_keys": list(keys.driving_keys)} for name, keys in choices.items()}
+    )
+
+
+def from_text(text: str) -> dict[str, Keys]:
+    """Raises ValueError where it is not what ``as_text`` writes."""
+    try:
+        kept: Any = json.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+    if not isinstance(kept, dict):
+        raise ValueError("no keys by rows")  # noqa: TRY004 - the text is wrong, not its type
+    return {str(name): Keys(*(_key_list(row, column) for column in COLUMNS)) for name, row in kept.items()}
+
+
+def _key_list(row: Any, column: Column) -> tuple[str, ...]:
+    keys = row.get(column, []) if isinstance(row, dict) else None
+    if not isinstance(keys, list) or len(keys) > 4 or not all(isinstance(key, str) and len(key) < 40 for key in keys):
+        raise ValueError(f"no {column}: {row!r}")
+    return tuple(keys)

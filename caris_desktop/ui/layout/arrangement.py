@@ -1,0 +1,256 @@
+"""How a wizard has arranged the panels, and each thing that can be done to it: functions from one to the next.
+
+The tree keeps a place for every panel, also for those that are hidden or in windows of their own: there they come back.
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from caris_desktop.scenario.layout import checked_layout, layout_data, layout_problems
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName
+from caris_desktop.ui.layout.rect import Rect, on_a_screen
+from caris_desktop.ui.layout.tree import (
+    Side,
+    panels_in,
+    put_at_edge,
+    put_beside,
+    tidy,
+    with_current,
+    with_weights,
+    without,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Floating:
+    """A window of its own: its panels, and where it lies on the desktop."""
+
+    tree: LayoutNode
+    place: Rect
+
+
+@dataclass(frozen=True, slots=True)
+class Arrangement:
+    """``tree`` has all panels; each of those in ``floating`` is shown there instead, and ``hidden`` ones are not."""
+
+    tree: LayoutNode
+    hidden: frozenset[PanelName] = frozenset()
+    floating: tuple[Floating, ...] = ()
+
+    @property
+    def panels(self) -> tuple[PanelName, ...]:
+        return panels_in(self.tree)
+
+    @property
+    def afloat(self) -> frozenset[PanelName]:
+        return frozenset(panel for window in self.floating for panel in panels_in(window.tree))
+
+    def is_shown(self, panel: PanelName) -> bool:
+        """In the window or in one of its own, be it behind another tab."""
+        return panel in self.panels and panel not in self.hidden
+
+    @property
+    def docked(self) -> frozenset[PanelName]:
+        """What the main window shows."""
+        return frozenset(self.panels) - self.hidden - self.afloat
+
+    @property
+    def for_file(self) -> LayoutNode | None:
+        """What a scenario file says of it: windows of their own are this wizard's affair, so their panels have their
+        places in the tree; hidden ones are left out.
+        """
+        smaller = without(self.tree, self.hidden)
+        return None if smaller is None else tidy(smaller)
+
+
+def arrangement_of(tree: LayoutNode) -> Arrangement:
+    """As a file says it."""
+    return Arrangement(tidy(tree))
+
+
+# ---- what is done to it
+
+
+def select(arrangement: Arrangement, panel: PanelName) -> Arrangement:
+    """The panel comes to the front of its tabs."""
+    index = _window_of(arrangement, panel)
+    if index is None:
+        return replace(arrangement, tree=with_current(arrangement.tree, panel))
+    return _with_window(arrangement, index, lambda tree: with_current(tree, panel))
+
+
+def move(
+    arrangement: Arrangement, panel: PanelName, beside: PanelName, side: Side, at: int | None = None
+) -> Arrangement:
+    """The panel goes to a side of the group of another, wherever that is; it leaves its own group behind.
+
+    ``at`` is the place among the tabs, counted without the panel itself.
+    """
+    if panel == beside:
+        return arrangement
+    index = _window_of(arrangement, beside)
+    loose = _out_of_windows(arrangement, panel)
+    hidden = arrangement.hidden - {panel}
+    if index is None:
+        rest = without(loose.tree, {panel})
+        if rest is None:
+            return arrangement
+        return replace(loose, tree=put_beside(rest, beside, panel, side, at), hidden=hidden)
+    # Its place in the main window stays: there it goes back.
+    index = _window_of(loose, beside)
+    if index is None:
+        return arrangement
+    moved = _with_window(loose, index, lambda tree: put_beside(tree, beside, panel, side, at))
+    return replace(moved, hidden=hidden)
+
+
+def move_to_edge(arrangement: Arrangement, panel: PanelName, side: Side) -> Arrangement:
+    """The panel goes beside everything else in the main window."""
+    loose = _out_of_windows(arrangement, panel)
+    rest = without(loose.tree, {panel})
+    if rest is None or side == "tab":
+        return arrangement
+    return replace(loose, tree=put_at_edge(rest, panel, side), hidden=loose.hidden - {panel})
+
+
+def float_panel(arrangement: Arrangement, panel: PanelName, place: Rect) -> Arrangement:
+    """The panel gets a window of its own."""
+    if panel not in arrangement.panels:
+        return arrangement
+    loose = _out_of_windows(arrangement, panel)
+    window = Floating(PanelLeaf(panel), place)
+    return replace(loose, hidden=loose.hidden - {panel}, floating=(*loose.floating, window))
+
+
+def dock(arrangement: Arrangement, panel: PanelName) -> Arrangement:
+    """The panel goes back into the main window, where it was."""
+    loose = _out_of_windows(arrangement, panel)
+    return replace(loose, tree=with_current(loose.tree, panel))
+
+
+def hide(arrangement: Arrangement, panel: PanelName) -> Arrangement:
+    if panel not in arrangement.panels:
+        return arrangement
+    return replace(arrangement, hidden=arrangement.hidden | {panel})
+
+
+def show(arrangement: Arrangement, panel: PanelName) -> Arrangement:
+    """The panel is where it was before it was hidden, in front of its tabs."""
+    return select(replace(arrangement, hidden=arrangement.hidden - {panel}), panel)
+
+
+def add(arrangement: Arrangement, panel: PanelName, beside: Sequence[PanelName]) -> Arrangement:
+    """A panel that the tree does not have comes into a tab with the first of ``beside`` that the main window shows, or
+    else with any.
+    """
+    if panel in arrangement.panels:
+        return show(arrangement, panel)
+    docked = arrangement.docked
+    among = [each for each in (*beside, *arrangement.panels) if each in docked] or list(arrangement.panels)
+    return replace(arrangement, tree=put_beside(arrangement.tree, among[0], panel, "tab"))
+
+
+def remove(arrangement: Arrangement, panels: Collection[PanelName]) -> Arrangement | None:
+    """Without any trace of these panels; None where nothing is left."""
+    tree = without(arrangement.tree, frozenset(panels))
+    if tree is None:
+        return None
+    windows = [
+        Floating(tidy(left), window.place)
+        for window in arrangement.floating
+        if (left := without(window.tree, frozenset(panels))) is not None
+    ]
+    return Arrangement(tidy(tree), arrangement.hidden - frozenset(panels), tuple(windows))
+
+
+def resize(
+    arrangement: Arrangement, window: int | None, path: tuple[int, ...], weights: tuple[float, ...]
+) -> Arrangement:
+    """Other weights in one split, of the main window or of one of its own."""
+    if window is None:
+        return replace(arrangement, tree=with_weights(arrangement.tree, path, weights))
+    return _with_window(arrangement, window, lambda tree: with_weights(tree, path, weights))
+
+
+def place_window(arrangement: Arrangement, window: int, place: Rect) -> Arrangement:
+    """A window of its own lies elsewhere."""
+    windows = list(arrangement.floating)
+    windows[window] = replace(windows[window], place=place)
+    return replace(arrangement, floating=tuple(windows))
+
+
+def clamped(arrangement: Arrangement, screens: Sequence[Rect]) -> Arrangement:
+    """Every window on a screen that exists."""
+    windows = tuple(replace(window, place=on_a_screen(window.place, screens)) for window in arrangement.floating)
+    return replace(arrangement, floating=windows)
+
+
+def _window_of(arrangement: Arrangement, panel: PanelName) -> int | None:
+    """Which of the windows of their own has the panel; None where the main window does."""
+    return next((i for i, window in enumerate(arrangement.floating) if panel in panels_in(window.tree)), None)
+
+
+def _with_window(arrangement: Arrangement, index: int, change: Callable[[LayoutNode], LayoutNode]) -> Arrangement:
+    windows = list(arrangement.floating)
+    windows[index] = replace(windows[index], tree=change(windows[index].tree))
+    return replace(arrangement, floating=tuple(windows))
+
+
+def _out_of_windows(arrangement: Arrangement, panel: PanelName) -> Arrangement:
+    """The panel is in no window of its own; one that was only its own is gone."""
+    windows = [
+        replace(window, tree=tidy(left))
+        for window in arrangement.floating
+        if (left := without(window.tree, {panel})) is not None
+    ]
+    return replace(arrangement, floating=tuple(windows))
+
+
+# ---- as data
+
+
+def arrangement_data(arrangement: Arrangement) -> dict[str, Any]:
+    """As plain data, for settings."""
+    return {
+        "tree": layout_data(arrangement.tree),
+        "hidden": sorted(arrangement.hidden),
+        "floating": [
+            {
+                "tree": layout_data(window.tree),
+                "place": [window.place.left, window.place.top, window.place.width, window.place.height],
+            }
+            for window in arrangement.floating
+        ],
+    }
+
+
+def arrangement_from(data: Any) -> Arrangement:
+    """What :func:`arrangement_data` gave. Raises ValueError for anything else."""
+    if not isinstance(data, Mapping):
+        raise ValueError("not an arrangement of panels")  # noqa: TRY004  (whoever reads settings expects one kind)
+    tree = _checked(data.get("tree"))
+    hidden, windows = data.get("hidden", []), data.get("floating", [])
+    if not isinstance(hidden, list) or not set(map(str, hidden)) <= set(panels_in(tree)):
+        raise ValueError("panels are hidden that are not there")
+    if not isinstance(windows, list) or not all(isinstance(window, Mapping) for window in windows):
+        raise ValueError("the windows are not a list")
+    floating = tuple(Floating(_checked(window.get("tree")), _place_from(window.get("place"))) for window in windows)
+    afloat = [panel for window in floating for panel in panels_in(window.tree)]
+    if len(set(afloat)) != len(afloat) or not set(afloat) <= set(panels_in(tree)):
+        raise ValueError("a panel is in two windows")
+    return Arrangement(tree, frozenset(panel for panel in panels_in(tree) if panel in hidden), floating)
+
+
+def _checked(data: Any) -> LayoutNode:
+    tree = checked_layout(data)
+    for _path, problem in layout_problems(layout_data(tree), ("layout",), set()):
+        raise ValueError(f"not an arrangement of panels: {problem[:200]}")
+    return tidy(tree)
+
+
+def _place_from(data: Any) -> Rect:
+    whole = isinstance(data, list) and len(data) == 4 and all(type(number) is int for number in data)
+    if not whole or not all(abs(number) < 100_000 for number in data) or min(data[2:]) <= 0:
+        raise ValueError("a window's place is not four numbers of pixels")
+    return Rect(*data)

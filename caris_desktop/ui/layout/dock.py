@@ -1,0 +1,217 @@
+"""One panel with its title bar, wherever it is shown: what is dragged by the title, closed, floated, opened large."""
+
+from PySide6.QtCore import QPoint, QSize, Qt, Signal
+from PySide6.QtGui import QCloseEvent, QContextMenuEvent, QHideEvent, QMouseEvent, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractScrollArea,
+    QAbstractSlider,
+    QApplication,
+    QLabel,
+    QLineEdit,
+    QWidget,
+)
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.scenario.model import PanelName
+from caris_desktop.ui import tokens
+from caris_desktop.ui.layout.placing import TITLE_PX, Room
+from caris_desktop.ui.panel import Panel, PanelTitleBar
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+_BUTTON_PX = 26
+_MOST_NAMED = 4
+
+
+class Dock(QWidget):
+    """Below the title lies the panel; where the dock is too small for it, the panel keeps the size that it needs at
+    least, and a button in the title says what is cut off.
+    """
+
+    drag_moved = Signal(object, object)  # the panel's name, QPoint on the desktop
+    drag_dropped = Signal(object, object)
+    close_wanted = Signal(object)
+    float_wanted = Signal(object)  # out into a window of its own, or back
+    menu_wanted = Signal(object, object)
+    drawer_wanted = Signal(object)
+
+    def __init__(self, name: PanelName, panel: Panel, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.name = name
+        self.setObjectName(f"dock_{name}")
+        self._panel = panel
+        self._pressed_at: QPoint | None = None
+        self._dragging = False
+        self._floating = self._drawer = False
+        self._content = QWidget(self)
+        panel.setParent(self._content)
+        panel.show()
+        self._more = ActionButton(
+            panel.theme,
+            icon="caret-double-down",
+            look="amber",
+            height_px=_BUTTON_PX,
+            text_px=tokens.STATUS_PX,
+            may_lose_words=True,
+        )
+        self._more.setObjectName("drawer_button")
+        self._more.clicked.connect(lambda: self.drawer_wanted.emit(self.name))
+        self._more.hide()
+        self._float = ActionButton(panel.theme, icon="arrow-square-out", look="ghost", height_px=_BUTTON_PX)
+        self._float.setObjectName("float_button")
+        self._float.clicked.connect(lambda: self.float_wanted.emit(self.name))
+        self._title_bar = PanelTitleBar(panel, (self._more, self._float))
+        self._title_bar.setParent(self)
+        self._title_bar.show()
+        panel.title_changed.connect(self._on_title_changed)
+        self._on_title_changed(panel.shown_title)
+        self.set_place(floating=False, locked=False)
+
+    def widget(self) -> Panel:
+        return self._panel
+
+    def titleBarWidget(self) -> PanelTitleBar:
+        return self._title_bar
+
+    def isFloating(self) -> bool:
+        """Whether it is in a window of its own, alone or with others."""
+        return self._floating
+
+    def set_place(self, *, floating: bool, locked: bool) -> None:
+        self._floating = floating
+        self._float.setVisible(not locked)
+        words = tr("Put back into the main window") if floating else tr("Into a window of its own")
+        self._float.set_label("", icon="arrow-square-in" if floating else "arrow-square-out")
+        self._float.setAccessibleName(f"{self._panel.shown_title}: {words}")
+        self._float.setToolTip(words)
+
+    def set_drawer(self, is_drawer: bool) -> None:
+        """Whether it lies large over its neighbours for now."""
+        self._drawer = is_drawer
+        self.fit()
+
+    def set_shown(self, shown: bool) -> None:
+        """In front of its tabs, or behind another one, or nowhere."""
+        self.setVisible(shown)
+        self._panel.set_in_view(shown)
+
+    def least(self) -> Room:
+        """The least room it needs, title included."""
+        need = self._panel_need()
+        return (max(need.width(), self._title_bar.minimumSizeHint().width()), need.height() + TITLE_PX)
+
+    def _panel_need(self) -> QSize:
+        """What was set counts more than what the panel itself says."""
+        hint, least = self._panel.minimumSizeHint(), self._panel.minimumSize()
+        return QSize(least.width() or hint.width(), least.height() or hint.height())
+
+    # ---- what is cut off
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.fit()
+
+    def fit(self) -> None:
+        """Share the room between the title and the panel."""
+        below = max(0, self.height() - TITLE_PX)
+        self._title_bar.setGeometry(0, 0, self.width(), TITLE_PX)
+        self._content.setGeometry(0, TITLE_PX, self.width(), below)
+        need = self._panel_need()
+        self._panel.setGeometry(0, 0, max(self.width(), need.width()), max(below, need.height()))
+        cut = self.width() < need.width() or below < need.height()
+        self._more.setVisible(cut or self._drawer)
+        if self._drawer:
+            self._more.set_label(tr("Less"), icon="caret-double-up")
+            self._more.setAccessibleName(tr("Close the drawer"))
+            self._more.setToolTip(tr("Close the drawer"))
+        elif cut:
+            names = self.cut_off()
+            words = tr("Too small: open it as a drawer")
+            hidden = tr("Cut off: {parts}").format(parts=", ".join(names)) if names else ""
+            self._more.set_label(tr("More"), icon="caret-double-down")
+            self._more.setAccessibleName(". ".join(part for part in (words, hidden) if part))
+            self._more.setToolTip("\n".join(part for part in (words, hidden) if part))
+
+    @property
+    def is_cut(self) -> bool:
+        return not self._more.isHidden() and not self._drawer
+
+    def cut_off(self) -> list[str]:
+        """The names of some of what is not seen whole because the dock is too small. What can be scrolled is not."""
+        seen = self._content.rect()
+        names = []
+        layout = self._panel.layout()
+        if layout is not None:
+            layout.activate()
+        for part in self._panel.findChildren(QWidget):
+            if not isinstance(part, QAbstractButton | QLineEdit | QAbstractSlider | QLabel) or not part.isVisibleTo(
+                self._panel
+            ):
+                continue
+            if self._scrolls(part):
+                continue
+            name = part.accessibleName() or (part.text() if isinstance(part, QAbstractButton | QLabel) else "")
+            place = part.rect().translated(part.mapTo(self._content, QPoint(0, 0)))
+            if name and not seen.contains(place) and name not in names:
+                names.append(name)
+        return names[:_MOST_NAMED]
+
+    def _scrolls(self, part: QWidget) -> bool:
+        above = part.parentWidget()
+        while above is not None and above is not self._panel:
+            if isinstance(above, QAbstractScrollArea):
+                return True
+            above = above.parentWidget()
+        return False
+
+    # ---- the mouse on the title
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton and event.position().y() < TITLE_PX:
+            self._pressed_at = event.globalPosition().toPoint()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        at = event.globalPosition().toPoint()
+        if self._pressed_at is None:
+            return
+        if self._dragging or self._is_far(at):
+            self._dragging = True
+            self.drag_moved.emit(self.name, at)
+
+    def _is_far(self, at: QPoint) -> bool:
+        pressed_at = self._pressed_at
+        return pressed_at is not None and (at - pressed_at).manhattanLength() >= QApplication.startDragDistance()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        at = event.globalPosition().toPoint()
+        # A quick hand lets go before the first move is told.
+        dragging = self._dragging or self._is_far(at)
+        self._dragging, self._pressed_at = False, None
+        if dragging:
+            self.drag_dropped.emit(self.name, at)
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        if event.position().y() < TITLE_PX:
+            self.float_wanted.emit(self.name)
+
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        if event.y() < TITLE_PX:
+            self.menu_wanted.emit(self.name, event.globalPos())
+
+    # ---- what Qt tells
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        event.ignore()
+        self.close_wanted.emit(self.name)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._panel.set_in_view(True)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        super().hideEvent(event)
+        self._panel.set_in_view(False)
+
+    def _on_title_changed(self, title: str) -> None:
+        self.setWindowTitle(title)
+        self.set_place(floating=self._floating, locked=self._float.isHidden())

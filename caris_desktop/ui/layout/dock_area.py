@@ -1,0 +1,321 @@
+"""Shows one tree of panels: docks, the tabs above them, and the handles between them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
+
+from PySide6.QtCore import QPoint, QRect, QSize, Qt, Signal
+from PySide6.QtGui import QContextMenuEvent, QMouseEvent, QResizeEvent
+from PySide6.QtWidgets import QApplication, QMenu, QPushButton, QTabBar, QWidget
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.scenario.model import LayoutNode, PanelName
+from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.fitting import COMFORT
+from caris_desktop.ui.layout.placing import GroupPlace, Handle, Placing, dragged, place
+from caris_desktop.ui.layout.rect import Rect
+
+_Part = TypeVar("_Part", bound=QWidget)
+_LEAST = QSize(320, 200)
+_MORE_PX = 34
+_DRAG_PX_FACTOR = 2  # a click on a tab that slips is no drag
+
+
+class DockArea(QWidget):
+    """Lays ``docks`` out; what the wizard does with them is told, and done by whoever knows the whole arrangement."""
+
+    tab_chosen = Signal(object)  # PanelName
+    tab_drag_moved = Signal(object, object)  # PanelName, QPoint on the desktop
+    tab_drag_dropped = Signal(object, object)
+    tab_menu_wanted = Signal(object, object)
+    resized_by_hand = Signal(object, object, bool)  # path, weights, whether the handle was let go
+
+    def __init__(self, docks: Mapping[PanelName, Dock], parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.docks = docks
+        self.whole_tree: LayoutNode | None = None
+        self.locked = False
+        self._shown: frozenset[PanelName] = frozenset()
+        self.placing = Placing()
+        self._bars: list[PanelTabs] = []
+        self._handles: list[SplitHandle] = []
+        self._drawer: PanelName | None = None
+
+    def minimumSizeHint(self) -> QSize:
+        return _LEAST
+
+    def show_tree(self, tree: LayoutNode | None, shown: frozenset[PanelName]) -> None:
+        """The ``shown`` panels of the tree, each of which has its dock."""
+        for name in shown:
+            dock = self.docks[name]
+            if dock.parentWidget() is not self:
+                self._adopt(dock)
+        self.whole_tree, self._shown = tree, shown
+        self._drawer = None
+        self.lay_out()
+
+    def _adopt(self, dock: Dock) -> None:
+        """The dock comes from another window; what had the keys in it keeps them."""
+        focused = QApplication.focusWidget()
+        keeps = focused if focused is not None and dock.isAncestorOf(focused) else None
+        dock.setParent(self)
+        dock.lower()  # below what lies over the panels
+        if keeps is not None:
+            keeps.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def lay_out(self) -> None:
+        tree = self.whole_tree
+        rect = Rect(0, 0, self.width(), self.height())
+        self.placing = Placing() if tree is None else place(tree, rect, self._shown, self._least)
+        tabbed = [group for group in self.placing.groups if group.tabbed]
+        _match(self._bars, len(tabbed), self._new_bar)
+        for bar, group in zip(self._bars, tabbed, strict=True):
+            bar.show_group(group, [self.docks[name].windowTitle() for name in group.panels])
+        _match(self._handles, len(self.placing.handles), self._new_handle)
+        for widget, handle in zip(self._handles, self.placing.handles, strict=True):
+            widget.show_handle(handle, locked=self.locked)
+        for group in self.placing.groups:
+            for name in group.panels:
+                dock = self.docks[name]
+                dock.titleBarWidget().set_tabbed(group.tabbed)
+                if name == group.current:
+                    body = self._drawer_rect(group) if name == self._drawer else group.body
+                    dock.setGeometry(qrect(body))
+                    dock.set_drawer(name == self._drawer)
+                dock.set_shown(name == group.current)
+
+    def _least(self, name: PanelName) -> tuple[int, int]:
+        return self.docks[name].least()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.lay_out()
+
+    def retitle(self) -> None:
+        """A panel has another title: its tab, too."""
+        for bar in self._bars:
+            bar.show_titles([self.docks[name].windowTitle() for name in bar.panels])
+
+    # ---- drawer
+
+    @property
+    def drawer(self) -> PanelName | None:
+        """The panel that lies large over the others for now."""
+        return self._drawer
+
+    def open_drawer(self, name: PanelName | None) -> None:
+        """Show the panel as large as it is of use, over the others; None puts it back into its place."""
+        if name == self._drawer:
+            name = None
+        self._drawer = name
+        self.lay_out()
+        if name is not None:
+            self.docks[name].raise_()
+
+    def _drawer_rect(self, group: GroupPlace) -> Rect:
+        comfort, least = COMFORT.get(group.current, (320, 260)), self._least(group.current)
+        body = group.body
+        width = min(self.width(), max(body.width, comfort[0], least[0]))
+        height = min(self.height(), max(body.height, round(1.2 * comfort[1]), least[1]))
+        left = max(0, min(body.left, self.width() - width))
+        top = max(0, min(body.top, self.height() - height))
+        return Rect(left, top, width, height)
+
+    # ---- tabs and handles
+
+    def _new_bar(self) -> "PanelTabs":
+        bar = PanelTabs(self)
+        bar.chosen.connect(self.tab_chosen)
+        bar.drag_moved.connect(self.tab_drag_moved)
+        bar.drag_dropped.connect(self.tab_drag_dropped)
+        bar.menu_wanted.connect(self.tab_menu_wanted)
+        bar.show()
+        bar.lower()
+        return bar
+
+    def _new_handle(self) -> "SplitHandle":
+        handle = SplitHandle(self)
+        handle.moved.connect(self._on_handle_moved)
+        handle.show()
+        handle.lower()
+        return handle
+
+    def _on_handle_moved(self, handle: Handle, moved_px: int, let_go: bool) -> None:
+        if self.whole_tree is not None:
+            self.resized_by_hand.emit(handle.path, dragged(self.whole_tree, handle, moved_px), let_go)
+
+    @property
+    def bars(self) -> Sequence["PanelTabs"]:
+        return self._bars
+
+
+def _match(parts: list[_Part], count: int, new: Callable[[], _Part]) -> None:
+    """As many parts as are needed; more than that go away."""
+    while len(parts) > count:
+        part = parts.pop()
+        part.hide()
+        part.deleteLater()
+    while len(parts) < count:
+        parts.append(new())
+
+
+def qrect(rect: Rect) -> QRect:
+    return QRect(rect.left, rect.top, rect.width, rect.height)
+
+
+class PanelTabs(QTabBar):
+    """The tabs of one group. A tab that is dragged leaves its group alone; the others stay."""
+
+    chosen = Signal(object)  # PanelName
+    drag_moved = Signal(object, object)
+    drag_dropped = Signal(object, object)
+    menu_wanted = Signal(object, object)
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.panels: tuple[PanelName, ...] = ()
+        self.setExpanding(False)
+        self.setDrawBase(False)
+        # Many tabs in a narrow dock stand in a list at the end: "D…" names no panel, and half a tab neither.
+        self.setElideMode(Qt.TextElideMode.ElideNone)
+        self.setUsesScrollButtons(False)
+        self._more = QPushButton("»", self)
+        self._more.setObjectName("more_tabs")
+        self._more.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self._more.clicked.connect(self._open_more)
+        self._more.hide()
+        self.setAccessibleName(tr("Panels in tabs"))
+        self._pressed: PanelName | None = None
+        self._pressed_at = QPoint()
+        self._dragging = False
+        self.currentChanged.connect(self._on_current_changed)
+
+    def show_group(self, group: GroupPlace, titles: Sequence[str]) -> None:
+        blocked = self.blockSignals(True)
+        if group.panels != self.panels:
+            self.panels = group.panels
+            while self.count():
+                self.removeTab(0)
+            for title in titles:
+                self.addTab(title)
+        self.show_titles(titles)
+        self.setCurrentIndex(group.panels.index(group.current))
+        self.setGeometry(qrect(group.tab_bar))
+        self._show_what_fits()
+        self.blockSignals(blocked)
+
+    def _show_what_fits(self) -> None:
+        """Whole tabs from the left, the one in front always among them; the others are in the list."""
+        for index in range(self.count()):
+            self.setTabVisible(index, True)
+        widths = [self.tabSizeHint(index).width() for index in range(self.count())]
+        if sum(widths) <= self.width():
+            self._more.hide()
+            return
+        room = self.width() - _MORE_PX - widths[self.currentIndex()]
+        for index in (index for index in range(self.count()) if index != self.currentIndex()):
+            room -= widths[index]
+            self.setTabVisible(index, room >= 0)
+        self._more.setGeometry(self.width() - _MORE_PX, 2, _MORE_PX, self.height() - 6)
+        words = tr("More tabs: {names}").format(names=", ".join(self.tabText(index) for index in self._in_list()))
+        self._more.setToolTip(words)
+        self._more.setAccessibleName(words)
+        self._more.show()
+
+    def _in_list(self) -> list[int]:
+        return [index for index in range(self.count()) if not self.isTabVisible(index)]
+
+    def _open_more(self) -> None:
+        menu = QMenu(self)
+        menu.setObjectName("more_tabs_menu")
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        for index in self._in_list():
+            menu.addAction(self.tabText(index)).triggered.connect(self._chooser(self.panels[index]))
+        menu.popup(self._more.mapToGlobal(self._more.rect().bottomLeft()))
+
+    def _chooser(self, panel: PanelName) -> Callable[[], None]:
+        # After the menu has closed: this bar may be another one then.
+        return lambda: self.chosen.emit(panel)
+
+    def minimumTabSizeHint(self, index: int) -> QSize:
+        return self.tabSizeHint(index)
+
+    def show_titles(self, titles: Sequence[str]) -> None:
+        for index, title in enumerate(titles):
+            if self.tabText(index) != title:
+                self.setTabText(index, title)
+
+    def place_of(self, at: QPoint, panel: PanelName) -> int:
+        """Which place among the tabs a point of the bar means for a panel, counted without that panel."""
+        others = [i for i, name in enumerate(self.panels) if name != panel and self.isTabVisible(i)]
+        return sum(self.tabRect(index).center().x() < at.x() for index in others)
+
+    def _on_current_changed(self, index: int) -> None:
+        if 0 <= index < len(self.panels):
+            self.chosen.emit(self.panels[index])
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        index = self.tabAt(event.position().toPoint())
+        if event.button() == Qt.MouseButton.LeftButton and index >= 0:
+            self._pressed, self._pressed_at = self.panels[index], event.globalPosition().toPoint()
+        super().mousePressEvent(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        at = event.globalPosition().toPoint()
+        if self._pressed is not None and (self._dragging or self._is_far(at)):
+            self._dragging = True
+            self.drag_moved.emit(self._pressed, at)
+
+    def _is_far(self, at: QPoint) -> bool:
+        return (at - self._pressed_at).manhattanLength() >= _DRAG_PX_FACTOR * QApplication.startDragDistance()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        super().mouseReleaseEvent(event)
+        at = event.globalPosition().toPoint()
+        # A quick hand lets go before the first move is told.
+        pressed, dragging = self._pressed, self._dragging or self._is_far(at)
+        self._pressed, self._dragging = None, False
+        if dragging and pressed is not None:
+            self.drag_dropped.emit(pressed, at)  # by it this bar may go away
+
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        index = self.tabAt(event.pos())
+        if index >= 0:
+            self.menu_wanted.emit(self.panels[index], event.globalPos())
+
+
+class SplitHandle(QWidget):
+    """The gap between two parts, by which they are made larger and smaller."""
+
+    moved = Signal(object, int, bool)  # Handle as it was, pixels since then, whether it was let go
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("split_handle")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self._handle: Handle | None = None
+        self._from: tuple[Handle, int] | None = None
+
+    def show_handle(self, handle: Handle, *, locked: bool) -> None:
+        self._handle = handle
+        self.setGeometry(qrect(handle.rect))
+        self.setEnabled(not locked)
+        shape = Qt.CursorShape.SplitHCursor if handle.split == "horizontal" else Qt.CursorShape.SplitVCursor
+        self.setCursor(Qt.CursorShape.ArrowCursor if locked else shape)
+
+    def _position(self, event: QMouseEvent, handle: Handle) -> int:
+        at = event.globalPosition()
+        return round(at.x() if handle.split == "horizontal" else at.y())
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton and self._handle is not None:
+            self._from = (self._handle, self._position(event, self._handle))
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self._from is not None:
+            handle, start = self._from
+            self.moved.emit(handle, self._position(event, handle) - start, False)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if self._from is not None:
+            (handle, start), self._from = self._from, None
+            self.moved.emit(handle, self._position(event, handle) - start, True)

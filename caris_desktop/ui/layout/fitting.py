@@ -1,0 +1,150 @@
+"""One tree on screens of different size: what does not fit becomes tabs, and where there is room tabs are spread."""
+
+from collections.abc import Mapping
+
+from caris_desktop.scenario.layout import SizeClass
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.ui.layout.placing import GAP_PX, Room, least_room, lengths
+from caris_desktop.ui.layout.tree import front_of, groups_in, panels_in, shares, tidy
+
+COMPACT_BELOW: Room = (1500, 700)  # what the panels have of a screen of 1366x768 is about 1350x630
+LARGE_FROM: Room = (2300, 1100)
+
+COMFORT: Mapping[PanelName, Room] = {
+    "video": (420, 300),
+    "speak": (400, 250),
+    "conversation": (380, 240),
+    "map": (340, 250),
+    "drive": (290, 230),
+    "people": (300, 190),
+    "assistant": (320, 250),
+    "session": (300, 220),
+    "robot": (300, 220),
+    "face": (260, 210),
+    "photos": (300, 240),
+    "motion": (300, 200),
+    "notes": (300, 200),
+    "diagnostics": (340, 220),
+}
+"""What each panel needs to show what it is for, its title included."""
+
+IMPORTANCE: tuple[PanelName, ...] = (
+    "video", "speak", "conversation", "map", "assistant", "people", "drive", "notes", "session", "face", "robot",
+    "photos", "motion", "diagnostics",
+)  # fmt: skip
+"""The picture and what the robot says next come first; the last ones are the first to become tabs."""
+ALWAYS_SEEN = 3  # so many of the most important never go behind a tab; they get smaller
+_OTHER_ROOM: Room = (280, 200)
+
+
+def size_class(width: int, height: int) -> SizeClass:
+    if width < COMPACT_BELOW[0] or height < COMPACT_BELOW[1]:
+        return "compact"
+    return "large" if width >= LARGE_FROM[0] and height >= LARGE_FROM[1] else "usual"
+
+
+def fitted(tree: LayoutNode, width: int, height: int) -> LayoutNode:
+    """The tree as it is best shown in so much room."""
+    kind = size_class(width, height)
+    if kind == "compact":
+        return tidy(_compact(tidy(tree), width, height))
+    return tidy(_spread(tidy(tree), width, height)) if kind == "large" else tidy(tree)
+
+
+def _comfort(panel: PanelName) -> Room:
+    return COMFORT.get(panel, _OTHER_ROOM)
+
+
+def _need(node: LayoutNode, axis: int) -> int:
+    """So that each has its comfort, also what is behind a tab."""
+    return least_room(node, panels_in(node), _comfort)[axis]
+
+
+def _need_in_front(node: LayoutNode, axis: int) -> int:
+    """So that what is seen has its comfort; what is behind a tab takes what there is."""
+    fronts = {front_of(group) for group in groups_in(node)}
+
+    def room(panel: PanelName) -> Room:
+        return _comfort(panel) if panel in fronts else (0, 0)
+
+    return least_room(node, panels_in(node), room)[axis]
+
+
+def _rank(node: LayoutNode) -> int:
+    """How unimportant the most important of its panels is."""
+    return min(map(_importance, panels_in(node)))
+
+
+def _importance(panel: PanelName) -> int:
+    return IMPORTANCE.index(panel) if panel in IMPORTANCE else len(IMPORTANCE)
+
+
+def _compact(node: LayoutNode, width: int, height: int) -> LayoutNode:
+    """Fold the least important parts of each split into tabs until the rest have what they need."""
+    if not isinstance(node, SplitNode):
+        return node
+    axis = 0 if node.split == "horizontal" else 1
+    whole = (width, height)[axis]
+    parts = list(zip(node.children, shares(node), strict=True))
+    while len(parts) > 1 and sum(_need_in_front(child, axis) for child, _ in parts) + GAP_PX * (len(parts) - 1) > whole:
+        foldable = [i for i in range(len(parts)) if _rank(parts[i][0]) >= ALWAYS_SEEN]
+        if not foldable:
+            break
+        least = max(foldable, key=lambda i: _rank(parts[i][0]))
+        folded, share = parts.pop(least)
+        host = max(range(len(parts)), key=lambda i: (_rank(parts[i][0]), -abs(i - least)))
+        child, part = parts[host]
+        parts[host] = (_with_tabs(child, folded), part + share)
+    if len(parts) == 1:
+        return _compact(parts[0][0], width, height)
+    room = whole - GAP_PX * (len(parts) - 1)
+    given = lengths(room, [share for _, share in parts], [_need_in_front(child, axis) for child, _ in parts], 0)
+    children = tuple(
+        _compact(child, *((length, height) if axis == 0 else (width, length)))
+        for (child, _), length in zip(parts, given, strict=True)
+    )
+    return SplitNode(node.split, children, tuple(float(max(1, length)) for length in given))
+
+
+def _with_tabs(node: LayoutNode, folded: LayoutNode) -> LayoutNode:
+    """The tree with the panels of ``folded`` behind the tabs of its least important group."""
+    if isinstance(node, SplitNode):
+        host = max(range(len(node.children)), key=lambda i: _rank(node.children[i]))
+        children = list(node.children)
+        children[host] = _with_tabs(children[host], folded)
+        return SplitNode(node.split, tuple(children), node.weights)
+    # Each group has said itself who is in front; of those the most important is.
+    front: PanelName = min([front_of(node), *map(front_of, groups_in(folded))], key=_importance)
+    return TabNode((*panels_in(node), *panels_in(folded)), front)
+
+
+def _spread(node: LayoutNode, width: int, height: int) -> LayoutNode:
+    """Tabs beside or below one another as far as each then has what it needs."""
+    if isinstance(node, SplitNode):
+        axis = 0 if node.split == "horizontal" else 1
+        whole = (width, height)[axis] - GAP_PX * (len(node.children) - 1)
+        children = tuple(
+            _spread(child, *((round(whole * share), height) if axis == 0 else (width, round(whole * share))))
+            for child, share in zip(node.children, shares(node), strict=True)
+        )
+        return SplitNode(node.split, children, node.weights)
+    if isinstance(node, PanelLeaf):
+        return node
+    for axis, split in ((0, "horizontal"), (1, "vertical")):
+        for alone in range(len(node.tabs) - 1, 0, -1):
+            parts = _first_alone(node, alone)
+            across = max(_need(part, 1 - axis) for part in parts)
+            along = sum(_need(part, axis) for part in parts) + GAP_PX * (len(parts) - 1)
+            if along <= (width, height)[axis] and across <= (width, height)[1 - axis]:
+                needs = tuple(float(_need(part, axis)) for part in parts)
+                return SplitNode("horizontal" if split == "horizontal" else "vertical", parts, needs)
+    return node
+
+
+def _first_alone(node: TabNode, count: int) -> tuple[LayoutNode, ...]:
+    """So many panels each by itself, beginning with the one in front; the rest in tabs."""
+    front = front_of(node)
+    ordered = (front, *(panel for panel in node.tabs if panel != front))
+    rest = ordered[count:]
+    last: LayoutNode = PanelLeaf(rest[0]) if len(rest) == 1 else TabNode(rest, rest[0])
+    return (*(PanelLeaf(panel) for panel in ordered[:count]), last)

@@ -1,0 +1,69 @@
+"""A window of its own for one or more panels, on whichever screen the wizard puts it."""
+
+from collections.abc import Mapping
+
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QMoveEvent, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from caris_desktop.scenario.model import LayoutNode, PanelName
+from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.dock_area import DockArea, qrect
+from caris_desktop.ui.layout.rect import Rect
+
+_MARGIN_PX = 8
+_SETTLES_MS = 400  # meanwhile a window manager puts its frame around the window
+
+
+class FloatingWindow(QWidget):
+    """A tool window: it stays above the main window, whose keys work in it too."""
+
+    moved_by_hand = Signal(object)  # Rect
+    close_wanted = Signal()
+
+    def __init__(self, docks: Mapping[PanelName, Dock], parent: QWidget) -> None:
+        super().__init__(parent, Qt.WindowType.Tool)
+        self.setObjectName("floating_panels")
+        self.area = DockArea(docks, self)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(_MARGIN_PX, _MARGIN_PX, _MARGIN_PX, _MARGIN_PX)
+        column.addWidget(self.area)
+        self._placed: Rect | None = None
+        self._settling = QTimer(self, singleShot=True, interval=_SETTLES_MS)
+        self._rest = QTimer(self, singleShot=True, interval=200)
+        self._rest.timeout.connect(self._tell)
+
+    def show_panels(self, tree: LayoutNode, shown: frozenset[PanelName], place: Rect) -> None:
+        self.area.show_tree(tree, shown)
+        self.setWindowTitle(
+            " · ".join(self.area.docks[group.current].windowTitle() for group in self.area.placing.groups)
+        )
+        if place != self._placed:
+            self._placed = place
+            self._settling.start()
+            self.setGeometry(qrect(place))
+        self.setVisible(bool(shown))
+
+    def _on_geometry(self) -> None:
+        if self.isVisible() and not self._settling.isActive():
+            self._rest.start()
+
+    def _tell(self) -> None:
+        now = self.geometry()
+        self._placed = Rect(now.x(), now.y(), now.width(), now.height())
+        self.moved_by_hand.emit(self._placed)
+
+    def moveEvent(self, event: QMoveEvent) -> None:
+        super().moveEvent(event)
+        self._on_geometry()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._on_geometry()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        event.ignore()
+        self.close_wanted.emit()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        QPainter(self).fillRect(self.rect(), self.palette().window())

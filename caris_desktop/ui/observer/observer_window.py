@@ -1,0 +1,132 @@
+"""What an observer sees: picture, conversation and, unless a participant may see it too, map and log. Read only."""
+
+from collections.abc import Callable
+from typing import Literal
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QPainter, QPaintEvent
+from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.model import PanelName
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.glance import GlanceSigns
+from caris_desktop.ui.observer.watched_console import watched
+from caris_desktop.ui.panel import PanelContext, PanelTitleBar
+from caris_desktop.ui.panel_table import PANELS, possible_panels
+from caris_desktop.ui.theme import Theme
+
+Sees = Literal["everything", "no_names"]
+"""``no_names``: neither names nor suggestions, notes and log, as where a participant can look on."""
+
+SEES: tuple[Sees, ...] = ("everything", "no_names")
+_COLUMNS: dict[Sees, tuple[tuple[PanelName, ...], tuple[PanelName, ...]]] = {
+    "everything": (("video", "map"), ("conversation", "session")),
+    "no_names": (("video",), ("conversation",)),
+}
+_SIZE_PX = (1100, 700)
+
+
+class ObserverWindow(QWidget):
+    """Never takes the keys that drive, and lets no click through."""
+
+    closed = Signal()
+
+    def __init__(self, theme: Theme, console: WizardConsole, hold: HoldToDrive, beside: QWidget, sees: Sees) -> None:
+        super().__init__(None, Qt.WindowType.Window | Qt.WindowType.WindowDoesNotAcceptFocus)
+        self.setObjectName("observer_window")
+        self.setWindowTitle(tr("Observer · CARIS Desktop"))
+        self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._theme = theme
+        self.sees: Sees = sees
+        only_looks = watched(console, discreet=sees == "no_names")
+        actions = Actions(self, only_looks, self)
+        actions.keep_only(())
+        actions.rebuild(only_looks.scenario)
+        self._context = PanelContext(only_looks, theme, actions, hold)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(8, 8, 8, 8)
+        column.addWidget(GlanceSigns(theme, console.state))
+        shown = QSplitter(Qt.Orientation.Horizontal)
+        # Whoever looks on clicks nothing: all of it is transparent for the mouse.
+        shown.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        possible = possible_panels(only_looks.scenario)
+        for names in _COLUMNS[sees]:
+            part = QSplitter(Qt.Orientation.Vertical)
+            for name in names:
+                if name in possible:
+                    part.addWidget(self._panel(name))
+            shown.addWidget(part)
+        shown.setSizes([60, 40])
+        column.addWidget(shown, 1)
+        theme.changed.connect(self.update)
+        self.resize(*_SIZE_PX)
+        self._place(beside)
+
+    def _panel(self, name: PanelName) -> QWidget:
+        panel = PANELS[name].load()(self._context)
+        card = QWidget()
+        rows = QVBoxLayout(card)
+        rows.setContentsMargins(0, 0, 0, 0)
+        rows.setSpacing(0)
+        rows.addWidget(PanelTitleBar(panel))
+        rows.addWidget(panel, 1)
+        for part in (card, *card.findChildren(QWidget)):
+            part.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        panel.set_in_view(True)
+        return card
+
+    def _place(self, beside: QWidget) -> None:
+        """On another screen, where there is one."""
+        other = next((one for one in QGuiApplication.screens() if one is not beside.screen()), None)
+        if other is not None:
+            self.setGeometry(other.availableGeometry())
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        super().closeEvent(event)
+        self.closed.emit()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        QPainter(self).fillRect(self.rect(), self._theme.color("window"))
+
+
+class ObserverWindows:
+    """At most one, made anew with another scenario: what that forbids is gone from it too."""
+
+    def __init__(self, theme: Theme, console: WizardConsole, hold: HoldToDrive, window: QWidget) -> None:
+        self._theme = theme
+        self._console = console
+        self._hold = hold
+        self._window = window
+        self.shown: ObserverWindow | None = None
+
+    def open(self, sees: Sees) -> None:
+        self.close()
+        self.shown = ObserverWindow(self._theme, self._console, self._hold, self._window, sees)
+        self.shown.closed.connect(self._on_closed)
+        self.shown.show()
+
+    def opener(self, sees: Sees) -> Callable[[], None]:
+        return lambda: self.open(sees)
+
+    def close(self) -> None:
+        if self.shown is not None:
+            self.shown.close()
+
+    def renew(self) -> None:
+        if self.shown is not None:
+            self.open(self.shown.sees)
+
+    def _on_closed(self) -> None:
+        if self.shown is not None:
+            self.shown.deleteLater()
+            self.shown = None
+
+
+def sees_words(sees: Sees) -> str:
+    if sees == "everything":
+        return tr("Observer window: everything")
+    return tr("Observer window: no names, suggestions or notes")

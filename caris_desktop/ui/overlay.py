@@ -1,0 +1,74 @@
+"""A card over the window, which is not a dialog: the robot can be driven and stopped meanwhile."""
+
+from PySide6.QtCore import QEvent, QObject, QRect, QRectF, Qt
+from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.ui.theme import Theme
+
+
+class Overlay(QWidget):
+    """A card in the upper middle of the window over a dimmed ground; a click beside it closes it."""
+
+    def __init__(self, theme: Theme, window: QWidget, *, width_px: int) -> None:
+        super().__init__(window)
+        self._theme = theme
+        self._window = window
+        self._width_px = width_px
+        self._focus_before: QWidget | None = None
+        self.card = _Card(theme, self)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        window.installEventFilter(self)
+        self.hide()
+
+    def open(self) -> None:
+        self._focus_before = self._window.focusWidget()
+        self._place()
+        self.show()
+        self.raise_()
+
+    def close_overlay(self) -> None:
+        """Hide, and give the focus back to where it was."""
+        if self.isHidden():
+            return
+        self.hide()
+        if self._focus_before is not None and self._focus_before.isVisible():
+            self._focus_before.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def card_height_px(self) -> int:
+        return self.card.sizeHint().height()
+
+    def _place(self) -> None:
+        # The top bar stays free, so that the red button can always be reached.
+        self.setGeometry(QRect(0, 56, self._window.width(), self._window.height() - 56))
+        width = min(self._width_px, self.width() - 32)
+        height = min(self.card_height_px(), self.height() - 48)
+        self.card.setGeometry((self.width() - width) // 2, 24, width, height)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():
+            self._place()
+        return False
+
+    def mousePressEvent(self, _event: QMouseEvent) -> None:
+        self.close_overlay()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        QPainter(self).fillRect(self.rect(), QColor(self._theme.colors.shadow))
+
+
+class _Card(QWidget):
+    def __init__(self, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        theme.changed.connect(self.update)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        event.accept()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._theme.color("line_strong"), 1))
+        painter.setBrush(self._theme.color("panel"))
+        painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), 12, 12)

@@ -1,0 +1,266 @@
+"""Find anything: a card with a line to type into and what is found below it."""
+
+import sys
+from collections.abc import Callable, Sequence
+
+from PySide6.QtCore import QRectF, Qt
+from PySide6.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtWidgets import QLineEdit, QVBoxLayout, QWidget
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui import tokens
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.key_positions import key_code, position_of
+from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.palette.entry import Entry
+from caris_desktop.ui.palette.memory import PaletteMemory
+from caris_desktop.ui.palette.search import Finder
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
+
+_ROW_PX = 40
+_ROWS = 9
+_NONE = -1
+_ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+
+
+class CommandPalette(Overlay):
+    """Type a few letters of anything the console can do, Enter does it."""
+
+    DIGITS = 9
+
+    def __init__(self, theme: Theme, window: QWidget, memory: PaletteMemory) -> None:
+        super().__init__(theme, window, width_px=620)
+        self.setObjectName("command_palette")
+        self._memory = memory
+        self._finder = Finder(())
+        self._new: Callable[[str], Entry] | None = None
+        self._by_digit: Sequence[Entry] = ()
+        self.field = _PaletteField(self)
+        self.field.setObjectName("palette_field")
+        self.field.setMinimumHeight(46)
+        self.field.textChanged.connect(self._on_text_changed)
+        self.list = _EntryList(theme, self)
+        layout = QVBoxLayout(self.card)
+        layout.setContentsMargins(12, 12, 12, 12)
+        layout.setSpacing(8)
+        layout.addWidget(self.field)
+        layout.addWidget(self.list, 1)
+
+    def card_height_px(self) -> int:
+        return 46 + 32 + _ROWS * _ROW_PX
+
+    def open_with(self, entries: Sequence[Entry]) -> None:
+        """Find any of these; what this wizard used last stands first."""
+        self._new, self._by_digit = None, ()
+        self._open(
+            Finder(entries, self._memory.used), tr("Find an action, phrase, place, person, setting or session…"),
+            tr("Find anything"),
+        )  # fmt: skip
+
+    def ask(self, question: str, entries: Sequence[Entry], new: Callable[[str], Entry]) -> None:
+        """Choose one of ``entries``, or give a new one, which ``new`` makes of what is typed."""
+        self._new, self._by_digit = new, ()
+        self._open(Finder(entries), question, question)
+
+    def choose_from(self, question: str, entries: Sequence[Entry]) -> None:
+        """Choose one of ``entries``: as long as nothing is typed the digit N, by its place, does the Nth."""
+        self._new, self._by_digit = None, entries[: self.DIGITS]
+        self._open(Finder(entries), question, question)
+
+    def takes_digit(self, digit: str) -> bool:
+        """Does what that digit stands for, if it stands for anything now."""
+        if self.field.text() or not 1 <= int(digit) <= len(self._by_digit):
+            return False
+        self.choose(self._by_digit[int(digit) - 1])
+        return True
+
+    def _open(self, finder: Finder, placeholder: str, name: str) -> None:
+        self._finder = finder
+        self.field.setPlaceholderText(placeholder)
+        self.field.setAccessibleName(name)
+        self.field.clear()
+        self._on_text_changed("")
+        self.open()
+        self.field.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def renew(self, entries: Sequence[Entry]) -> None:
+        """What can be done has changed meanwhile."""
+        if self._new is None and not self._by_digit:
+            self._finder = Finder(entries, self._memory.used)
+            self._on_text_changed(self.field.text())
+
+    def choose(self, entry: Entry | None) -> None:
+        if entry is None:
+            return
+        if entry.deliberate and self.list.asked_again != entry:
+            self.list.ask_again(entry)
+            return
+        self.close_overlay()
+        if self._new is None:
+            self._memory.note(entry)
+        entry.do()
+
+    def tell_current(self) -> None:
+        """For a screen reader, which hears of the line that is typed into only."""
+        entry = self.list.current
+        words = "" if entry is None else ", ".join(part for part in (entry.text, entry.kind, entry.key) if part)
+        self.field.setAccessibleDescription(words)
+
+    def _on_text_changed(self, text: str) -> None:
+        typed = " ".join(text.split())
+        found = self._finder.matching(typed)
+        if self._new is not None and typed:
+            found.append(self._new(typed))
+        breaks = () if typed else self._finder.breaks
+        self.list.show_entries(found, breaks=breaks, typed=bool(typed), by_digit=bool(self._by_digit))
+
+
+class _PaletteField(QLineEdit):
+    def __init__(self, palette: CommandPalette) -> None:
+        super().__init__()
+        self._owner = palette
+        self._enter_down = False
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Up, Qt.Key.Key_Down):
+            self._owner.list.move_by(1 if event.key() == Qt.Key.Key_Down else -1)
+        elif event.key() in _ENTER:
+            # A key that is held, which Qt does not always tell from one that is pressed again, asks only once.
+            if not self._enter_down:
+                self._enter_down = True
+                self._owner.choose(self._owner.list.current)
+        else:
+            digit = _digit_of(event)
+            if not digit or event.isAutoRepeat() or not self._owner.takes_digit(digit):
+                super().keyPressEvent(event)
+
+    def keyReleaseEvent(self, event: QKeyEvent) -> None:
+        if event.key() in _ENTER and not event.isAutoRepeat():
+            self._enter_down = False
+        super().keyReleaseEvent(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        self._enter_down = False
+        super().focusOutEvent(event)
+
+
+def _digit_of(event: QKeyEvent) -> str:
+    """The digit of a key, whatever the keyboard layout types there without Shift; empty for any other key."""
+    if event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier:
+        return ""
+    code = key_code(sys.platform, scan_code=event.nativeScanCode(), virtual_key=event.nativeVirtualKey())
+    digit = position_of(sys.platform, code) or event.text()
+    return digit if digit in tuple("123456789") else ""
+
+
+class _EntryList(QWidget):
+    def __init__(self, theme: Theme, owner: CommandPalette) -> None:
+        super().__init__()
+        self._theme = theme
+        self._owner = owner
+        self._entries: list[Entry] = []
+        self._index = _NONE
+        self._double_click = False
+        self._breaks: Sequence[int] = ()
+        self.asked_again: Entry | None = None
+        self.setMouseTracking(True)
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """What is found, in order."""
+        return tuple(self._entries)
+
+    @property
+    def current(self) -> Entry | None:
+        """What Enter does; None where nothing is chosen."""
+        return self._entries[self._index] if 0 <= self._index < len(self._entries) else None
+
+    def show_entries(self, entries: list[Entry], *, breaks: Sequence[int], typed: bool, by_digit: bool) -> None:
+        """``breaks``: the places where a line divides them. ``typed``: they are found by what was typed.
+
+        ``by_digit``: as long as nothing is typed a digit chooses, and Enter alone means none of them.
+        """
+        self._entries = entries
+        self._breaks = breaks
+        # Before what is dangerous nothing is chosen, so that a quick Enter does neither this nor something else; and
+        # what speaks or moves is done by a quick Enter only where its words were typed.
+        can_be_chosen = bool(entries) and not entries[0].deliberate and (typed or not (entries[0].acts or by_digit))
+        self._choose_row(0 if can_be_chosen else _NONE)
+
+    def ask_again(self, entry: Entry) -> None:
+        """The same once more does it; anything else does not."""
+        self.asked_again = entry
+        self.update()
+
+    def move_by(self, step: int) -> None:
+        if self._entries:
+            before = self._index if self._index != _NONE else (_NONE if step > 0 else 0)
+            self._choose_row((before + step) % len(self._entries))
+
+    def _choose_row(self, row: int) -> None:
+        self._index = row
+        if self.current is not self.asked_again:
+            self.asked_again = None
+        self._owner.tell_current()
+        self.update()
+
+    def _first(self) -> int:
+        fits = max(1, self.height() // _ROW_PX)
+        return max(0, self._index - fits + 1)
+
+    def _row_at(self, event: QMouseEvent) -> int:
+        row = self._first() + int(event.position().y()) // _ROW_PX
+        return row if 0 <= row < len(self._entries) else _NONE
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        row = self._row_at(event)
+        if row not in (_NONE, self._index):
+            self._choose_row(row)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self._double_click = False
+        event.accept()
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        self._double_click = True  # one act, however often the finger comes down
+        event.accept()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        row = self._row_at(event)
+        if row != _NONE and not self._double_click:
+            self._choose_row(row)
+            self._owner.choose(self._entries[row])
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme = self._theme
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        if not self._entries:
+            painter.setPen(theme.color("dim"))
+            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, tr("Nothing is called that here."))
+            return
+        first = self._first()
+        for line, entry in enumerate(self._entries[first : first + self.height() // _ROW_PX]):
+            rect = QRectF(0, line * _ROW_PX, self.width(), _ROW_PX)
+            again = entry == self.asked_again
+            if line and first + line in self._breaks:
+                painter.setPen(theme.color("line"))
+                painter.drawLine(rect.topLeft(), rect.topRight())
+            if first + line == self._index:
+                painter.setPen(Qt.PenStyle.NoPen)
+                painter.setBrush(theme.color("amber_soft" if again else "blue_soft"))
+                painter.drawRoundedRect(rect, 8, 8)
+            draw_icon(painter, QRectF(12, rect.center().y() - 9, 18, 18), entry.icon, theme.color("dim"))
+            cap = key_cap_width(theme, entry.key)
+            draw_key_cap(painter, theme, entry.key, self.width() - cap - 12, rect.center().y())
+            painter.setFont(theme.font(tokens.STATUS_PX))
+            painter.setPen(theme.color("dim"))
+            kind_rect = rect.adjusted(0, 0, -cap - 24, 0)
+            painter.drawText(kind_rect, int(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter), entry.kind)
+            painter.setFont(theme.font(tokens.BODY_PX))
+            painter.setPen(theme.color("text"))
+            room = int(rect.width() - cap - 160)
+            words = entry.again if again else entry.text
+            text = painter.fontMetrics().elidedText(words, Qt.TextElideMode.ElideRight, room)
+            painter.drawText(rect.adjusted(42, 0, 0, 0), int(Qt.AlignmentFlag.AlignVCenter), text)

@@ -1,0 +1,426 @@
+"""What can be found and done with Find anything, now."""
+
+from collections.abc import Callable
+from datetime import datetime
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.controls import ControlValue, RobotControl
+from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.intents import INTENTS, Intent
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.status import MapStatus
+from caris_desktop.live.wizard_console import ReplayControls
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.recording.studies.query import SessionEntry
+from caris_desktop.scenario.library import ScenarioChoice
+from caris_desktop.scenario.model import PanelName
+from caris_desktop.scenario.phrases import phrase_groups
+from caris_desktop.ui import words
+from caris_desktop.ui.action_rows import answer_asked, go_to_nth_place, say, say_keyed_phrase, say_phrase
+from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.bands import QuestionBand
+from caris_desktop.ui.control_words import question_for
+from caris_desktop.ui.observer.observer_window import SEES, sees_words
+from caris_desktop.ui.palette.entry import Entry
+from caris_desktop.ui.palette.setting_entries import TWICE, SettingEntries
+from caris_desktop.ui.palette.step_entries import step_entries
+from caris_desktop.ui.panel_table import PANELS
+from caris_desktop.ui.people.asked import is_asked
+from caris_desktop.ui.people.shown_people import everyone
+from caris_desktop.ui.window_parts import WindowParts
+from caris_desktop.ui.words import UNDER_WAY
+
+_COMMON_ROWS = frozenset(
+    {"photo", "mark", "note", "silence", "name_person", "choose_place", "choose_scenario", "next_step", "shortcuts"}
+)
+
+
+class PaletteEntries:
+    """``question`` asks before a control that is to be confirmed, ``show_connection`` opens the connection's card."""
+
+    def __init__(self, parts: WindowParts, question: QuestionBand, show_connection: Callable[[], None]) -> None:
+        self._parts = parts
+        self._console = parts.console
+        self._state = parts.console.state
+        self._question = question
+        self._show_connection = show_connection
+        self._settings = SettingEntries(parts)
+
+    def of_replay(self, replay: ReplayControls) -> list[Entry]:
+        """A replay says nothing, and stops what another console drives."""
+        left_out = {"Speaking"} if replay.live_robots.value.robots else {"Speaking", "Safety"}
+        rows = [spec for spec in self._rows() if spec.group not in left_out]
+        return [*map(self._of_row, rows), *self._of_panels(), *self._of_layout(), *self._settings.of_themes()]
+
+    def now(self) -> list[Entry]:
+        """Everything that can be done now."""
+        parts, permissions = self._parts, self._console.scenario.permissions
+        return [
+            *self._of_emergency_stop(),
+            *map(self._of_row, self._rows()),
+            *(self._of_phrases() if permissions.speech else ()),
+            *(self._of_people() if permissions.naming_people else ()),
+            *step_entries(self._console),
+            *self._of_goal(),
+            *(self.of_places() if permissions.driving else ()),
+            *(self._of_controls() if permissions.robot_controls else ()),
+            *(self._of_map() if permissions.driving else ()),
+            *self._of_cameras(),
+            *self._of_panels(),
+            *self._of_layout(),
+            *self._of_robots(),
+            *(
+                Entry(sees_words(sees), tr("Window"), "monitor", "", parts.observers.opener(sees), also="second screen")
+                for sees in SEES
+            ),
+            Entry(
+                tr("Practise on the simulated robot"), tr("Do"), "student", "", parts.practise, also="learn training"
+            ),
+            Entry("Connection in the last minute", "Window", "wifi-high", "", self._show_connection),
+            *([Entry("Gamepad", "Window", "game-controller", "", parts.gamepad.open)] if parts.gamepad.offered else []),
+            *self._of_sessions(),
+            Entry(
+                tr("Edit this scenario…"),
+                tr("Scenario"),
+                "pencil-simple",
+                "",
+                parts.editor.open,
+                also="change phrases places permissions protocol form yaml",
+            ),
+            *self.of_scenarios(),
+            *self._of_scenario_files(),
+            *self._settings.now(),
+        ]
+
+    def _doer(self, intent: Intent) -> Callable[[], None]:
+        def do() -> None:
+            self._console.do(intent)
+
+        return do
+
+    def _rows(self) -> list[ActionSpec]:
+        """The rows of the table that can be run now. The places come by themselves, all of them."""
+        table = self._parts.actions
+        return [
+            spec
+            for spec in table.specs
+            if spec.runs
+            and spec.intent not in (go_to_nth_place, answer_asked, say_phrase, say_keyed_phrase)
+            and spec.id != "find"
+            and table.available(spec.id)
+        ]
+
+    def _of_row(self, spec: ActionSpec) -> Entry:
+        table = self._parts.actions
+        intent = table.intent_of(spec)
+        says = isinstance(intent, intents.Say)
+        moves = intent is not None and INTENTS[type(intent)].moves
+        return Entry(
+            spec.text, "Say" if says else "Do", spec.icon, table.key_text(spec.id), lambda: table.run(spec.id),
+            acts=says or moves, id=f"row {spec.id}", common=spec.id in _COMMON_ROWS,
+        )  # fmt: skip
+
+    def _of_phrases(self) -> list[Entry]:
+        """Those of every group, with the key that says them now."""
+        table, chosen = self._parts.actions, self._state.phrase_group.value
+        keyed = {spec.argument: spec.id for spec in table.all_specs if spec.intent is say_keyed_phrase}
+        entries = []
+        for index, group in enumerate(phrase_groups(self._console.scenario.phrases)):
+            for number, phrase in enumerate(group.phrases, start=1):
+                row = (keyed.get(phrase) if phrase.key else None) or (f"phrase_{number}" if index == chosen else "")
+                key = table.key_text(row) if row else ""
+                entries.append(
+                    Entry(
+                        phrase.say, "Say", "chat-text", key, self._doer(say(phrase)), also=group.title, acts=True
+                    )
+                )  # fmt: skip
+        return entries
+
+    def _of_emergency_stop(self) -> list[Entry]:
+        if not self._state.drive.value.emergency_stop:
+            return []
+        return [
+            Entry(
+                "Release emergency stop", TWICE, "lock-open", "", self._doer(intents.ReleaseEmergencyStop()),
+                also="unlock free reset clear drive again", deliberate=True, first=True,
+                again="Press Enter again to release the emergency stop",
+            )
+        ]  # fmt: skip
+
+    def _of_goal(self) -> list[Entry]:
+        goal: GoalChanged | None = self._state.goal.value
+        if goal is None or goal.state not in UNDER_WAY:
+            return []
+        return [
+            Entry(
+                f"Stop going to {goal.place or 'the chosen point'}", "Do", "x", "", self._doer(intents.CancelGoal()),
+                also="cancel goal way",
+            )
+        ]  # fmt: skip
+
+    def _of_people(self) -> list[Entry]:
+        """Everybody by name: to select, to rename, to read and write about; and the question that is asked now."""
+        table, state = self._parts.actions, self._state
+        persons = everyone(state.persons.value, state.everybody.value, state.present.now_ns())
+        entries = []
+        asked = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
+        if asked is not None and asked.suggestion is not None:
+            who = f"{words.person_name(asked)} is {asked.suggestion.name}"
+            for action_id, text, icon in (
+                ("answer_yes", f"Yes, {who}", "check"), ("answer_no", f"No, {who.replace(' is ', ' is not ', 1)}", "x")
+            ):  # fmt: skip
+                entries.append(
+                    Entry(
+                        text, "Person", icon, table.key_text(action_id), self._runner(action_id), also="confirm reject",
+                        acts=True, id=f"row {action_id}",
+                    )
+                )  # fmt: skip
+        for person in persons:
+            name, also = words.person_name(person), " ".join((person.group, *person.tags))
+            # What is remembered of what was found tells nothing of who it was.
+            known_as = f"person {person.person_id}"
+            entries.append(
+                Entry(
+                    name, "Select", "user", "", self._selector(person), also=f"person {also}", acts=True,
+                    id=f"{known_as} select",
+                )
+            )  # fmt: skip
+            if "people" not in self._parts.panels.possible():
+                continue
+            entries.append(
+                Entry(
+                    f"All about {name}", "Person", "identification-card", "", self._shower(person, card=True),
+                    acts=True, id=f"{known_as} card",
+                )
+            )  # fmt: skip
+            if person.here:
+                entries.append(
+                    Entry(
+                        f"Rename {name}", "Person", "pencil-simple", "", self._shower(person, rename=True), acts=True,
+                        id=f"{known_as} rename",
+                    )
+                )  # fmt: skip
+        if state.everybody.value or state.persons.value:
+            entries.append(
+                Entry(
+                    "Undo the last change to people", "Do", "arrow-u-up-left", "", self._doer(intents.UndoPeople()),
+                    also="take back name merge",
+                )
+            )  # fmt: skip
+        return entries
+
+    def _runner(self, action_id: str) -> Callable[[], None]:
+        return lambda: self._parts.actions.run(action_id)
+
+    def _selector(self, person: PersonRow) -> Callable[[], None]:
+        def select() -> None:
+            self._console.do(intents.AttendPerson(person.person_id))
+            panel = self._parts.panels.panels.get("people")
+            if panel is not None:
+                panel.show_person(person.person_id)
+
+        return select
+
+    def _shower(self, person: PersonRow, *, rename: bool = False, card: bool = False) -> Callable[[], None]:
+        def show() -> None:
+            panels = self._parts.panels
+            panels.open("people")
+            panel = panels.panels.get("people")
+            if panel is not None:
+                panel.show_person(person.person_id, rename=rename, card=card)
+
+        return show
+
+    def of_places(self) -> list[Entry]:
+        return [
+            Entry(
+                f"Go to {place.name}", "Place", "flag", self._parts.actions.key_text(f"place_{number}"),
+                self._doer(intents.GoToPlace(place.name)), also="drive move navigate send take robot", acts=True,
+            )
+            for number, place in enumerate(self._state.places.value, start=1)
+        ]  # fmt: skip
+
+    def _of_controls(self) -> list[Entry]:
+        """Every control of the robot that needs no more than a choice."""
+        entries = []
+        held = self._state.drive.value.emergency_stop
+        for control in self._state.controls.value:
+            if held and control.is_motion:
+                continue
+            if control.kind == "button":
+                uses: list[tuple[str, ControlValue]] = [(control.title, True)]
+            elif control.kind == "toggle":
+                uses = [(f"{control.title} on", True), (f"{control.title} off", False)]
+            elif control.kind == "choice":
+                uses = [(f"{control.title}: {choice.title}", choice.value) for choice in control.choices]
+            elif "robot" in self._parts.panels.possible():
+                open_panel = self._parts.panels.opener("robot")
+                entries.append(Entry(f"Robot: {control.title}", "Control", "sliders", "", open_panel))
+                continue
+            else:
+                continue
+            entries += [
+                Entry(
+                    f"Robot: {words}", control.group or "Control", "sliders", "", self._control_user(control, value),
+                    also="control", acts=True,
+                )
+                for words, value in uses
+            ]  # fmt: skip
+        return entries
+
+    def _control_user(self, control: RobotControl, value: ControlValue) -> Callable[[], None]:
+        use = self._doer(intents.UseControl(control.id, value))
+        if not control.confirm:
+            return use
+        return lambda: self._question.ask(question_for(control, value), "Do it", use)
+
+    def _of_map(self) -> list[Entry]:
+        """What the robot can do with its map, as far as it needs no name."""
+        status: MapStatus = self._state.mapping.value
+        entries = []
+        if status.can_save:
+            name = f"map-{datetime.now():%Y-%m-%d-%H-%M}"
+            entries.append(
+                Entry(
+                    f"Save the map as {name}",
+                    "Map",
+                    "floppy-disk",
+                    "",
+                    self._doer(intents.SaveMap(name)),
+                    id="save map",
+                )
+            )
+        if status.can_switch and status.mapping is not True:
+            entries.append(
+                Entry("Start mapping", "Map", "map-trifold", "", self._doer(intents.SetMapping(mapping=True)))
+            )
+        if status.can_switch and status.mapping is not False:
+            entries.append(
+                Entry(
+                    "Stop mapping, keep the map", "Map", "map-trifold", "",
+                    self._doer(intents.SetMapping(mapping=False)), also="localization localisation end",
+                )
+            )  # fmt: skip
+        return entries
+
+    def _of_cameras(self) -> list[Entry]:
+        state = self._state
+
+        def chooser(name: str) -> Callable[[], None]:
+            return lambda: state.choose_camera(name)
+
+        return [
+            Entry(f"Show the camera {name}", "Video", "video-camera", "", chooser(name), also="picture")
+            for name in state.cameras.value
+            if name != state.camera.value
+        ]
+
+    def _of_panels(self) -> list[Entry]:
+        panels = self._parts.panels
+        shown: list[PanelName] = [name for name in panels.possible() if panels.is_open(name)]
+        opened = [
+            Entry(
+                PANELS[name].title, "Panel", PANELS[name].icon, "", panels.opener(name),
+                also="" if name in shown else "add open show",
+            )
+            for name in panels.possible()
+        ]  # fmt: skip
+        closed = [
+            Entry(f"Close {PANELS[name].title}", "Panel", "x", "", panels.closer(name), also="hide remove")
+            for name in shown
+        ]
+        floats = [
+            Entry(
+                tr("{panel}: into a window of its own, or back").format(panel=PANELS[name].title), tr("Panel"),
+                "arrow-square-out", "", panels.floater(name), also="float undock second screen",
+            )
+            for name in shown
+        ]  # fmt: skip
+        return opened if self._parts.layout.locked else [*opened, *closed, *floats]
+
+    def _of_layout(self) -> list[Entry]:
+        layout = self._parts.layout
+        return [
+            Entry(
+                tr("Layout: {what}").format(what=command.text), tr("Window"), command.icon, "", layout.soon(command.do),
+                also="panels arrangement put back save reset",
+            )
+            for command in layout.commands()
+            if command.possible
+        ] + [
+            Entry(text, tr("Window"), "layout", "", do, also="panels arrangement layout study screens size")
+            for text, do in (
+                (tr("Unlock the layout"), lambda: layout.set_locked(False)) if layout.locked
+                else (tr("Lock for a study"), lambda: layout.set_locked(True)),
+                (tr("Keep one layout for all screens"), lambda: layout.set_adapts(False)) if layout.adapts
+                else (tr("Adapt to small and large screens"), lambda: layout.set_adapts(True)),
+            )
+        ]  # fmt: skip
+
+    def _of_robots(self) -> list[Entry]:
+        robots = self._parts.robots
+        entries = [
+            Entry(
+                f"Connect to {choice.title}", "Robot", "robot", "", robots.chooser(choice), also="use switch another",
+                acts=True,
+            )
+            for choice in robots.others()
+        ]  # fmt: skip
+        if robots.can_look:
+            entries.append(Entry("Connect another robot…", "Robot", "plus", "", robots.open_dialog, also="new add"))
+        return entries
+
+    def _of_sessions(self) -> list[Entry]:
+        status, windows = self._state.recording.value, self._parts.sessions
+        entries = []
+        if status.state in ("recording", "paused"):
+            paused = status.state == "paused"
+            entries.append(
+                Entry(
+                    "Go on recording" if paused else "Pause recording", "Do", "record" if paused else "pause", "",
+                    self._doer(intents.PauseRecording(not paused)), also="resume continue break",
+                )
+            )  # fmt: skip
+            entries.append(Entry("Stop recording", "Do", "stop", "", self._doer(intents.StopRecording())))
+        else:
+            entries.append(Entry("Start recording", "Do", "record", "", windows.open_start_dialog, common=True))
+            if status.folder is not None:
+                entries.append(Entry("Export the last session…", "Window", "export", "", windows.export_last_session))
+        if windows.has_library:
+            also = "replay search study export"
+            entries.append(Entry("All sessions…", "Window", "archive", "", windows.open_sessions, also=also))
+        return [*entries, *map(self._of_session, windows.recent)]
+
+    def _of_session(self, session: SessionEntry) -> Entry:
+        from caris_desktop.ui.session_table import local_time  # which the first window does without
+
+        heading = (session.participant or session.folder.name, local_time(session.started_utc), session.scenario)
+        return Entry(
+            tr("Replay {session}").format(session=" · ".join(part for part in heading if part)), tr("Session"), "play",
+            "", lambda: self._parts.sessions.open_replay(session.folder), also=tr("recording open watch"),
+            id=f"session {session.folder.name}",
+        )  # fmt: skip
+
+    def of_scenarios(self) -> list[Entry]:
+        parts = self._parts
+
+        def opener(choice: ScenarioChoice) -> Callable[[], None]:
+            return lambda: parts.open_scenario(choice.path)
+
+        return [
+            Entry(f"Open scenario {choice.title}", "Scenario", "map-trifold", "", opener(choice))
+            for choice in parts.scenarios()
+        ]
+
+    def _of_scenario_files(self) -> list[Entry]:
+        parts = self._parts
+        return [
+            Entry(
+                tr("Import a scenario"), "Scenario", "download-simple", "", parts.scenario_files.choose_import,
+                also=tr("open received file"),
+            ),
+            Entry(
+                tr("Write this scenario as one file"), "Scenario", "export", "", parts.scenario_files.choose_share,
+                also=tr("share export send"),
+            ),
+        ]  # fmt: skip

@@ -1,0 +1,33 @@
+"""What can be found."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Something that can be found and done; ``also`` are other words for it.
+
+    ``acts``: it speaks or moves the robot, so it is found by its own words only and never by a guess at misspelt ones.
+    ``deliberate``: it takes a protection away, so it is never chosen beforehand and wants Enter, or a click, twice;
+    ``again`` is what it says between the two. ``first``: it stands before everything else that is found.
+    ``id`` is by what it is known again when it was used; what names a person has one that does not. ``common``: it
+    stands among what is often used, until the wizard has shown what that is.
+    """
+
+    text: str
+    kind: str
+    icon: str
+    key: str
+    do: Callable[[], None]
+    also: str = ""
+    acts: bool = False
+    deliberate: bool = False
+    again: str = ""
+    first: bool = False
+    id: str = ""
+    common: bool = False
+
+    @property
+    def known_as(self) -> str:
+        return self.id or f"{self.kind}: {self.text}"

@@ -1,0 +1,140 @@
+"""Which entries a few typed words mean, and in which order."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from itertools import accumulate, chain
+
+from caris_desktop.ui.palette.entry import Entry
+
+_MEANS_NOTHING = frozenset({"the", "a", "an", "to", "please", "into"})
+_ALIKE = 0.75
+_LONG_ENOUGH_TO_GUESS = 4
+_ENOUGH = 30
+"""Where so many contain what was typed, nobody reads what is only like it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Used:
+    """What this wizard found before, by ``Entry.known_as``: the newest first, and what is often used."""
+
+    recent: tuple[str, ...] = ()
+    often: tuple[str, ...] = ()
+
+
+class Finder:
+    """Entries made ready to be searched, so that a keystroke only compares.
+
+    ``order`` is how they stand where nothing is typed: what must be seen first, the recent ones, the common ones, the
+    rest; ``breaks`` are the places in it where another of these begins.
+    """
+
+    def __init__(self, entries: Sequence[Entry], used: Used | None = None) -> None:
+        self.order, self.breaks = _in_order(entries, used or Used())
+        self._texts = [entry.text.casefold() for entry in self.order]
+        self._words = [f"{entry.text} {entry.kind} {entry.also}".casefold() for entry in self.order]
+        self._vocabulary: _Vocabulary | None = None
+
+    def matching(self, query: str) -> list[Entry]:
+        """Entries that contain all words of the query, each part in its order, those that begin with it before others.
+
+        Articles do not count, and behind them stand those where a word may be misspelt, unless the entry speaks or
+        moves the robot: "diagnotics" finds a panel, but "drive to the kichen" nothing.
+        """
+        typed = query.casefold().split()
+        wanted = [word for word in typed if word not in _MEANS_NOTHING] or typed
+        found: Sequence[int] = range(len(self.order))
+        for word in wanted:
+            found = [place for place in found if word in self._words[place]]
+        if not wanted:
+            return list(self.order)
+        exact = self._those_that_begin_first(found, query.casefold().strip())
+        alike = self._alike(wanted, set(found)) if len(found) < _ENOUGH else []
+        return [self.order[place] for place in (*exact, *alike)]
+
+    def _those_that_begin_first(self, found: Sequence[int], begins: str) -> list[int]:
+        if not begins or not found:
+            return list(found)
+        ends = [*self.breaks, len(self.order)]
+        part = 0
+        first: list[int] = []
+        others: list[int] = []
+        ordered: list[int] = []
+        for place in found:
+            while place >= ends[part]:
+                ordered += first + others
+                first, others = [], []
+                part += 1
+            (first if self._texts[place].startswith(begins) else others).append(place)
+        return ordered + first + others
+
+    def _alike(self, wanted: Sequence[str], exact: set[int]) -> list[int]:
+        if not any(len(word) >= _LONG_ENOUGH_TO_GUESS for word in wanted):
+            return []
+        if self._vocabulary is None:
+            guessable = [place for place, entry in enumerate(self.order) if not (entry.acts or entry.deliberate)]
+            self._vocabulary = _Vocabulary({place: self._words[place] for place in guessable})
+        each = [self._vocabulary.distances(word) for word in wanted]
+        everywhere = set(each[0]).intersection(*each[1:]) - exact
+        far = sorted((sum(distances[place] for distances in each), place) for place in everywhere)
+        return [place for _far, place in far]
+
+
+class _Vocabulary:
+    """The words of those entries that may be found by a guess."""
+
+    def __init__(self, texts: dict[int, str]) -> None:
+        self._texts = texts
+        self._known = set().union(*map(str.split, texts.values()))
+
+    def distances(self, word: str) -> dict[int, float]:
+        """For each place: 0 where the word is there, up to 10 where one is like it."""
+        near: dict[int, float] = {place: 0.0 for place, text in self._texts.items() if word in text}
+        if len(word) < _LONG_ENOUGH_TO_GUESS:
+            return near
+        for known, ratio in _like(word, self._known):
+            for place, text in self._texts.items():
+                if known in text:
+                    near[place] = min(near.get(place, 10.0), 1.0 + 9.0 * (1.0 - ratio))
+        return near
+
+
+def _like(word: str, known_words: set[str]) -> list[tuple[str, float]]:
+    pairs = {word[at : at + 2] for at in range(len(word) - 1)}
+    matcher = SequenceMatcher(None, "", word)  # which remembers what it knows of its second word
+    found = []
+    for known in known_words:
+        # Comparing costs a hundred times as much: only what begins alike or has two neighbouring letters in common.
+        if known[0] != word[0] and not any(pair in known for pair in pairs):
+            continue
+        matcher.set_seq1(known)
+        if matcher.real_quick_ratio() < _ALIKE or matcher.quick_ratio() < _ALIKE:
+            continue
+        ratio = matcher.ratio()
+        if ratio >= _ALIKE:
+            found.append((known, ratio))
+    return found
+
+
+def _in_order(entries: Sequence[Entry], used: Used) -> tuple[tuple[Entry, ...], tuple[int, ...]]:
+    by_name: dict[str, Entry] = {}
+    for entry in entries:
+        by_name.setdefault(entry.known_as, entry)
+    placed: set[int] = set()
+    parts: list[list[Entry]] = []
+    often = [by_name[name] for name in used.often if name in by_name]
+    for part in (
+        [entry for entry in entries if entry.first],
+        [by_name[name] for name in used.recent if name in by_name],
+        often or [entry for entry in entries if entry.common],
+        entries,
+    ):
+        parts.append([entry for entry in part if id(entry) not in placed])
+        placed |= {id(entry) for entry in part}
+    ends = list(accumulate(map(len, parts)))
+    return tuple(chain(*parts)), tuple(ends[:-1])
+
+
+def matching(entries: Sequence[Entry], query: str) -> list[Entry]:
+    """The same for entries that are searched once."""
+    return Finder(entries).matching(query)

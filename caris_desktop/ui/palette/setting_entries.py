@@ -1,0 +1,148 @@
+"""The settings that Find anything changes: how it looks, sounds and hears, who decides what, and who the wizard is."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QLocale
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.scenario.assistance import levels_up_to
+from caris_desktop.ui import event_words
+from caris_desktop.ui.appearance import scale_words
+from caris_desktop.ui.palette.entry import Entry
+from caris_desktop.ui.sound_menu import sound_choices
+from caris_desktop.ui.speak.voice_choices import voice_choices
+from caris_desktop.ui.theme import SCALES, ThemeChoice
+from caris_desktop.ui.window_parts import THEME_WORDS, WindowParts
+
+TWICE = "choose it, then Enter twice"
+
+
+class SettingEntries:
+    """Those that stand in the way they are now are not there: choosing them would do nothing."""
+
+    def __init__(self, parts: WindowParts) -> None:
+        self._parts = parts
+        self._console = parts.console
+        self._state = parts.console.state
+
+    def now(self) -> list[Entry]:
+        permissions = self._console.scenario.permissions
+        return [
+            *(self._of_voices() if permissions.speech else ()),
+            *(self._of_levels() if permissions.assistant else ()),
+            *self._of_guard(),
+            *self._of_sound(),
+            *self.of_themes(),
+            *self._of_sizes(),
+            *self._of_languages(),
+            *self._of_wizards(),
+        ]
+
+    def _doer(self, intent: Intent) -> Callable[[], None]:
+        def do() -> None:
+            self._console.do(intent)
+
+        return do
+
+    def _of_voices(self) -> list[Entry]:
+        return [
+            Entry(
+                choice.text, "Voice", "sliders-horizontal", "", self._doer(choice.intent), also="speak voice", acts=True
+            )
+            for group in voice_choices(self._state.voice.value)
+            for choice in group
+            if not choice.chosen
+        ]
+
+    def _of_levels(self) -> list[Entry]:
+        """How much the language model does by itself, where that can be changed."""
+        settings, levels = self._console.scenario.assistance, self._state.levels.value
+        return [
+            Entry(
+                f"{title}: {event_words.LEVELS[level].lower()}", "Do", "sliders-horizontal", "",
+                self._doer(intents.SetLevel(function, level)), also="assistant level suggestions proposals",
+            )
+            for function, title in event_words.FUNCTIONS.items()
+            for level in levels_up_to(getattr(settings, function))
+            if level != getattr(levels, function)
+        ]  # fmt: skip
+
+    def _of_guard(self) -> list[Entry]:
+        drive: DriveStatus = self._state.drive.value
+        if drive.guard == "overridden":
+            on = self._doer(intents.SetGuard(on=True))
+            return [Entry("Switch the obstacle guard on", "Do", "shield-check", "", on)]
+        if drive.guard == "absent" or not self._console.scenario.permissions.driving:
+            return []
+        return [
+            Entry(
+                "Switch the obstacle guard off", TWICE, "shield-slash", "", self._doer(intents.SetGuard(on=False)),
+                deliberate=True, again="Press Enter again to switch the guard off",
+            )
+        ]  # fmt: skip
+
+    def _of_wizards(self) -> list[Entry]:
+        wizards = self._parts.wizards
+
+        def chooser(name: str) -> Callable[[], None]:
+            return lambda: wizards.choose(name)
+
+        return [
+            Entry(
+                tr("Wizard: {name}").format(name=name or tr("nobody in particular")), tr("Wizard"), "user-gear", "",
+                chooser(name), also=tr("who is at the console profile keys"),
+            )
+            for name in (*wizards.names, "")
+            if name != wizards.current
+        ]  # fmt: skip
+
+    def _of_sound(self) -> list[Entry]:
+        return [
+            Entry(
+                f"{choice.title}: {choice.text}", tr("Sound"), "microphone", "", self._doer(choice.intent),
+                also=tr("device input volume"),
+            )
+            for choice in sound_choices(self._console)
+            if not choice.chosen
+        ]  # fmt: skip
+
+    def _of_sizes(self) -> list[Entry]:
+        appearance = self._parts.appearance
+
+        def chooser(scale: str) -> Callable[[], None]:
+            return lambda: appearance.choose_scale(scale)
+
+        return [
+            Entry(scale_words(scale), tr("Window"), "text-aa", "", chooser(scale), also="larger text zoom scale")
+            for scale in SCALES
+            if scale != appearance.scale
+        ]
+
+    def _of_languages(self) -> list[Entry]:
+        appearance = self._parts.appearance
+
+        def chooser(name: str) -> Callable[[], None]:
+            return lambda: appearance.choose_language(name)
+
+        return [
+            Entry(
+                tr("Language: {name} from the next start").format(name=QLocale(name).nativeLanguageName()),
+                tr("Window"), "translate", "", chooser(name), also="translation",
+            )
+            for name in appearance.languages()
+            if name != appearance.language
+        ]  # fmt: skip
+
+    def of_themes(self) -> list[Entry]:
+        parts = self._parts
+
+        def chooser(choice: ThemeChoice) -> Callable[[], None]:
+            return lambda: parts.appearance.choose_theme(choice)
+
+        return [
+            Entry(f"Appearance: {words.lower()}", "Window", "moon", "", chooser(choice))
+            for choice, words in THEME_WORDS.items()
+        ]

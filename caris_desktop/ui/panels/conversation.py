@@ -1,0 +1,325 @@
+"""Conversation: what was said, who said it, and how long the participant has been waiting."""
+
+from bisect import bisect_right
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QImage, QKeyEvent, QResizeEvent
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from caris_desktop.conversation.response_time import LATE_S, waiting
+from caris_desktop.conversation.transcript import Turn, in_order, next_speaker
+from caris_desktop.domain import intents
+from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
+from caris_desktop.live.status import PhotoEntry
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.conversation.levels_button import LevelsButton
+from caris_desktop.ui.conversation.proposal_card import ProposalCard
+from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
+from caris_desktop.ui.conversation.transcript import TranscriptView
+from caris_desktop.ui.conversation.transcript_rows import (
+    PARTICIPANT,
+    RowMaker,
+    found_in,
+)
+from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.people.shown_people import as_permitted
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
+
+_EMPTY = "What the robot and the participant say stands here."
+_TICK_MS = 100
+_PHOTO_AFTER_NS = 2_000_000_000
+_RECENT = 60
+"""Turns among which are all that matter to what goes on now."""
+
+
+class ConversationPanel(Panel):
+    """The turns with a place for what could be said next under them, and a line to search in what was said."""
+
+    title = "Conversation"
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("conversation_panel")
+        self._maker = RowMaker(self.state.present.anchor)
+        self._names: dict[str, str] = {}
+        self._ordered_from: tuple[Turn, ...] = ()
+        self._ordered: list[Turn] = []
+        self._under_way: dict[str, Hearing] = {}
+        self._matches: list[int] = []
+        self._match = -1
+        self.view = TranscriptView(self.theme, may_change=self.state.present.live, empty=_EMPTY)
+        self.view.setObjectName("transcript")
+        self._photo = PhotoThumbnail(self.theme, self.view)
+        self.view.picked.connect(self._on_picked)
+        self.view.wanted.connect(self._on_wanted)
+        self.view.given.connect(self._on_given)
+        self.hold.escape_pressed.connect(self.view.give_up_writing)
+        self.hold.escape_pressed.connect(self.close_search)
+        self._find = ActionButton(self.theme, "", icon="magnifying-glass", height_px=30)
+        self._find.setObjectName("transcript_find")
+        self._find.setAccessibleName("Search what was said")
+        self._find.setToolTip("Search what was said")
+        self._find.bind(self.table, "find_said")
+        self._search = _SearchLine(self)
+        self._search.hide()
+        self._levels = LevelsButton(context)
+        under_newest = QVBoxLayout()
+        under_newest.setContentsMargins(14, 0, 14, 0)
+        under_newest.setSpacing(6)
+        # Nothing is suggested where no language model may be asked.
+        helped = context.console.scenario.permissions.assistant
+        self._could_follow: tuple[SuggestionCards | ProposalCard, ...] = (
+            (SuggestionCards(context, self), ProposalCard(context, self)) if helped else ()
+        )
+        for widget in self._could_follow:
+            under_newest.addWidget(widget)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(1, 6, 1, 8)
+        layout.setSpacing(4)
+        layout.addWidget(self._search)
+        layout.addWidget(self.view, 1_000)
+        layout.addLayout(under_newest)
+        layout.addStretch(1)
+        self.state.transcript.changed.connect(self._refresh)
+        self.state.stream("hearing").changed.connect(self._refresh)
+        self.state.persons.changed.connect(self._on_persons_changed)
+        self.state.everybody.changed.connect(self._on_persons_changed)
+        self.state.time_jumped.connect(self._on_time_jumped)
+        self.every(_TICK_MS, self._tick)
+        self.catch_up()
+
+    def title_widgets(self) -> list[QWidget]:
+        assisted = self.console.scenario.permissions.assistant
+        return [self._levels, self._find] if assisted else [self._find]
+
+    def focus_target(self) -> QWidget:
+        return self.view
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        for widget in self._could_follow:
+            widget.fit(self.height())
+
+    def sizeHint(self) -> QSize:
+        return QSize(420, 300)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(240, 110)
+
+    # ---- what is shown
+
+    def catch_up(self) -> None:
+        self._take_names()
+        self._refresh()
+        self._tick()
+
+    def _on_persons_changed(self, _persons: object) -> None:
+        if self.in_view and self._take_names():
+            self._refresh()
+
+    def _take_names(self) -> bool:
+        """Whether somebody is called something else now."""
+        naming = self.console.scenario.permissions.naming_people
+        persons = as_permitted((*self.state.everybody.value, *self.state.persons.value), naming=naming)
+        names = {person.person_id: words.person_name(person) for person in persons if person.person_id}
+        changed = names != self._names
+        self._names = names
+        return changed
+
+    def _heard(self) -> dict[str, Hearing]:
+        """What is made out of the turns under way now, by utterance id."""
+        now_ns = self.state.present.now_ns()
+        newest = (self.state.hearing_of(source).value for source in PARTICIPANT_SOURCES)
+        heard = {hearing.utterance_id: hearing for hearing in newest if hearing is not None and hearing.utterance_id}
+        over = {turn.utterance_id for turn in self._turns_until(now_ns) if turn.ended_ns and turn.ended_ns <= now_ns}
+        return {turn_id: hearing for turn_id, hearing in heard.items() if turn_id not in over}
+
+    def _turns_until(self, now_ns: int) -> list[Turn]:
+        """The newest that had begun by then; in a replay others lie ahead."""
+        turns = self._turns()
+        until = bisect_right(turns, now_ns, key=lambda turn: turn.begins_ns)
+        return turns[max(0, until - _RECENT) : until]
+
+    def _turns(self) -> list[Turn]:
+        """In the order in which they began: found out once for each transcript."""
+        if self.state.transcript.value is not self._ordered_from:
+            self._ordered_from = self.state.transcript.value
+            self._ordered = in_order(self._ordered_from)
+        return self._ordered
+
+    def _refresh(self, _value: object = None) -> None:
+        if not self.in_view:
+            return
+        self._under_way = self._heard()
+        self.view.show_rows(self._maker.rows(self._turns(), self._names, self._under_way))
+        if self._search.isVisible():
+            self._look_again()
+        self._tick()
+
+    def _on_time_jumped(self, _events: object) -> None:
+        self._refresh()
+        self.view.follow()
+
+    def _tick(self) -> None:
+        if not self.in_view:
+            return
+        now_ns = self.state.present.now_ns()
+        if not self.state.present.live:
+            if self._under_way != self._heard():  # a turn is over by then, and nothing tells of it
+                self._refresh()
+            self.view.show_now(bisect_right(self.view.rows, now_ns, key=lambda row: row.begins_ns) - 1)
+        self._tell_waiting(now_ns)
+
+    def _tell_waiting(self, now_ns: int) -> None:
+        stands = waiting(self._turns_until(now_ns), self._under_way.values(), now_ns)
+        if stands is None:
+            count = len(self.view.rows)
+            self.set_fact(words.counted(count, "turn") if count else "")
+            return
+        who = self._names.get(stands.person_id, f"the {PARTICIPANT}")
+        assistance = self.console.scenario.assistance
+        late_s = LATE_S if assistance.fillers == "off" else assistance.filler_after_s
+        match stands.state:
+            case "talking":
+                self.set_fact(f"{who[:1].upper()}{who[1:]} is talking", "green")
+            case "waiting":
+                role = "amber" if stands.seconds > late_s else "green"
+                self.set_fact(words.age(max(0.1, stands.seconds)), role, rest=f"since {who} stopped talking")
+            case "answered":
+                late = stands.seconds > late_s
+                if stands.seconds < 0:
+                    self.set_fact(f"{-stands.seconds:.1f} s", "amber", rest=f"before {who} was done")
+                else:
+                    self.set_fact(f"{stands.seconds:.1f} s", "amber" if late else "dim", rest="until the answer")
+
+    # ---- search
+
+    def open_search(self) -> None:
+        """The line to search in what was said, with the keys in it."""
+        self._search.show()
+        self._search.field.setFocus(Qt.FocusReason.ShortcutFocusReason)
+        self._search.field.selectAll()
+        self._look_again()
+
+    def close_search(self) -> None:
+        if self._search.isVisible():
+            had_focus = self._search.field.hasFocus()
+            self._search.hide()
+            self.view.show_found((), "")
+            self._matches, self._match = [], -1
+            if had_focus:
+                self.view.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def search(self, query: str) -> None:
+        """Find it in what was said, and go to the newest turn that has it."""
+        self._matches, self._match = found_in(self.view.rows, query), -1
+        self.view.show_found(self._matches, query)
+        self.go_to_match(-1)
+
+    def _look_again(self) -> None:
+        query = self._search.field.text()
+        self._matches = found_in(self.view.rows, query)
+        self._match = min(self._match, len(self._matches) - 1)
+        self.view.show_found(self._matches, query)
+        self._search.tell(self._match, len(self._matches), query)
+
+    def go_to_match(self, step: int) -> None:
+        """To the next place where it was found, or the one before."""
+        if self._matches:
+            self._match = (self._match + step) % len(self._matches) if self._match >= 0 else len(self._matches) - 1
+            self.view.show_turn(self._matches[self._match])
+        self._search.tell(self._match, len(self._matches), self._search.field.text())
+
+    # ---- what is asked
+
+    def _turn(self, utterance_id: str) -> Turn | None:
+        return next((turn for turn in reversed(self._turns()) if turn.utterance_id == utterance_id), None)
+
+    def _on_picked(self, utterance_id: str) -> None:
+        turn = self._turn(utterance_id)
+        if turn is None:
+            return
+        if not self.state.present.live:
+            self.moment_wanted.emit(turn.begins_ns)
+            return
+        photo = self._photo_of(turn)
+        if photo is None:
+            self._photo.hide()
+        else:
+            self._photo.show_photo(QImage.fromData(photo.thumbnail_jpeg), "Photo of this moment", photo.file_name)
+
+    def _photo_of(self, turn: Turn) -> PhotoEntry | None:
+        """The first that was taken while it was said, or right afterwards."""
+        from_ns = self.state.present.anchor.utc_ns_at(turn.begins_ns)
+        lasted_ns = (turn.ended_ns or self.state.present.now_ns()) - turn.begins_ns
+        photos: tuple[PhotoEntry, ...] = self.state.photos.value
+        taken = (photo for photo in photos[::-1] if 0 <= photo.utc_ns - from_ns <= lasted_ns + _PHOTO_AFTER_NS)
+        return next((photo for photo in taken if photo.thumbnail_jpeg and not photo.deleted), None)
+
+    def _on_wanted(self, act: str, utterance_id: str) -> None:
+        turn = self._turn(utterance_id)
+        if turn is None:
+            return
+        if act == "who":
+            speaker, person_id = next_speaker(
+                turn, [person.person_id for person in self.state.persons.value if person.here]
+            )
+            self.console.do(intents.CorrectUtterance(utterance_id, speaker=speaker, person_id=person_id))
+        else:
+            earlier_s = max(0.0, (self.state.present.now_ns() - turn.begins_ns) / 1e9)
+            self.console.do(intents.Mark("", earlier_s=min(86_400.0, earlier_s)))
+
+    def _on_given(self, act: str, utterance_id: str, text: str) -> None:
+        if act == "text":
+            self.console.do(intents.CorrectUtterance(utterance_id, text=text))
+        else:
+            tags = tuple(dict.fromkeys(tag for part in text.split(",") if (tag := part.strip())))
+            self.console.do(intents.CorrectUtterance(utterance_id, tags=tags))
+
+
+class _SearchLine(QWidget):
+    """The words that are looked for, and how often they were found. Enter goes to the one before, with Shift on."""
+
+    def __init__(self, panel: ConversationPanel) -> None:
+        super().__init__()
+        self._panel = panel
+        self.field = _SearchField(panel)
+        self.field.setObjectName("transcript_search")
+        self.field.setPlaceholderText("Search what was said")
+        self.field.setAccessibleName("Search what was said")
+        self.field.textChanged.connect(panel.search)
+        self._found = QLabel()
+        self._found.setObjectName("transcript_found")
+        self._found.setFont(panel.theme.font(tokens.STATUS_PX))
+        panel.theme.color_text(self._found, "dim")
+        close = ActionButton(panel.theme, "", icon="x", height_px=30)
+        close.setAccessibleName("Close the search")
+        close.clicked.connect(panel.close_search)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(14, 2, 8, 2)
+        row.setSpacing(8)
+        row.addWidget(self.field, 1)
+        row.addWidget(self._found)
+        row.addWidget(close)
+
+    def tell(self, match: int, count: int, query: str) -> None:
+        if not query.strip():
+            self._found.setText("")
+        else:
+            self._found.setText(f"{match + 1} of {count}" if count and match >= 0 else words.counted(count, "turn"))
+
+
+class _SearchField(EnterField):
+    def __init__(self, panel: ConversationPanel) -> None:
+        super().__init__()
+        self._panel = panel
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Up):
+            self._panel.go_to_match(1 if event.modifiers() & Qt.KeyboardModifier.ShiftModifier else -1)
+        elif event.key() == Qt.Key.Key_Down:
+            self._panel.go_to_match(1)
+        else:
+            super().keyPressEvent(event)

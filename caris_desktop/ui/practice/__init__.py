@@ -1,0 +1,1 @@
+"""The guided exercise, and what is kept of it for each wizard."""

@@ -1,0 +1,192 @@
+"""The guided exercise in two lines: which step it is, what to do, and how far one has come."""
+
+from datetime import UTC, datetime
+
+from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.practice import STEPS, PracticeStep
+from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import tokens
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.practice.training_record import PracticeRun, keep, practised
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.wizard_profiles import WizardProfiles
+
+_BUTTON_PX = 30
+_DOT_PX, _GAP_PX = 22, 4
+_LOOKS = {
+    "done": ("check", "green"),
+    "skipped": ("skip-forward", "dim"),
+    "now": ("circle", "blue"),
+    "open": ("", "dim"),
+}
+
+
+class StepDots(QWidget):
+    """One sign for each step: a tick, skipped, the present one, or still open. Shapes differ, not colours alone."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self._steps: tuple[PracticeStepStatus, ...] = ()
+        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        theme.changed.connect(self.update)
+
+    def show_steps(self, steps: tuple[PracticeStepStatus, ...]) -> None:
+        self._steps = steps
+        done = sum(step.state == "done" for step in steps)
+        self.setAccessibleName(tr("{done} of {count} steps done").format(done=done, count=len(steps)))
+        self.setToolTip(self.accessibleName())
+        self.updateGeometry()
+        self.update()
+
+    def sizeHint(self) -> QSize:
+        return QSize(len(self._steps) * (_DOT_PX + _GAP_PX), _DOT_PX)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for number, step in enumerate(self._steps):
+            icon, role = _LOOKS[step.state]
+            dot = QRectF(number * (_DOT_PX + _GAP_PX) + 1, 1, _DOT_PX - 2, _DOT_PX - 2)
+            painter.setPen(QPen(self._theme.color(role), 2.4 if step.state == "now" else 1.2))
+            painter.setBrush(self._theme.color("raised"))
+            painter.drawEllipse(dot)
+            if icon and step.state != "now":
+                draw_icon(painter, dot.adjusted(4, 4, -4, -4), icon, self._theme.color(role))
+            elif step.state == "now":
+                painter.setFont(self._theme.font(tokens.STATUS_PX - 2, tokens.WEIGHT_SEMIBOLD))
+                painter.drawText(dot, Qt.AlignmentFlag.AlignCenter, str(number + 1))
+
+
+class PracticeStrip(QWidget):
+    """Below the notice strip while somebody practises, and until they have read how it went."""
+
+    def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, wizards: WizardProfiles) -> None:
+        super().__init__()
+        self.setObjectName("practice_strip")
+        self.setAccessibleName(tr("Practice"))
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Maximum)
+        self._theme = theme
+        self._console = console
+        self._actions = actions
+        self._wizards = wizards
+        self._kept = False
+        self._title, self._how = QLabel(), QLabel()
+        self._title.setObjectName("practice_title")
+        self._how.setObjectName("practice_how")
+        for label in (self._title, self._how):
+            label.setTextFormat(Qt.TextFormat.PlainText)
+            label.setWordWrap(True)
+        self._dots = StepDots(theme)
+        self._skip = ActionButton(theme, tr("Skip"), icon="skip-forward", look="ghost", height_px=_BUTTON_PX)
+        self._skip.setObjectName("practice_skip")
+        self._skip.setToolTip(tr("Go on with the next step. A skipped step has no points."))
+        self._skip.clicked.connect(lambda: console.do(intents.SkipPracticeStep()))
+        self._again = ActionButton(theme, tr("Practise again"), look="plain", height_px=_BUTTON_PX)
+        self._again.setObjectName("practice_again")
+        self._again.clicked.connect(self.begin)
+        self._end = ActionButton(theme, tr("End the practice"), look="plain", height_px=_BUTTON_PX)
+        self._end.setObjectName("practice_end")
+        self._end.clicked.connect(lambda: console.do(intents.EndPractice()))
+        words = QVBoxLayout()
+        words.setSpacing(1)
+        words.addWidget(self._title)
+        words.addWidget(self._how)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(18, 6, 10, 6)
+        row.setSpacing(tokens.GRID_PX)
+        row.addLayout(words, 1)
+        row.addWidget(self._dots)
+        for button in (self._skip, self._again, self._end):
+            row.addWidget(button)
+        console.state.practice.changed.connect(self._show)
+        actions.keys_changed.connect(self._on_keys_changed)
+        theme.changed.connect(self._style)
+        self._style()
+        self._show(console.state.practice.value)
+
+    def begin(self) -> None:
+        """Whose training it is, is known."""
+        self._console.do(intents.BeginPractice(self._wizards.current))
+
+    def _on_keys_changed(self) -> None:
+        self._show(self._console.state.practice.value)
+
+    def _show(self, status: PracticeStatus) -> None:
+        running, ended = status.state == "running", status.state == "ended"
+        self._dots.show_steps(status.steps)
+        self._dots.setVisible(bool(status.steps))
+        self._skip.setVisible(running)
+        self._again.setVisible(ended)
+        self._end.set_label(tr("Close") if ended else tr("End the practice"))
+        if running:
+            number = next(n for n, step in enumerate(status.steps) if step.state == "now")
+            step = STEPS[number]
+            self._say(
+                tr("{number} of {count} · {title}").format(number=number + 1, count=len(STEPS), title=tr(step.title)),
+                self._how_to(step),
+            )
+        elif ended:
+            self._keep(status)
+            self._say(*self._result(status))
+        elif status.state:
+            self._say(
+                tr("The practice begins as soon as the simulated robot is ready."),
+                tr("What you do is recorded as practice, and is no data."),
+            )
+        self._kept = self._kept and ended
+        self.setVisible(bool(status.state) and self.parentWidget() is not None)
+
+    def _how_to(self, step: PracticeStep) -> str:
+        return tr(step.how).format(key=self._actions.key_text(step.action_id) if step.action_id else "")
+
+    def _result(self, status: PracticeStatus) -> tuple[str, str]:
+        title = tr("Practice ended: {done} of {count} steps, {score} of 100 points, {minutes} min").format(
+            done=status.done, count=len(STEPS), score=status.score, minutes=f"{status.minutes:.1f}"
+        )
+        runs = practised(self._wizards)
+        best = max((run.score for run in runs[:-1]), default=None)
+        if best is None:
+            how = tr("Ten points for a step in its usual time, fewer for a slow one.")
+        else:
+            how = tr("Your best before was {best} points, in %n runs.", "", len(runs) - 1).format(best=best)
+        missing = [tr(STEPS[n].title) for n, step in enumerate(status.steps) if step.state != "done"]
+        left = tr("Not done: {steps}.").format(steps=", ".join(missing)) if missing else tr("Every step was done.")
+        return title, tr("{what_was_left} {comparison}").format(what_was_left=left, comparison=how)
+
+    def _keep(self, status: PracticeStatus) -> None:
+        """Once for each run."""
+        if not self._kept:
+            self._kept = True
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            keep(
+                self._wizards,
+                PracticeRun(now, status.done, len(STEPS), round(status.minutes, 1), status.score),
+            )
+
+    def _say(self, title: str, how: str) -> None:
+        self._title.setText(title)
+        self._how.setText(how)
+
+    def _style(self) -> None:
+        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self._how.setFont(self._theme.font(tokens.BODY_PX))
+        self._theme.color_text(self._how, "dim")
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._theme.color("blue"), 1.2))
+        painter.setBrush(self._theme.color("panel"))
+        painter.drawRoundedRect(
+            QRectF(self.rect()).adjusted(8.6, 1, -8.6, -1), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
+        )

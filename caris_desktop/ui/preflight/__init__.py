@@ -1,0 +1,1 @@
+"""The checks before a recording, as the wizard sees them."""

@@ -1,0 +1,88 @@
+"""The checks before a recording over the window, and the few words at its lower edge that open them."""
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.status import IN_SESSION, PreflightCheck
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import tokens
+from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.preflight.preflight_list import PreflightList
+from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, summary, worst
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.status_button import StatusButton
+
+_CHROME_PX = 112
+
+
+class PreflightCard(Overlay):
+    """The list, with how many are open. The robot can be driven and stopped meanwhile."""
+
+    def __init__(self, theme: Theme, window: QWidget, console: WizardConsole) -> None:
+        super().__init__(theme, window, width_px=680)
+        self.setObjectName("preflight_card")
+        self._console = console
+        self._heading = QLabel(tr("Before a recording"))
+        self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        self._summary = QLabel()
+        self._summary.setObjectName("preflight_summary")
+        self._summary.setFont(theme.font(tokens.STATUS_PX))
+        close = ActionButton(theme, tr("Close"), icon="x", key="Esc", look="ghost")
+        close.setObjectName("preflight_close")
+        close.clicked.connect(self.close_overlay)
+        head = QHBoxLayout()
+        head.addWidget(self._heading)
+        head.addStretch(1)
+        head.addWidget(close)
+        self.list = PreflightList(theme, console)
+        column = QVBoxLayout(self.card)
+        column.setContentsMargins(20, 14, 12, 16)
+        column.setSpacing(6)
+        column.addLayout(head)
+        column.addWidget(self._summary)
+        column.addWidget(self.list, 1)
+        console.state.preflight.changed.connect(self._show)
+        theme.changed.connect(self._style)
+        self._style()
+        self._show(console.state.preflight.value)
+
+    def open(self) -> None:
+        super().open()
+        still_open = (row.box for row in self.list.rows.values() if row.box is not None and not row.box.isChecked())
+        (next(still_open, None) or self).setFocus(Qt.FocusReason.TabFocusReason)
+
+    def card_height_px(self) -> int:
+        return self.list.height_px() + _CHROME_PX
+
+    def _show(self, checks: tuple[PreflightCheck, ...]) -> None:
+        live = self._console.state.present.live
+        if live:
+            text = tr("{summary}. Everything is checked again when the link to the robot is lost.")
+        else:
+            text = tr("{summary} when this recording began.")
+        self._summary.setText(text.format(summary=summary(checks, past=not live)))
+
+    def _style(self) -> None:
+        self._theme.color_text(self._summary, "dim")
+
+
+class PreflightButton(StatusButton):
+    """3 of 12 to check: always there but while a recording runs."""
+
+    def __init__(self, theme: Theme, console: WizardConsole) -> None:
+        tip = tr("What the console and you check before a recording. Click for the list.")
+        super().__init__(theme, "preflight_button", tip)
+        self._console = console
+        console.state.preflight.changed.connect(self._show)
+        console.state.recording.changed.connect(self._show)
+        self._show()
+
+    def _show(self, _changed: object = None) -> None:
+        checks, live = self._console.state.preflight.value, self._console.state.present.live
+        state, text = worst(checks), summary(checks, past=not live) if checks else ""
+        if self._console.state.recording.value.state in IN_SESSION and live:
+            text = ""
+        spoken = tr("{summary}. At worst: {state}").format(summary=text, state=tr(STATES[state]))
+        self.show_words(text, ICONS[state], ROLES[state], spoken=spoken)

@@ -1,0 +1,74 @@
+"""How the checks before a recording read."""
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from caris_desktop.domain.actor import WIZARD, in_words
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import PreflightChecked, PreflightState
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.status import PreflightCheck
+
+STATES: dict[PreflightState, str] = {
+    "not checked": QT_TR_NOOP("Not checked"),
+    "pending": QT_TR_NOOP("Pending"),
+    "minor": QT_TR_NOOP("Minor"),
+    "major": QT_TR_NOOP("Major"),
+    "passed": QT_TR_NOOP("Passed"),
+}
+ROLES: dict[PreflightState, str] = {
+    "not checked": "dim", "pending": "dim", "minor": "amber", "major": "red", "passed": "green",
+}  # fmt: skip
+ICONS: dict[PreflightState, str] = {
+    "not checked": "circle-dashed", "pending": "hourglass", "minor": "warning", "major": "warning-octagon",
+    "passed": "check-circle",
+}  # fmt: skip
+_WORST_FIRST: tuple[PreflightState, ...] = ("major", "minor", "not checked", "pending", "passed")
+
+
+def worst(checks: Sequence[PreflightCheck]) -> PreflightState:
+    """The state that the whole of them is in."""
+    return min((check.state for check in checks), key=_WORST_FIRST.index, default="passed")
+
+
+def summary(checks: Sequence[PreflightCheck], *, past: bool = False) -> str:
+    """3 of 12 to check; of a recording that is ``past``: 3 of 12 were open."""
+    still_open = sum(check.state != "passed" for check in checks)
+    if not still_open:
+        return tr("All %n checks passed", "", len(checks))
+    text = (
+        tr("{open} of %n checks were open", "", len(checks)) if past else tr("{open} of %n to check", "", len(checks))
+    )
+    return text.format(open=still_open)
+
+
+def open_words(checks: Sequence[PreflightCheck]) -> str:
+    """What is asked about before a recording begins without it."""
+    titles = [check.title for check in checks if check.asks_first]
+    named = ", ".join(f"“{title}”" for title in titles[:3])
+    if len(titles) > 3:
+        named = tr("{some} and %n more", "", len(titles) - 3).format(some=named)
+    return tr("Not ready: {checks}. Start nevertheless? The record will say so.").format(checks=named)
+
+
+def state_words(check: PreflightCheck, anchor: ClockAnchor) -> str:
+    """How it stands; of what was ticked, by whom and when."""
+    if not check.manual or check.checked_ns is None:
+        return check.detail
+    moment = datetime.fromtimestamp(anchor.utc_ns_at(check.checked_ns) / 1e9).strftime("%H:%M")
+    if check.actor == WIZARD:
+        return tr("Ticked by you at {moment}.").format(moment=moment)
+    return tr("Ticked by {who} at {moment}.").format(who=in_words(check.actor), moment=moment)
+
+
+def log_line(event: PreflightChecked) -> tuple[str, str] | None:
+    """Its line in the session log; None for what was as it should be when a recording began."""
+    if not event.at_start:
+        text = tr("Checked: {check}") if event.state == "passed" else tr("Not checked any more: {check}")
+    elif event.state == "passed":
+        return None
+    elif event.accepted:
+        text = tr("Began in spite of: {check} ({state})")
+    else:
+        text = tr("Began with: {check} ({state})")
+    return "Session", text.format(check=event.title, state=tr(STATES[event.state]).lower())

@@ -1,0 +1,419 @@
+"""The protocol in one line: where the wizard is in it, how long that has taken, and how it goes on."""
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.state import LiveValue
+from caris_desktop.live.status import ProtocolStatus
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.protocol import ProtocolStep
+from caris_desktop.ui import tokens
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.protocol.step_cards import MOST_DIGITS, BranchesCard, StepsCard
+from caris_desktop.ui.protocol.step_pills import ShownStep, StepPills, StepState
+from caris_desktop.ui.protocol.step_words import is_late, record_words, time_words
+from caris_desktop.ui.step_acts import present_step, target_of
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.widgets.cut_label import CutLabel
+
+if TYPE_CHECKING:
+    # The window stands before anything of a session is read.
+    from caris_desktop.recording.annotation.overview import SessionOverview
+    from caris_desktop.recording.session.protocol import StepRecord
+
+HEIGHT_PX = 40
+_BUTTON_PX = 30
+_GAP_PX, _SIDE_PX = 6, 8
+_SECOND_MS = 250
+_LEAST_PX, _NOTE_PX = 600, 160
+_MOST_INLINE_TICKS = 2
+# What gives way, in this order, where the window is narrow; the key caps and the present step never do.
+_FULL, _NO_NOTE, _TICKS_COUNTED, _NEXT_SHORT, _ACTS_SHORT, _BRANCH_SHORT, _ALL_SHORT = range(7)
+
+
+class ProtocolStrip(QWidget):
+    """Hidden where the scenario has no protocol. In a replay it shows where the wizard was then, and how long each step
+    took in the whole session; ``moment_wanted`` is when a step began that was clicked there.
+    """
+
+    moment_wanted = Signal(int)
+
+    def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, hold: HoldToDrive) -> None:
+        super().__init__()
+        self.setObjectName("protocol_strip")
+        self.setAccessibleName(tr("Protocol"))
+        self.setFixedHeight(HEIGHT_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self._theme = theme
+        self._console = console
+        self._actions = actions
+        self._hold = hold
+        self._records: dict[str, StepRecord] = {}
+        self._tab_order: tuple[QWidget, ...] = ()
+        self._replay = False
+        self._asks_for_step = False
+        self._steps_card: StepsCard | None = None
+        self._branches_card: BranchesCard | None = None
+        self.pills = StepPills(theme)
+        self.pills.chosen.connect(self._go_to)
+        self.pills.list_wanted.connect(self._open_or_close_list)
+        self._note = CutLabel()
+        self._note.setObjectName("step_note_line")
+        self._ticks: list[CheckBox] = []
+        self._ticked = self._button("ticks_button", icon="check-square", menu_arrow=True)
+        self._ticked.clicked.connect(self._open_or_close_list)
+        self._say = self._button("say_step", "say_step", icon="chat-text")
+        self._go = self._button("go_to_step_place", "go_to_step_place", icon="flag")
+        self._branch = self._button("branch", "branch", icon="git-branch", may_shrink=True)
+        self._back = self._button("previous_step", "previous_step", icon="arrow-left", ghost=True)
+        self._skip = self._button("skip_step", "skip_step", icon="skip-forward", ghost=True)
+        self.next_button = self._button("next_step", "next_step", icon="arrow-right", may_shrink=True)
+        self._acts = (self._say, self._go, self._branch, self._back, self._skip, self.next_button)
+        self._row = QHBoxLayout(self)
+        self._row.setContentsMargins(_SIDE_PX, 0, _SIDE_PX, 0)
+        self._row.setSpacing(_GAP_PX)
+        self._row.addWidget(self.pills, 3)
+        self._row.addWidget(self._note, 1)
+        self._row.addWidget(self._ticked)
+        for button in self._acts:
+            self._row.addWidget(button)
+        self._clock = QTimer(self, interval=_SECOND_MS)
+        self._clock.timeout.connect(self._show_time)
+        state = console.state
+        for value in (state.protocol, state.scenario):
+            value.changed.connect(self._on_changed)
+        actions.answer_for("Protocol", self)
+        actions.keys_changed.connect(self._make_room)
+        hold.escape_pressed.connect(self.put_away)
+        theme.changed.connect(self._style)
+        self._style()
+        self.refresh()
+
+    def _button(
+        self, name: str, action_id: str = "", *, icon: str, ghost: bool = False, menu_arrow: bool = False,
+        may_shrink: bool = False,
+    ) -> ActionButton:  # fmt: skip
+        button = ActionButton(
+            self._theme, icon=icon, look="ghost" if ghost else "plain", height_px=_BUTTON_PX,
+            text_px=tokens.STATUS_PX + 1, menu_arrow=menu_arrow, may_shrink=may_shrink,
+        )  # fmt: skip
+        button.setObjectName(f"strip_{name}")
+        if action_id:
+            button.bind(self._actions, action_id)
+        return button
+
+    # What is on show
+
+    @property
+    def status(self) -> ProtocolStatus:
+        status: ProtocolStatus = self._console.state.protocol.value
+        return status
+
+    @property
+    def _step(self) -> ProtocolStep | None:
+        return present_step(self._console.scenario, self._console.state)
+
+    def show_replay(self, overview: LiveValue) -> None:
+        """Only where the wizard was; there is nothing to go on with. ``overview`` as in ReplayControls."""
+        self._replay = True
+        overview.changed.connect(self._on_overview)
+        self._on_overview(overview.value)
+
+    def _on_overview(self, overview: "SessionOverview | None") -> None:
+        self._records = {} if overview is None else {record.step_id: record for record in overview.steps}
+        self.refresh()
+
+    def refresh(self) -> None:
+        """As scenario and state are now."""
+        steps = self._console.scenario.protocol.steps
+        if not steps:
+            self.hide()
+            self._clock.stop()
+            self.put_away()
+            return
+        if self.parentWidget() is not None:
+            self.show()
+        step = self._step
+        self._say_buttons(step)
+        self._show_ticks(step)
+        said = tr("The protocol has ended.") if self.status.ended else ""
+        self._note.setText(said if step is None else step.note)
+        self._show_time()
+        self._keep_tab_order()
+        if step is None:
+            self._clock.stop()
+        elif not self._clock.isActive():
+            self._clock.start()
+
+    def shown_steps(self) -> list[ShownStep]:
+        """Every step as it is now."""
+        status, now_ns = self.status, self._console.state.present.now_ns()
+        present: StepState = "late" if is_late(status, now_ns) else "now"
+        return [
+            ShownStep(step.step_id, number, step.title, present, time_words(status, now_ns))
+            if step.step_id == status.step_id
+            else ShownStep(step.step_id, number, step.title, _state(step.step_id, status))
+            for number, step in enumerate(self._console.scenario.protocol.steps, start=1)
+        ]
+
+    def _on_changed(self, _value: object) -> None:
+        self.refresh()
+
+    def _show_time(self) -> None:
+        steps = self.shown_steps()
+        self.pills.show_steps(steps)
+        if self._steps_card is not None and self._steps_card.isVisible():
+            self._fill_steps_card(steps)
+        self._make_room()
+
+    def _keep_tab_order(self) -> None:
+        """From left to right, whatever was made last."""
+        parts = (*self.pills.buttons, *self._ticks, self._ticked, *self._acts)
+        if parts != self._tab_order:
+            self._tab_order = parts
+            for before, after in pairwise(parts):
+                QWidget.setTabOrder(before, after)
+
+    def _say_buttons(self, step: ProtocolStep | None) -> None:
+        permissions, status = self._console.scenario.permissions, self.status
+        live = not self._replay
+        self._say.setVisible(live and permissions.speech and step is not None and bool(step.say))
+        self._go.setVisible(live and permissions.driving and step is not None and bool(step.go_to))
+        self._branch.setVisible(live and step is not None and bool(step.branches))
+        self._back.setVisible(live)
+        self._skip.setVisible(live and step is not None)
+        self.next_button.setVisible(live and not status.ended)
+        if step is not None:
+            self._say.setToolTip(tr("Say “{text}”").format(text=step.say))
+            self._go.setToolTip(tr("Drive to {place}").format(place=step.go_to))
+            self._branch.setToolTip("\n".join(self._branch_texts(step)))
+        self._back.setAccessibleName(tr("Back to the step before"))
+        self._back.setToolTip(tr("Back to the step before. Its time goes on where it was."))
+        self._skip.setAccessibleName(tr("Skip this step"))
+        self._skip.setToolTip(tr("Leave this step out and go on to the next one"))
+        if self._branches_card is not None and self._branches_card.isVisible():
+            self.put_away()
+
+    def _next_words(self, level: int) -> str:
+        status, short = self.status, level >= _NEXT_SHORT
+        if level >= _ALL_SHORT:
+            return ""
+        if not status.step_id:
+            return tr("Begin") if short else tr("Begin: {step}").format(step=status.next_title)
+        if not status.next_title:
+            return tr("Finish")
+        return tr("Next step") if short else tr("Next: {step}").format(step=status.next_title)
+
+    def _branch_words(self, step: ProtocolStep, level: int) -> str:
+        if level >= _ALL_SHORT:
+            return ""
+        if len(step.branches) == 1 and level < _BRANCH_SHORT:
+            return self._branch_texts(step)[0]
+        return tr("%n branches", "", len(step.branches)) if len(step.branches) > 1 else tr("Branch")
+
+    def _branch_texts(self, step: ProtocolStep) -> list[str]:
+        scenario = self._console.scenario
+        return [
+            tr("{what}: {step}").format(what=branch.title, step=target_of(scenario, branch).title)
+            for branch in step.branches
+        ]
+
+    # Ticks
+
+    def _ticks_now(self, step: ProtocolStep | None) -> list[tuple[str, bool]]:
+        return [] if step is None else [(item, item in self.status.ticked) for item in step.tick]
+
+    def _show_ticks(self, step: ProtocolStep | None) -> None:
+        """Few of them stand in the line where there is room."""
+        ticks = self._ticks_now(step)
+        inline = ticks if len(ticks) <= _MOST_INLINE_TICKS else []
+        if [box.text() for box in self._ticks] != [item for item, _ in inline]:
+            for box in self._ticks:
+                box.hide()
+                box.deleteLater()
+            self._ticks = [self._new_tick(number, item) for number, (item, _) in enumerate(inline, start=1)]
+        for box, (_, on) in zip(self._ticks, inline, strict=True):
+            box.setChecked(on)
+            box.setEnabled(not self._replay)
+        done = sum(on for _, on in ticks)
+        self._ticked.set_label(tr("{done} of {all} ticked").format(done=done, all=len(ticks)))
+
+    def _new_tick(self, number: int, item: str) -> CheckBox:
+        box = CheckBox(self._theme, item)
+        box.setObjectName(f"strip_tick_{number}")
+        box.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        box.clicked.connect(lambda on: self._tick(item, on))
+        self._row.insertWidget(self._row.indexOf(self._ticked), box)
+        return box
+
+    def _tick(self, item: str, on: bool) -> None:
+        self._console.do(intents.TickItem(item, on))
+        self._show_ticks(self._step)
+
+    # What is done
+
+    def _go_to(self, step_id: str) -> None:
+        record = self._records.get(step_id)
+        if not self._replay:
+            self._console.do(intents.GoToStep(step_id))
+        elif record is not None and record.first_ns is not None:
+            self.moment_wanted.emit(record.first_ns)
+
+    def choose_branch(self) -> None:
+        """The only branch at once; of several the one whose digit comes next, or that is clicked."""
+        step = self._step
+        if step is None or not step.branches:
+            return
+        if len(step.branches) == 1:
+            self._take_branch(1)
+            return
+        card = self._branches_card
+        if card is None:
+            card = self._branches_card = BranchesCard(self._theme, self.window())
+            card.chosen.connect(self._take_branch)
+            card.closed.connect(self._on_card_closed)
+        card.show_branches(self._branch_texts(step))
+        card.open_below(self._branch)
+        digits = "".join(str(number) for number in range(1, len(step.branches) + 1))
+        self._hold.ask_next_key(digits, self._on_digit, after=Qt.KeyboardModifier.ControlModifier)
+
+    def _on_digit(self, digit: str) -> None:
+        if digit:
+            self._take_branch(int(digit))
+        elif self._branches_card is not None:
+            self._branches_card.hide()
+
+    def _take_branch(self, number: int) -> None:
+        step = self._step
+        self.put_away()
+        if step is not None and number <= len(step.branches):
+            self._console.do(intents.TakeBranch(step.branches[number - 1].title))
+
+    def show_steps(self) -> None:
+        """Open the list of all steps; the next key may say which one begins."""
+        if self._steps_card is not None:
+            self._steps_card.hide()
+        self._asks_for_step = True
+        self._open_or_close_list()
+        count = len(self._console.scenario.protocol.steps)
+        digits = "".join(str(number) for number in range(1, min(count, MOST_DIGITS) + 1))
+        self._hold.ask_next_key(digits, self._on_step_digit)
+
+    def _on_step_digit(self, digit: str) -> None:
+        steps = self._console.scenario.protocol.steps
+        if self._steps_card is not None:
+            self._steps_card.hide()
+        if digit and int(digit) <= len(steps):
+            self._go_to(steps[int(digit) - 1].step_id)
+
+    def _open_or_close_list(self) -> None:
+        card = self._steps_card
+        if card is None:
+            card = self._steps_card = StepsCard(self._theme, self.window())
+            card.chosen.connect(self._go_to)
+            card.ticked.connect(self._tick)
+            card.closed.connect(self._on_card_closed)
+        if card.isVisible():
+            card.hide()
+            return
+        self._fill_steps_card(self.shown_steps())
+        card.open_below(self.pills)
+
+    def _on_card_closed(self) -> None:
+        self._asks_for_step = False
+        self._hold.ask_no_key()
+
+    def _fill_steps_card(self, steps: list[ShownStep]) -> None:
+        step = self._step
+        if self._steps_card is not None:
+            note = "" if step is None else step.note
+            if self._replay:
+                steps = [replace(one, time=self._record_words(one)) for one in steps]
+            self._steps_card.show_steps(
+                steps, note, self._ticks_now(step), digits=self._asks_for_step, live=not self._replay
+            )
+
+    def _record_words(self, step: ShownStep) -> str:
+        record = self._records.get(step.step_id)
+        return step.time if record is None else record_words(record)
+
+    def put_away(self) -> None:
+        """Whatever is open below the strip."""
+        for card in (self._branches_card, self._steps_card):
+            if card is not None:
+                card.hide()
+
+    # How it looks
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._make_room()
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(_LEAST_PX, HEIGHT_PX)
+
+    def _make_room(self) -> None:
+        level = _FULL
+        while level < _ALL_SHORT and self._needed_px(level) > self.width():
+            level += 1
+        step, full = self._step, self._words(_FULL)
+        for button, text in self._words(level).items():
+            button.set_label(text)
+            if full[button] and button.accessibleName() != full[button]:
+                button.setAccessibleName(full[button])
+        self._note.setVisible(level < _NO_NOTE and bool(self._note.text()))
+        inline = level < _TICKS_COUNTED and bool(self._ticks)
+        for box in self._ticks:
+            box.setVisible(inline)
+        self._ticked.setVisible(step is not None and bool(step.tick) and not inline)
+
+    def _needed_px(self, level: int) -> int:
+        """How wide the line has to be while so much gives way."""
+        step = self._step
+        widths = [self.pills.present_px]
+        if self._note.text() and level < _NO_NOTE:
+            widths.append(min(_NOTE_PX, self._note.fontMetrics().horizontalAdvance(self._note.text()) + 8))
+        if step is not None and step.tick:
+            inline = level < _TICKS_COUNTED and self._ticks
+            widths += [box.sizeHint().width() for box in self._ticks] if inline else [self._ticked.sizeHint().width()]
+        widths += [button.width_with(text) for button, text in self._words(level).items() if not button.isHidden()]
+        return sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX
+
+    def _words(self, level: int) -> dict[ActionButton, str]:
+        """What stands on the buttons while so much gives way."""
+        step = self._step
+        return {
+            self._say: "" if level >= _ACTS_SHORT else tr("Say it"),
+            self._go: "" if level >= _ACTS_SHORT else tr("Go there"),
+            self._branch: "" if step is None or not step.branches else self._branch_words(step, level),
+            self._back: "",
+            self._skip: "",
+            self.next_button: self._next_words(level),
+        }
+
+    def _style(self) -> None:
+        self._note.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        self._theme.color_text(self._note, "dim")
+        for box in self._ticks:
+            box.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.fillRect(self.rect(), self._theme.color("panel"))
+        painter.setPen(self._theme.color("line"))
+        painter.drawLine(QPoint(0, self.height() - 1), QPoint(self.width(), self.height() - 1))
+
+
+def _state(step_id: str, status: ProtocolStatus) -> StepState:
+    return "skipped" if step_id in status.skipped else "done" if step_id in status.done else "ahead"

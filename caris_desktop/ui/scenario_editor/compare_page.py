@@ -1,0 +1,171 @@
+"""The scenario beside another one: what differs in words, each taken over by a click, and line by line."""
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QSplitter, QVBoxLayout, QWidget
+
+from caris_desktop.domain.declared_places import Difference, differences
+from caris_desktop.domain.translation import tr
+from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.scenario.model import Scenario
+from caris_desktop.ui import tokens
+from caris_desktop.ui.scenario_editor.arranging import drop
+from caris_desktop.ui.scenario_editor.editing import FormContext
+from caris_desktop.ui.scenario_editor.preview import difference_words
+from caris_desktop.ui.scenario_editor.text_page import CodeEditor
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+
+_WIDEST_PX = 900
+
+
+@dataclass(frozen=True, slots=True)
+class Other:
+    """Something to compare with: ``text`` gives what its file says."""
+
+    title: str
+    text: Callable[[], str]
+
+
+class ComparePage(QWidget):
+    """``others`` gives what there is to compare with each time the page is looked at, the usual one first."""
+
+    def __init__(self, context: FormContext, others: Callable[[], Sequence[Other]]) -> None:
+        super().__init__()
+        self._context = context
+        self._editing = context.editing
+        self._others = others
+        self._offered: list[Other] = []
+        self._other_data: dict[str, Any] = {}
+        self._other_text = ""
+        self.rows: list[QWidget] = []
+        label = QLabel(tr("Compare with"))
+        self.choice = DropDown(context.theme, "compare_with", tr("Compare with"))
+        self.choice.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.choice.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
+        self.choice.activated.connect(self._on_chosen)
+        self.said = QLabel()
+        self.said.setWordWrap(True)
+        self._list = QVBoxLayout()
+        self._list.setSpacing(6)
+        holder = QWidget()
+        holder.setMaximumWidth(_WIDEST_PX)
+        column = QVBoxLayout(holder)
+        column.setContentsMargins(0, 0, 8, 0)
+        column.addLayout(self._list)
+        column.addStretch(1)
+        scroll = QScrollArea()
+        scroll.setWidgetResizable(True)
+        scroll.setFrameShape(QFrame.Shape.NoFrame)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setWidget(holder)
+        self.diff = CodeEditor(context, read_only=True)
+        self.diff.setObjectName("scenario_diff")
+        self.diff.setAccessibleName(tr("The differences line by line"))
+        splitter = QSplitter(Qt.Orientation.Vertical)
+        splitter.setChildrenCollapsible(False)
+        splitter.addWidget(scroll)
+        splitter.addWidget(self.diff)
+        splitter.setStretchFactor(0, 3)
+        splitter.setStretchFactor(1, 2)
+        splitter.setSizes([360, 240])
+        head = QHBoxLayout()
+        head.addWidget(label)
+        head.addWidget(self.choice)
+        head.addStretch(1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(24, 16, 24, 16)
+        layout.setSpacing(12)
+        layout.addLayout(head)
+        layout.addWidget(self.said)
+        layout.addWidget(splitter, 1)
+        self._editing.changed.connect(self._on_changed)
+        context.theme.changed.connect(self._on_changed)
+
+    def showEvent(self, event: Any) -> None:
+        self._offer()
+        super().showEvent(event)
+        self.refresh()
+
+    def _on_changed(self) -> None:
+        if self.isVisible():
+            self.refresh()
+
+    def _offer(self) -> None:
+        chosen = self.choice.currentText()
+        self._offered = list(self._others())
+        titles = [other.title for other in self._offered]
+        self.choice.clear()
+        self.choice.addItems(titles)
+        self.choice.setCurrentIndex(titles.index(chosen) if chosen in titles else 0)
+        self._on_chosen(self.choice.currentIndex())
+
+    def _on_chosen(self, index: int) -> None:
+        try:
+            self._other_text = self._offered[index].text()
+            data = parse_yaml(self._other_text).data
+        except (OSError, UnicodeDecodeError, YamlSourceError):
+            self._other_text, data = "", {}
+        self._other_data = data if isinstance(data, dict) else {}
+        self.refresh()
+
+    def differences(self) -> list[Difference]:
+        return list(differences(Scenario, self._other_data, self._editing.document.data))
+
+    def refresh(self) -> None:
+        while self.rows:
+            drop(self.rows.pop())
+        document, found = self._editing.document, self.differences()
+        theme = self._context.theme
+        said = tr("Both say the same.")
+        if found:
+            said = tr("Otherwise here: %n. Each line says what stands there → what stands here.", "", len(found))
+        self.said.setText(said)
+        self.said.setFont(theme.font(tokens.BODY_PX))
+        for difference in found:
+            row = self._row(difference, " › ".join(document.words(difference.path)))
+            self.rows.append(row)
+            self._list.addWidget(row)
+        lines = list(
+            difflib.unified_diff(
+                self._other_text.splitlines(), document.text.splitlines(),
+                self.choice.currentText(), document.path.name, lineterm="", n=2,
+            )
+        )  # fmt: skip
+        self.diff.setVisible(bool(lines))
+        self.diff.show_text("\n".join(lines))
+        self.diff.mark(
+            {number for number, line in enumerate(lines) if line.startswith("+") and number > 1}, set(),
+            {number: "" for number, line in enumerate(lines) if line.startswith("-") and number > 1},
+        )  # fmt: skip
+
+    def _row(self, difference: Difference, where: str) -> QWidget:
+        theme, row = self._context.theme, QWidget()
+        texts = QVBoxLayout()
+        texts.setSpacing(0)
+        title, words = QLabel(where), QLabel(difference_words(difference))
+        title.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
+        words.setFont(theme.font(tokens.STATUS_PX))
+        words.setWordWrap(True)
+        words.setTextFormat(Qt.TextFormat.PlainText)
+        theme.color_text(words, "dim")
+        texts.addWidget(title)
+        texts.addWidget(words)
+        take = ActionButton(theme, tr("Take theirs"), icon="arrow-left", height_px=30)
+        take.setObjectName("take_over")
+        take.setAccessibleName(tr("Take theirs: {what}").format(what=where))
+        take.setEnabled(self._editing.document.unreadable is None)
+        take.clicked.connect(lambda: self._take(difference))
+        line = QHBoxLayout(row)
+        line.setContentsMargins(0, 2, 0, 2)
+        line.addLayout(texts, 1)
+        line.addWidget(take)
+        return row
+
+    def _take(self, difference: Difference) -> None:
+        self._editing.document.take_over(difference.path, self._other_data)
+        self._editing.told(reshaped=True)

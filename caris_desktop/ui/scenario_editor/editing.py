@@ -1,0 +1,118 @@
+"""What the widgets of the editor share: the document, told of when it changes, and what the program knows beside it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from PySide6.QtCore import QObject, Signal
+
+from caris_desktop.domain.declared import Form
+from caris_desktop.domain.declared_places import ABSENT
+from caris_desktop.domain.declared_words import allowed_by, said_of
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.key_path import KeyPath, name_of
+from caris_desktop.domain.translation import tr
+from caris_desktop.scenario.document import Mistake, ScenarioDocument, Step
+from caris_desktop.ui.theme import Theme
+
+
+class Editing(QObject):
+    """One document in the GUI thread. ``changed`` comes after each change, ``reshaped`` where entries of a list came,
+    went or moved, or everything may be another.
+    """
+
+    changed = Signal()
+    reshaped = Signal()
+
+    def __init__(self, document: ScenarioDocument, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.document = document
+
+    def told(self, *, reshaped: bool = False) -> None:
+        """Somebody has changed the document."""
+        if reshaped:
+            self.reshaped.emit()
+        self.changed.emit()
+
+    def set(self, path: KeyPath, value: Any) -> None:
+        self.document.set(path, value)
+        self.told()
+
+    def clear(self, path: KeyPath) -> None:
+        self.document.clear(path)
+        self.told()
+
+    def add(self, path: KeyPath, entry: Any) -> None:
+        self.document.add(path, entry)
+        self.told(reshaped=True)
+
+    def remove(self, path: KeyPath) -> None:
+        self.document.remove(path)
+        self.told(reshaped=True)
+
+    def move(self, path: KeyPath, place: int) -> None:
+        self.document.move(path, place)
+        self.told(reshaped=True)
+
+    def replace(self, path: KeyPath, value: Any) -> None:
+        """What stands there is something else altogether."""
+        if value is ABSENT:
+            self.document.clear(path)
+        else:
+            self.document.set(path, value)
+        self.document.pause()
+        self.told(reshaped=True)
+
+    def undo(self) -> Step | None:
+        step = self.document.undo()
+        self.told(reshaped=True)
+        return step
+
+    def redo(self) -> Step | None:
+        step = self.document.redo()
+        self.told(reshaped=True)
+        return step
+
+    def mistakes_at(self, path: KeyPath) -> list[Mistake]:
+        return [mistake for mistake in self.document.mistakes if mistake.path == path]
+
+    def mistakes_within(self, path: KeyPath) -> list[Mistake]:
+        return [mistake for mistake in self.document.mistakes if mistake.path[: len(path)] == path]
+
+
+@dataclass(frozen=True, slots=True)
+class FormContext:
+    """``robot_pose`` gives where the robot is in the map, None where that is not known."""
+
+    theme: Theme
+    editing: Editing
+    robot_pose: Callable[[], Pose2D | None]
+
+
+def help_of(form: Form) -> str:
+    """What a person reads below a field: what it means, and what may stand there."""
+    rule = form.rule
+    parts = [readable(said_of(form))]
+    if rule.allowed:
+        parts.append(tr("Allowed: {allowed}").format(allowed=readable(allowed_by(form))))
+    least, most = rule.at_least, rule.at_most
+    if least is not None and most is not None:
+        parts.append(tr("From {least} to {most}.").format(least=f"{least:g}", most=f"{most:g}"))
+    elif rule.more_than is not None and most is not None:
+        parts.append(tr("More than {least}, up to {most}.").format(least=f"{rule.more_than:g}", most=f"{most:g}"))
+    return " ".join(part for part in parts if part)
+
+
+def readable(text: str) -> str:
+    """Text of a declaration without its marks for code."""
+    pieces = text.split("`")
+    return "".join(piece if number % 2 == 0 else f"“{piece}”" for number, piece in enumerate(pieces))
+
+
+def sentence_at(mistake: Mistake, title: str) -> str:
+    """The sentence of a mistake at its own field, where the whole path would only be noise."""
+    named = name_of(mistake.path)
+    text = mistake.message
+    if text.startswith(named):
+        text = f"“{title}”{text[len(named) :]}"
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,563 @@
+"""Fields for single values: each shows what the document says at its place, and has it say what is entered."""
+
+from typing import Any
+
+from PySide6.QtCore import QEvent, QSize, Qt
+from PySide6.QtGui import QFocusEvent, QKeyEvent, QKeySequence
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QVBoxLayout, QWidget
+
+from caris_desktop.domain.declared import Form, Key, choices_of, is_free, plain_number, scalars_of
+from caris_desktop.domain.declared_places import ABSENT, default_of, value_at
+from caris_desktop.domain.declared_words import title_of, unit_of, word_of
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.translation import tr
+from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.ui import tokens
+from caris_desktop.ui.scenario_editor.editing import FormContext, help_of, sentence_at
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.widgets.drop_down import DropDown
+
+_LEAST_PROSE_LINES = 3
+_MOST_PROSE_LINES = 14
+_SHORT_UNITS = {"metres": "m", "degrees": "°", "seconds": "s", "minutes": "min", "pixels": "px"}
+
+
+class Part(QWidget):
+    """A piece of the form for one place of the file."""
+
+    def __init__(self, context: FormContext, path: KeyPath) -> None:
+        super().__init__()
+        self.context = context
+        self.path = path
+
+    def refresh(self) -> None:
+        """Show what the document says now."""
+        raise NotImplementedError
+
+    def reveal(self, path: KeyPath) -> "Field | None":
+        """The field of that place, brought into being and into sight if it was folded away."""
+        raise NotImplementedError
+
+
+class Field(Part):
+    """A single value with its title, what it means, and what is wrong with it.
+
+    ``compact`` is for rows: what it means is only in its tip.
+    """
+
+    def __init__(
+        self, context: FormContext, path: KeyPath, form: Form, key: Key | None = None, *, compact: bool = False
+    ) -> None:
+        super().__init__(context, path)
+        self.form = form
+        self.key = key
+        self.compact = compact
+        self.title = title_of(key) if key is not None else ""
+        self.help = help_of(form)
+        self.setObjectName("field_" + "_".join(map(str, path)))
+        self.column = QVBoxLayout(self)
+        self.column.setContentsMargins(0, 0, 0, 0)
+        self.column.setSpacing(4)
+        # Most fields have no mistake, and those in rows no words of their own: what is not needed is not made.
+        self._title_label: QLabel | None = None
+        self._help_label: QLabel | None = None
+        self._mistake_label: QLabel | None = None
+        self._back: ActionButton | None = None
+        self._arrange()
+        context.theme.changed.connect(self._style)
+        self._style()
+
+    # ---- what each kind says
+
+    @property
+    def control(self) -> QWidget:
+        """What takes the keys."""
+        raise NotImplementedError
+
+    def make(self) -> QWidget:
+        """The control with what stands beside it."""
+        raise NotImplementedError
+
+    def show_value(self, value: Any) -> None:
+        raise NotImplementedError
+
+    def enter(self, value: Any) -> None:
+        """As if a person entered it."""
+        raise NotImplementedError
+
+    # ---- common to all
+
+    def _arrange(self) -> None:
+        made = self.make()
+        if self.title and not self.heads_itself:
+            unit = _SHORT_UNITS.get(self.form.rule.unit, "") if self.compact else ""
+            self._title_label = QLabel(f"{self.title} ({unit})" if unit else self.title)
+            self._title_label.setBuddy(self.control)
+        self._top = QHBoxLayout()
+        self._top.setSpacing(6)
+        if self._title_label is not None:
+            self._top.addWidget(self._title_label)
+            self._top.addStretch(1)
+            self.column.addLayout(self._top)
+            self.column.addWidget(made)
+        else:
+            self._top.addWidget(made, 1)
+            self.column.addLayout(self._top)
+        if self.help and not self.compact:
+            self._help_label = self._words(self.help)
+        name = self.title or tr("Entry")
+        self.control.setAccessibleName(f"{name} ({unit_of(self.form)})" if self.form.rule.unit else name)
+        self.control.setAccessibleDescription(self.help)
+        if self.compact:
+            self.control.setToolTip(self.help)
+
+    def _words(self, text: str) -> QLabel:
+        label = QLabel(text)
+        label.setWordWrap(True)
+        label.setTextFormat(Qt.TextFormat.PlainText)
+        self.column.addWidget(label)
+        return label
+
+    def without_title(self) -> None:
+        """In a row below others like it, whose titles head the column."""
+        if self._title_label is not None:
+            self._title_label.hide()
+
+    @property
+    def heads_itself(self) -> bool:
+        """Whether the control says its own title."""
+        return False
+
+    @property
+    def document(self) -> Any:
+        return self.context.editing.document
+
+    def put(self, value: Any) -> None:
+        """Let the document say it; nothing where that is ABSENT."""
+        if value is ABSENT:
+            self.context.editing.clear(self.path)
+        else:
+            self.context.editing.set(self.path, value)
+
+    @property
+    def may_be_left_out(self) -> bool:
+        return self.key is not None and not self.key.required
+
+    def _take_back(self) -> None:
+        saved = value_at(self.document.saved_data, self.path)
+        self.document.pause()
+        self.put(saved if saved is not ABSENT else self._default())
+        self.document.pause()
+
+    def _default(self) -> Any:
+        return ABSENT if self.key is None else default_of(self.key)
+
+    def refresh(self) -> None:
+        self.show_value(self.document.value(self.path))
+        self._show_mistakes(
+            "\n".join(sentence_at(each, self.title) for each in self.context.editing.mistakes_at(self.path))
+        )
+        changed = value_at(self.document.saved_data, self.path) != value_at(self.document.data, self.path)
+        if not self.compact and (changed or self._back is not None):
+            self._show_back(changed)
+
+    def _show_mistakes(self, said: str) -> None:
+        if self._mistake_label is None:
+            if not said:
+                return
+            self._mistake_label = self._words("")
+            self._mistake_label.setObjectName("mistake")
+            self._style()
+        if said != self._mistake_label.text():
+            self._mistake_label.setText(said)
+            # A screen reader hears of it at the field, and not only when it is left.
+            self.control.setAccessibleDescription(f"{said} {self.help}".strip())
+        self._mistake_label.setVisible(bool(said))
+
+    def _show_back(self, changed: bool) -> None:
+        if self._back is None:
+            back = ActionButton(self.context.theme, icon="arrow-counter-clockwise", look="ghost", height_px=22)
+            back.setAccessibleName(tr("{title}: as it was saved").format(title=self.title or tr("Entry")))
+            back.setToolTip(tr("As it was saved"))
+            back.clicked.connect(self._take_back)
+            self._top.insertWidget(1, back)
+            self._back = back
+        self._back.setVisible(changed)
+
+    def reveal(self, path: KeyPath) -> "Field | None":
+        return self if path == self.path else None
+
+    def _style(self) -> None:
+        theme = self.context.theme
+        if self._title_label is not None:
+            small = (tokens.STATUS_PX, tokens.WEIGHT_NORMAL) if self.compact else (tokens.BODY_PX, tokens.WEIGHT_MEDIUM)
+            self._title_label.setFont(theme.font(*small))
+            theme.color_text(self._title_label, "dim" if self.compact else "text")
+        for label, role in ((self._help_label, "dim"), (self._mistake_label, "red")):
+            if label is not None:
+                label.setFont(theme.font(tokens.STATUS_PX))
+                theme.color_text(label, role)
+
+
+def without_own_undo(event: QEvent) -> bool:
+    """Whether it is a key that undoes or redoes, which the editor does for all fields alike."""
+    return isinstance(event, QKeyEvent) and (
+        event.matches(QKeySequence.StandardKey.Undo) or event.matches(QKeySequence.StandardKey.Redo)
+    )
+
+
+class Line(QLineEdit):
+    """Undo belongs to the editor, and leaving the line ends a step."""
+
+    def __init__(self, context: FormContext) -> None:
+        super().__init__()
+        self._context = context
+        self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.ShortcutOverride and without_own_undo(event):
+            event.ignore()
+            return False
+        return super().event(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        ctrl = event.modifiers() & Qt.KeyboardModifier.ControlModifier
+        moves_entry = ctrl and event.key() in (Qt.Key.Key_Up, Qt.Key.Key_Down)
+        if moves_entry or without_own_undo(event):
+            event.ignore()
+            return
+        super().keyPressEvent(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        self._context.editing.document.pause()
+        super().focusOutEvent(event)
+
+
+class Prose(QPlainTextEdit):
+    """Paragraphs, as tall as what is in it. Tab leads on, undo belongs to the editor."""
+
+    def __init__(self, context: FormContext) -> None:
+        super().__init__()
+        self._context = context
+        self.setTabChangesFocus(True)
+        self.setUndoRedoEnabled(False)
+        self.textChanged.connect(self.updateGeometry)
+
+    def sizeHint(self) -> QSize:
+        line = self.fontMetrics().lineSpacing()
+        document = self.document()
+        lines = max(_LEAST_PROSE_LINES, min(_MOST_PROSE_LINES, round(document.size().height())))
+        return QSize(240, lines * line + 26)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(120, self.sizeHint().height())
+
+    def resizeEvent(self, event: Any) -> None:
+        super().resizeEvent(event)
+        self.updateGeometry()
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.ShortcutOverride and without_own_undo(event):
+            event.ignore()
+            return False
+        return super().event(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if without_own_undo(event):
+            event.ignore()
+            return
+        super().keyPressEvent(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        self._context.editing.document.pause()
+        super().focusOutEvent(event)
+
+
+class TextField(Field):
+    """One line of text."""
+
+    def make(self) -> QWidget:
+        self.line = Line(self.context)
+        self.line.textEdited.connect(self._on_edited)
+        default = self._default()
+        if isinstance(default, str) and default:
+            self.line.setPlaceholderText(default)
+        return self.line
+
+    @property
+    def control(self) -> QWidget:
+        return self.line
+
+    def show_value(self, value: Any) -> None:
+        text = "" if value is ABSENT else shown_text(value)
+        typed = self.line.text()
+        # While it is written 1. is as good as 1.
+        if text != typed and not (self.line.hasFocus() and self._read(typed) == value):
+            self.line.setText(text)
+            self.line.setCursorPosition(0)
+
+    def enter(self, value: Any) -> None:
+        self.line.selectAll()
+        self.line.insert(shown_text(value))
+
+    def _read(self, text: str) -> Any:
+        return ABSENT if not text and self.may_be_left_out and self._default() is ABSENT else text
+
+    def _on_edited(self, text: str) -> None:
+        self.put(self._read(text))
+
+
+class NumberField(TextField):
+    """A number with its unit. What is none stays as it was typed, with what is allowed below it."""
+
+    def make(self) -> QWidget:
+        line = super().make()
+        self.line.setMaximumWidth(78 if self.compact else 150)
+        self.line.setAlignment(Qt.AlignmentFlag.AlignRight)
+        if self.compact:
+            return line
+        self._unit: QLabel | None = QLabel(unit_of(self.form))
+        row = QHBoxLayout()
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addWidget(line)
+        row.addWidget(self._unit)
+        row.addStretch(1)
+        holder = QWidget()
+        holder.setLayout(row)
+        return holder
+
+    def _style(self) -> None:
+        super()._style()
+        if not self.compact and self._unit is not None:
+            self._unit.setFont(self.context.theme.font(tokens.STATUS_PX))
+            self.context.theme.color_text(self._unit, "dim")
+
+    def _read(self, text: str) -> Any:
+        """A decimal comma is one too."""
+        text = text.strip()
+        if not text and self.may_be_left_out:
+            return self._default()
+        try:
+            return int(text) if int in scalars_of(self.form.kind) else plain_number(float(text.replace(",", ".")))
+        except ValueError:
+            return text
+
+
+class MixedField(TextField):
+    """What may be a number, true or false, or text: what it looks like."""
+
+    def _read(self, text: str) -> Any:
+        try:
+            return parse_yaml(text).data if text.strip() else ""
+        except YamlSourceError:
+            return text
+
+
+class KeyField(TextField):
+    """A combination of keys: it is entered by pressing it."""
+
+    def make(self) -> QWidget:
+        made = super().make()
+        self.line.setPlaceholderText(tr("Press a key"))
+        self.line.setMaximumWidth(170)
+        self.line.installEventFilter(self)
+        return made
+
+    def eventFilter(self, watched: Any, event: QEvent) -> bool:
+        if event.type() in (QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress) and isinstance(event, QKeyEvent):
+            pressed = _combination(event)
+            if pressed and event.type() == QEvent.Type.KeyPress:
+                self.put(pressed)
+            if pressed:
+                event.accept()
+                return True
+        return super().eventFilter(watched, event)
+
+
+def _combination(event: QKeyEvent) -> str:
+    """Ctrl, perhaps with Shift, and a letter or digit that is no key of text fields."""
+    modifiers = event.modifiers()
+    if not modifiers & Qt.KeyboardModifier.ControlModifier or modifiers & Qt.KeyboardModifier.AltModifier:
+        return ""
+    letter = chr(event.key()) if 0x30 <= event.key() <= 0x5A else ""
+    if not letter.isalnum():
+        return ""
+    shift = modifiers & Qt.KeyboardModifier.ShiftModifier
+    if letter in "ACVXYZ" and not shift:
+        return ""
+    if letter == "Z":
+        return ""
+    return f"Ctrl+{'Shift+' if shift else ''}{letter}"
+
+
+class ProseField(Field):
+    """Text of several lines."""
+
+    def make(self) -> QWidget:
+        self.prose = Prose(self.context)
+        self.prose.textChanged.connect(self._on_changed)
+        return self.prose
+
+    @property
+    def control(self) -> QWidget:
+        return self.prose
+
+    def show_value(self, value: Any) -> None:
+        text = "" if value is ABSENT else self._shown(value)
+        typed = self.prose.toPlainText()
+        if text != typed and not (self.prose.hasFocus() and self._read(typed) == value):
+            self.prose.blockSignals(True)
+            self.prose.setPlainText(text)
+            self.prose.blockSignals(False)
+            self.prose.updateGeometry()
+
+    def enter(self, value: Any) -> None:
+        self.prose.selectAll()
+        self.prose.insertPlainText(self._shown(value))
+
+    def _shown(self, value: Any) -> str:
+        return shown_text(value)
+
+    def _read(self, text: str) -> Any:
+        return text
+
+    def _on_changed(self) -> None:
+        self.put(self._read(self.prose.toPlainText()))
+
+
+class FreeField(ProseField):
+    """Keys that nobody declares, as they stand in the file."""
+
+    def _shown(self, value: Any) -> str:
+        return "" if value in ({}, "") else value if isinstance(value, str) else yaml_text(value).rstrip("\n")
+
+    def _read(self, text: str) -> Any:
+        try:
+            return parse_yaml(text).data if text.strip() else {}
+        except YamlSourceError:
+            return text
+
+
+class SwitchField(Field):
+    """On or off."""
+
+    def make(self) -> QWidget:
+        self.box = CheckBox(self.context.theme, self.title or tr("On"))
+        self.box.clicked.connect(self._on_clicked)
+        return self.box
+
+    @property
+    def control(self) -> QWidget:
+        return self.box
+
+    @property
+    def heads_itself(self) -> bool:
+        return True
+
+    def show_value(self, value: Any) -> None:
+        self.box.setChecked(value is True)
+
+    def enter(self, value: Any) -> None:
+        if self.box.isChecked() is not value:
+            self.box.click()
+
+    def _on_clicked(self) -> None:
+        self.document.pause()
+        self.put(self.box.isChecked())
+
+    def _style(self) -> None:
+        super()._style()
+        self.box.setFont(self.context.theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
+        if self._help_label is not None:
+            self._help_label.setContentsMargins(28, 0, 0, 4)
+
+
+class ChoiceField(Field):
+    """One of several words, or of names that stand elsewhere in the file."""
+
+    def make(self) -> QWidget:
+        self.box = DropDown(self.context.theme, "", self.title)
+        self.box.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
+        self.box.setMinimumWidth(120)
+        self.box.setMaximumWidth(360)
+        self.box.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
+        self.box.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self._offered: list[Any] = []
+        self.box.activated.connect(self._on_activated)
+        return self.box
+
+    @property
+    def control(self) -> QWidget:
+        return self.box
+
+    def show_value(self, value: Any) -> None:
+        offered = self._offers(value)
+        if offered != self._offered:
+            self._offered = offered
+            self.box.clear()
+            for each in offered:
+                self.box.addItem(word_for(each, named=bool(self.form.rule.refers)), each)
+        self.box.setCurrentIndex(offered.index(value) if value in offered else -1)
+
+    def _offers(self, value: Any) -> list[Any]:
+        words: list[Any] = list(choices_of(self.form.kind)) or self._names()
+        if self.may_be_left_out and self._default() is ABSENT:
+            words.insert(0, ABSENT)
+        elif self.may_be_left_out and not choices_of(self.form.kind):
+            words.insert(0, "")
+        return words if value in words or value is ABSENT else [*words, value]
+
+    def _names(self) -> list[Any]:
+        above, last = self.form.rule.refers[:-1], self.form.rule.refers[-1]
+        entries = self.document.value(above)
+        names = [value_at(entry, (last,)) for entry in entries] if isinstance(entries, list) else []
+        return [name for number, name in enumerate(names) if isinstance(name, str) and name not in names[:number]]
+
+    def enter(self, value: Any) -> None:
+        self.refresh()
+        self.box.setCurrentIndex(self._offered.index(value))
+        self.box.activated.emit(self.box.currentIndex())
+
+    def _on_activated(self, index: int) -> None:
+        self.document.pause()
+        self.put(self._offered[index])
+
+
+def shown_text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (dict, list)):
+        return yaml_text(value).rstrip("\n")
+    return f"{plain_number(value):.10g}" if isinstance(value, float) else str(value)
+
+
+def word_for(value: Any, *, named: bool) -> str:
+    """A word of a file as people read it; a name, which is ``named``, stays as it is."""
+    if value is ABSENT or value == "":
+        return tr("none")
+    return str(value) if named else word_of(value)
+
+
+def field_for(
+    context: FormContext, path: KeyPath, form: Form, key: Key | None = None, *, compact: bool = False
+) -> Field:
+    """The field that suits what is declared there."""
+    return _kind_of_field(form)(context, path, form, key, compact=compact)
+
+
+def _kind_of_field(form: Form) -> type[Field]:
+    kinds = scalars_of(form.kind)
+    if is_free(form.kind):
+        return FreeField
+    if form.rule.refers or choices_of(form.kind):
+        return ChoiceField
+    if len(kinds) > 1:
+        return MixedField
+    if kinds == (bool,):
+        return SwitchField
+    if kinds == (str,):
+        return ProseField if form.rule.prose else KeyField if form.rule.pressed else TextField
+    return NumberField

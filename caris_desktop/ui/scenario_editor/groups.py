@@ -1,0 +1,599 @@
+"""Pieces of the form that hold others: groups of keys, lists with their entries, what may be one of several groups."""
+
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import QRectF, Qt, QTimer
+from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+
+from caris_desktop.domain.declared import (
+    Form,
+    Group,
+    Key,
+    groups_of,
+    is_group,
+    item_of,
+    keys_of,
+    scalars_of,
+    size_of,
+    text_of,
+)
+from caris_desktop.domain.declared_places import (
+    ABSENT,
+    blank_group,
+    blank_of,
+    default_of,
+    group_at,
+    text_key,
+    value_at,
+)
+from caris_desktop.domain.declared_words import said_of, section_of, title_of, words_of
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui import tokens
+from caris_desktop.ui.scenario_editor.arranging import chain_focus, drop, show_at_once
+from caris_desktop.ui.scenario_editor.editing import FormContext, readable, sentence_at
+from caris_desktop.ui.scenario_editor.entries import card_name, in_one_row, kinds_of_entries
+from caris_desktop.ui.scenario_editor.fields import ChoiceField, Field, NumberField, Part, field_for
+from caris_desktop.ui.scenario_editor.keys_of_entries import key_of_entry
+from caris_desktop.ui.scenario_editor.robot_here import POSE_KEYS, RobotHere
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.key_cap import KeyCap
+
+_MORE_PX = 104
+_ROWS_AT_ONCE = 4
+_CAP_COLUMN_PX: dict[str | int, int] = {"phrases": 34, "places": 48}
+
+
+def part_for(context: FormContext, path: KeyPath, key: Key) -> Part:
+    """The piece of the form for a key of a group."""
+    form = key.form
+    if item_of(form.kind) is not None:
+        return ListPart(context, path, form, key)
+    grouped = is_group(form.kind) or bool(groups_of(form.kind))
+    if grouped and default_of(key) is ABSENT and not key.required:
+        return OptionalGroup(context, path, form, key)
+    if is_group(form.kind):
+        return GroupPart(context, path, form, key)
+    if groups_of(form.kind):
+        return OneOfGroups(context, path, form, key)
+    return field_for(context, path, form, key)
+
+
+class _Holder(Part):
+    """Has parts below it, and words of its own: a title, what it means, what is wrong with it as a whole."""
+
+    def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key | None, said: str = "") -> None:
+        super().__init__(context, path)
+        self.form = form
+        self.key = key
+        self.title = title_of(key) if key is not None else ""
+        # The page is called like this already.
+        headed = key is not None and self.title == section_of(key)
+        self.parts: list[Part] = []
+        self.column = QVBoxLayout(self)
+        self.column.setContentsMargins(0, 0, 0, 0)
+        self.column.setSpacing(12)
+        self.title_label = QLabel(self.title)
+        self.help_label = QLabel(readable(said))
+        self.mistake_label = QLabel()
+        self.mistake_label.setObjectName("mistake")
+        for label in (self.help_label, self.mistake_label):
+            label.setWordWrap(True)
+            label.setTextFormat(Qt.TextFormat.PlainText)
+        head = QVBoxLayout()
+        head.setSpacing(2)
+        for label in (self.title_label, self.help_label, self.mistake_label):
+            head.addWidget(label)
+        self.column.addLayout(head)
+        # Shown before it has its font, a label would lose that when it gets into the window.
+        if not self.title or headed:
+            self.title_label.hide()
+        if not said or headed:
+            self.help_label.hide()
+        self.mistake_label.hide()
+        context.theme.changed.connect(self.style_texts)
+        self.style_texts()
+
+    def style_texts(self) -> None:
+        theme = self.context.theme
+        self.title_label.setFont(theme.font(tokens.BODY_PX + 1, tokens.WEIGHT_SEMIBOLD))
+        for label, role in ((self.help_label, "dim"), (self.mistake_label, "red")):
+            label.setFont(theme.font(tokens.STATUS_PX))
+            theme.color_text(label, role)
+
+    def refresh(self) -> None:
+        for part in self.parts:
+            part.refresh()
+        told = self.context.editing.mistakes_at(self.path)
+        if told or not self.mistake_label.isHidden():
+            self.mistake_label.setText("\n".join(sentence_at(mistake, self.title) for mistake in told))
+            self.mistake_label.setVisible(bool(told))
+
+    def reveal(self, path: KeyPath) -> Field | None:
+        if path[: len(self.path)] != self.path:
+            return None
+        for part in self.parts:
+            if path[: len(part.path)] == part.path:
+                return part.reveal(path)
+        return None
+
+    @property
+    def value(self) -> Any:
+        return self.context.editing.document.value(self.path)
+
+
+class GroupPart(_Holder):
+    """The keys of one group, one below the other. Those that stand only beside others are there while they may be."""
+
+    def __init__(
+        self, context: FormContext, path: KeyPath, form: Form, key: Key | None = None, group: Group | None = None
+    ) -> None:
+        self.group: Group = form.kind if group is None else group
+        super().__init__(context, path, form, key, said_of(form) if key is not None else "")
+        self._keys = keys_of(self.group)
+        for each in self._keys:
+            part = part_for(context, (*path, each.name), each)
+            self.parts.append(part)
+            self.column.addWidget(part)
+
+    def refresh(self) -> None:
+        data = self.value
+        for key, part in zip(self._keys, self.parts, strict=True):
+            stands = may_stand(key, data) or value_at(data, (key.name,)) is not ABSENT
+            if part.isHidden() is stands:
+                part.setVisible(stands)
+        super().refresh()
+
+
+def may_stand(key: Key, data: Any) -> bool:
+    """Whether the key has a place beside the others that are there."""
+    rule = key.form.rule
+    if any(value_at(data, (other,)) is not ABSENT for other in rule.instead_of):
+        return False
+    if not rule.beside:
+        return True
+    other, *words = rule.beside
+    found = value_at(data, (other,))
+    return found in words if words else found not in (ABSENT, "")
+
+
+class OptionalGroup(_Holder):
+    """A group that is there as a whole or not at all."""
+
+    def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key) -> None:
+        super().__init__(context, path, form, key, said_of(form))
+        self._button = ActionButton(context.theme, icon="plus")
+        self._button.clicked.connect(self._on_clicked)
+        self.column.addWidget(self._button)
+
+    @property
+    def there(self) -> bool:
+        return self.value is not ABSENT
+
+    def _on_clicked(self) -> None:
+        editing = self.context.editing
+        editing.replace(self.path, ABSENT if self.there else blank_of(self.form))
+
+    def enter(self, _value: Any) -> None:
+        self._button.click()
+
+    def refresh(self) -> None:
+        if self.there and not self.parts:
+            kind = GroupPart if is_group(self.form.kind) else OneOfGroups
+            part = kind(self.context, self.path, self.form)
+            self.parts.append(part)
+            self.column.addWidget(part)
+            show_at_once(part)
+        elif not self.there and self.parts:
+            drop(self.parts.pop())
+        words = tr("Take it out: {title}") if self.there else tr("Add it: {title}")
+        self._button.set_label(words.format(title=self.title), icon="x" if self.there else "plus")
+        super().refresh()
+
+    def reveal(self, path: KeyPath) -> Field | None:
+        if path == self.path:
+            return self  # type: ignore[return-value]  # it is entered as a field is
+        return super().reveal(path)
+
+
+class OneOfGroups(_Holder):
+    """One of several groups: which one is chosen above its keys."""
+
+    def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key | None = None) -> None:
+        super().__init__(context, path, form, key, said_of(form) if key is not None else "")
+        self._groups = groups_of(form.kind)
+        self._shown: Group | None = None
+        self._kind = DropDown(context.theme, "", tr("Kind"))
+        self._kind.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
+        self._kind.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        for group in self._groups:
+            self._kind.addItem(words_of(group))
+        self._kind.activated.connect(self._on_chosen)
+        self.column.addWidget(self._kind)
+
+    def _on_chosen(self, index: int) -> None:
+        group = self._groups[index]
+        if group is not group_at(self.form, self.value):
+            self.context.editing.replace(self.path, blank_group(group))
+
+    def refresh(self) -> None:
+        group = group_at(self.form, self.value)
+        if group is not self._shown:
+            self._shown = group
+            while self.parts:
+                drop(self.parts.pop())
+            part = GroupPart(self.context, self.path, self.form, group=group)
+            self.parts.append(part)
+            self.column.addWidget(part)
+            show_at_once(part)
+            self._kind.setCurrentIndex(self._groups.index(group))
+        super().refresh()
+
+
+class ListPart(_Holder):
+    """Entries one below the other, each with buttons that move it and take it out, and one button for each kind of
+    entry to add.
+    """
+
+    def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key) -> None:
+        super().__init__(context, path, form, key, said_of(form))
+        item = item_of(form.kind)
+        if item is None:
+            raise TypeError(f"{path} is no list")
+        self.item = item
+        self.rows: list[EntryRow] = []
+        self._stale = True
+        self._more_rows = QTimer(self, singleShot=True, interval=0)
+        self._more_rows.timeout.connect(self.refresh)
+        self._box = QVBoxLayout()
+        self._box.setSpacing(8)
+        self.column.addLayout(self._box)
+        least, most = size_of(form)
+        self.fixed = least == most
+        self._most = most
+        self._adders: list[ActionButton] = []
+        buttons = QHBoxLayout()
+        buttons.setSpacing(8)
+        for words, blank in kinds_of_entries(item):
+            button = ActionButton(context.theme, tr("Add {what}").format(what=words), icon="plus", height_px=30)
+            button.setObjectName(f"add_{'_'.join(map(str, path))}_{len(self._adders)}")
+            button.clicked.connect(self._adder(blank))
+            buttons.addWidget(button)
+            self._adders.append(button)
+        buttons.addStretch(1)
+        if not self.fixed:
+            self.column.addLayout(buttons)
+        context.editing.reshaped.connect(self._on_reshaped)
+
+    @property
+    def entries(self) -> list[Any]:
+        value = self.value
+        return value if isinstance(value, list) else []
+
+    def _on_reshaped(self) -> None:
+        self._stale = True
+
+    def _adder(self, blank: Callable[[], Any]) -> Callable[[], None]:
+        return lambda: self.add_entry(blank())
+
+    def add_entry(self, entry: Any) -> None:
+        place = len(self.entries)
+        self.context.editing.add((*self.path, place), entry)
+        self._focus_row(place)
+
+    def reveal(self, path: KeyPath) -> Field | None:
+        self.complete()
+        return super().reveal(path)
+
+    def _focus_row(self, place: int) -> None:
+        self.complete()
+        if 0 <= place < len(self.rows):
+            self.rows[place].unfold()
+            self.rows[place].focus_first()
+
+    def move_entry(self, index: int, by: int) -> None:
+        if 0 <= index + by < len(self.entries):
+            self.context.editing.move((*self.path, index), index + by)
+            self._focus_row(index + by)
+
+    def remove_entry(self, index: int) -> None:
+        self.context.editing.remove((*self.path, index))
+        self._focus_row(min(index, len(self.rows) - 1))
+
+    def refresh(self) -> None:
+        entries = self.entries
+        kinds = [group_at(self.item, entry) if not isinstance(entry, str) else str for entry in entries]
+        if self._stale or len(kinds) != len(self.rows):
+            self._rebuild(kinds)
+        for button in self._adders:
+            button.setEnabled(self._most is None or len(entries) < self._most)
+        super().refresh()
+
+    def _rebuild(self, kinds: list[Any]) -> None:
+        """What did not change its kind keeps its row. Long lists come a few rows at a time, so that the window goes on
+        hearing of keys.
+        """
+        while len(self.rows) > len(kinds):
+            drop(self.rows.pop())
+            self.parts.pop()
+        made = 0
+        for number, kind in enumerate(kinds):
+            row = self.rows[number] if number < len(self.rows) else None
+            if row is not None and row.suits(kind):
+                continue
+            made += 1
+            if made > _ROWS_AT_ONCE:
+                self._more_rows.start()
+                break
+            fresh = EntryRow(self, number, kind if kind is not str else None)
+            if row is not None:
+                self._box.replaceWidget(row, fresh)
+                drop(row)
+                self.rows[number] = self.parts[number] = fresh
+            else:
+                self._box.addWidget(fresh)
+                self.rows.append(fresh)
+                self.parts.append(fresh)
+            show_at_once(fresh)
+        else:
+            self._stale = False
+        chain_focus(self)
+
+    def complete(self) -> None:
+        """All its rows, at once."""
+        while self._stale or len(self.rows) < len(self.entries):
+            self.refresh()
+
+
+class EntryRow(Part):
+    """One entry of a list. Small ones are a row, large ones a card that folds."""
+
+    def __init__(self, holder: ListPart, index: int, group: Group | None) -> None:
+        super().__init__(holder.context, (*holder.path, index))
+        self._holder = holder
+        self._index = index
+        self._form = holder.item
+        self._text = text_of(holder.item.kind) is not None
+        self._group = group_at(holder.item, "") if group is None and self._text else group
+        self._is_text_group = self._text and self._group is group_at(holder.item, "")
+        self._in_row = self._group is None or in_one_row(self._group) or self._is_text_group
+        self._folds = not self._in_row
+        self._open = False
+        self._body: Part | None = None
+        self.fields: list[Field] = []
+        self._more: QWidget | None = None
+        self._mistake: QLabel | None = None
+        self._robot_button: RobotHere | None = None
+        self._column = QVBoxLayout(self)
+        self._column.setContentsMargins(12, 10, 8, 10) if self._folds else self._column.setContentsMargins(0, 0, 0, 0)
+        self._column.setSpacing(8)
+        self._head = QHBoxLayout()
+        self._head.setSpacing(6)
+        self._column.addLayout(self._head)
+        self._make_cap()
+        if self._folds:
+            self._make_card_head()
+        else:
+            self._make_row()
+        self._make_buttons()
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+        self.context.theme.changed.connect(self._style)
+        self._style()
+
+    def suits(self, kind: Any) -> bool:
+        if kind is str or (self._is_text_group and kind is self._group):
+            return self._is_text_group or self._group is None
+        return kind is self._group and not self._is_text_group
+
+    # ---- how it is built
+
+    def _make_cap(self) -> None:
+        """The key by which it is had, in a column of its own."""
+        data = self.context.editing.document.data
+        key = key_of_entry(data, self.path)
+        if not key and (self._folds or not key_of_entry(data, (*self._holder.path, 0))):
+            return
+        holder = QWidget()
+        holder.setFixedWidth(_CAP_COLUMN_PX.get(self.path[0], 64))
+        inside = QHBoxLayout(holder)
+        inside.setContentsMargins(0, 7, 0, 7)
+        inside.addWidget(KeyCap(self.context.theme, key))
+        inside.addStretch(1)
+        self._head.addWidget(holder, 0, Qt.AlignmentFlag.AlignBottom)
+
+    def _make_card_head(self) -> None:
+        self._fold = ActionButton(self.context.theme, icon="caret-right", look="ghost", may_shrink=True, semibold=True)
+        self._fold.clicked.connect(self._on_fold)
+        self._head.addWidget(self._fold, 1)
+        self._head.addStretch(1)
+
+    def _make_row(self) -> None:
+        if self._group is None:
+            field = field_for(self.context, self.path, self._form, None, compact=True)
+            short = isinstance(field, (NumberField, ChoiceField))
+            self._add_field(field, 0 if short else 1)
+            return
+        first, *others = keys_of(self._group)
+        if not self._is_text_group:
+            for key in (first, *others):
+                stretch = 0 if scalars_of(key.form.kind) in ((float,), (int,)) else 1
+                self._add_field(field_for(self.context, (*self.path, key.name), key.form, key, compact=True), stretch)
+            if self._index:
+                for field in self.fields:
+                    field.without_title()
+            if {key.name for key in keys_of(self._group)} >= POSE_KEYS:
+                self._robot_button = RobotHere(self.context, self.path)
+                self._head.addWidget(self._robot_button, 0, Qt.AlignmentFlag.AlignBottom)
+            return
+        say = field_for(self.context, (*self.path, first.name), first.form, first, compact=True)
+        say.without_title()
+        self._add_field(say, 1)
+        self._unfold = ActionButton(
+            self.context.theme, tr("More"), icon="caret-right", look="ghost", height_px=32, text_px=tokens.STATUS_PX,
+            may_shrink=True,
+        )  # fmt: skip
+        self._unfold.setFixedWidth(_MORE_PX)
+        self._unfold.clicked.connect(self._on_more)
+        self._head.addWidget(self._unfold, 0, Qt.AlignmentFlag.AlignBottom)
+        self._others = others
+
+    def _add_field(self, field: Field, stretch: int) -> None:
+        self.fields.append(field)
+        self._head.addWidget(field, stretch, Qt.AlignmentFlag.AlignBottom)
+
+    def _make_buttons(self) -> None:
+        if self._holder.fixed:
+            return
+        name = tr("entry {number}").format(number=self._index + 1)
+        buttons = QHBoxLayout()
+        buttons.setSpacing(0)
+        for icon, words, do in (
+            ("arrow-up", tr("Move up: {what}"), lambda: self._holder.move_entry(self._index, -1)),
+            ("arrow-down", tr("Move down: {what}"), lambda: self._holder.move_entry(self._index, 1)),
+            ("x", tr("Take out: {what}"), lambda: self._holder.remove_entry(self._index)),
+        ):
+            button = ActionButton(self.context.theme, icon=icon, look="ghost", height_px=30)
+            button.setAccessibleName(words.format(what=name))
+            button.setToolTip(words.format(what=name))
+            button.clicked.connect(do)
+            buttons.addWidget(button, 0, Qt.AlignmentFlag.AlignBottom)
+        self._head.addLayout(buttons)
+        if not self._folds and len(self.fields) == 1 and isinstance(self.fields[0], (NumberField, ChoiceField)):
+            self._head.addStretch(1)
+
+    # ---- what it shows
+
+    def refresh(self) -> None:
+        document = self.context.editing.document
+        data = document.value(self.path)
+        for field in self.fields:
+            field.refresh()
+        if self._folds:
+            self._refresh_card(data)
+        if self._is_text_group:
+            self._refresh_more(data)
+        told = self.context.editing.mistakes_at(self.path) if self._group is not None else []
+        self._show_mistakes("\n".join(sentence_at(mistake, "") for mistake in told))
+        if self._robot_button is not None:
+            self._robot_button.refresh()
+
+    def _show_mistakes(self, said: str) -> None:
+        if self._mistake is None:
+            if not said:
+                return
+            self._mistake = QLabel()
+            self._mistake.setObjectName("mistake")
+            self._mistake.setWordWrap(True)
+            self._column.addWidget(self._mistake)
+            self._style()
+        self._mistake.setText(said)
+        self._mistake.setVisible(bool(said))
+
+    def _refresh_card(self, data: Any) -> None:
+        name = card_name(data) or tr("Entry {number}").format(number=self._index + 1)
+        wrong = len(self.context.editing.mistakes_within(self.path))
+        shown = tr("{name} · %n wrong", "", wrong).format(name=name) if wrong else name
+        self._fold.set_label(shown, icon="caret-down" if self._open else "caret-right")
+        if self._body is not None:
+            self._body.refresh()
+
+    def _refresh_more(self, data: Any) -> None:
+        said = [value_at(data, (key.name,)) for key in self._others]
+        there = " · ".join(value for value in said if isinstance(value, str) and value)
+        words, caret = (tr("Less"), "caret-down") if self._open else (there or tr("More"), "caret-right")
+        self._unfold.set_label(words, icon=caret)
+        if self._more is not None:
+            self._more.setVisible(self._open)
+
+    # ---- folding
+
+    def unfold(self) -> None:
+        if self._folds and not self._open:
+            self._on_fold()
+
+    def _on_fold(self) -> None:
+        self._open = not self._open
+        if self._open and self._body is None:
+            self._body = self._make_body()
+            self._column.insertWidget(1, self._body)
+        if self._body is not None:
+            self._body.setVisible(self._open)
+        self.refresh()
+        chain_focus(self)
+
+    def _make_body(self) -> Part:
+        if self._group is not None and (text_of(self._form.kind) is not None or is_group(self._form.kind)):
+            return GroupPart(self.context, self.path, self._form, group=self._group)
+        return OneOfGroups(self.context, self.path, self._form)
+
+    def _on_more(self) -> None:
+        self._open = not self._open
+        if self._open and self._more is None:
+            self._more = QWidget()
+            row = QHBoxLayout(self._more)
+            row.setContentsMargins(36, 0, 0, 4)
+            row.setSpacing(12)
+            for key in self._others:
+                field = field_for(self.context, (*self.path, key.name), key.form, key, compact=True)
+                self.fields.append(field)
+                row.addWidget(field, 1, Qt.AlignmentFlag.AlignTop)
+            self._column.insertWidget(1, self._more)
+        self.refresh()
+        chain_focus(self)
+
+    def reveal(self, path: KeyPath) -> Field | None:
+        further = self._is_text_group and len(path) > len(self.path) and path[-1] != text_key(self._group)
+        if further and not self._open:
+            self._on_more()
+        if self._folds:
+            if not self._open:
+                self._on_fold()
+            return self._body.reveal(path) if self._body is not None else None
+        if path == self.path and self.fields:
+            return self.fields[0]
+        return next((field for field in self.fields if field.path == path), None)
+
+    def focus_first(self) -> None:
+        first = self.fields[0].control if self.fields else None
+        if first is None and isinstance(self._body, _Holder):
+            first = next((part.control for part in self._body.parts if isinstance(part, Field)), None)
+        if first is None and self._folds:
+            first = self._fold
+        if first is not None:
+            first.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    # ---- keys and look
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        ctrl = event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier == Qt.KeyboardModifier.ControlModifier
+        if ctrl and event.key() in (Qt.Key.Key_Up, Qt.Key.Key_Down) and not self._holder.fixed:
+            self._holder.move_entry(self._index, -1 if event.key() == Qt.Key.Key_Up else 1)
+            event.accept()
+            return
+        plain = event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and not event.modifiers()
+        if plain and self._in_row and not self._holder.fixed:
+            entry = kinds_of_entries(self._form)[0][1]()
+            self.context.editing.add((*self._holder.path, self._index + 1), entry)
+            self._holder._focus_row(self._index + 1)
+            event.accept()
+            return
+        super().keyPressEvent(event)
+
+    def _style(self) -> None:
+        if self._mistake is not None:
+            self._mistake.setFont(self.context.theme.font(tokens.STATUS_PX))
+            self.context.theme.color_text(self._mistake, "red")
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        if not self._folds:
+            return
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self.context.theme.color("line"), 1))
+        painter.setBrush(self.context.theme.color("panel"))
+        rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
+        painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)

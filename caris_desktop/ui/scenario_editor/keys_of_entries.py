@@ -1,0 +1,30 @@
+"""By which key an entry of a list is had in the console, so that the form shows it beside the entry."""
+
+from typing import Any
+
+from caris_desktop.domain.declared_places import value_at
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.ui.action_rows import ACTIONS
+
+_KEYS = {spec.id: spec.keys[0] for spec in ACTIONS if spec.keys}
+
+
+def key_of_entry(data: Any, path: KeyPath) -> str:
+    """The key; empty where the entry has none."""
+    match path:
+        case ("phrases", int(index)):
+            entries = value_at(data, ("phrases",))
+            if not isinstance(entries, list) or not 0 <= index < len(entries) or "group" in _keys_in(entries[index]):
+                return ""
+            return _KEYS.get(f"phrase_{sum('group' not in _keys_in(each) for each in entries[: index + 1])}", "")
+        case ("phrases", int(), "phrases", int(index)):
+            return _KEYS.get(f"phrase_{index + 1}", "")
+        case ("recording", "labels", int(index)):
+            return _KEYS.get(f"label_{index + 1}", "")
+        case ("places", int(index)):
+            return _KEYS.get(f"place_{index + 1}", "")
+    return ""
+
+
+def _keys_in(entry: Any) -> Any:
+    return entry if isinstance(entry, dict) else ()

@@ -1,0 +1,71 @@
+"""One line above the form for what has happened or waits for an answer, with the buttons that answer it."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QRectF
+from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui import tokens
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+Answer = tuple[str, Callable[[], None]]
+
+
+class Notice(QWidget):
+    """``say`` puts a sentence in place of the one before. ``what`` is by what it is taken back."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("editor_notice")
+        self._theme = theme
+        self._what = ""
+        self._role = "blue"
+        self.text = QLabel()
+        self.text.setWordWrap(True)
+        self.text.setObjectName("editor_notice_text")
+        self.answers: list[ActionButton] = []
+        self._row = QHBoxLayout(self)
+        self._row.setContentsMargins(26, 8, 18, 8)
+        self._row.setSpacing(8)
+        self._row.addWidget(self.text, 1)
+        theme.changed.connect(self.update)
+        self.hide()
+
+    def say(self, what: str, text: str, role: str, *answers: Answer) -> None:
+        if (what, text) == (self._what, self.text.text()) and self.isVisible():
+            return
+        self._what, self._role = what, role
+        self.text.setText(text)
+        self.setAccessibleName(text)
+        for button in self.answers:
+            self._row.removeWidget(button)
+            button.hide()
+            button.deleteLater()
+        self.answers = [self._answer(words, do) for words, do in answers or ((tr("Dismiss"), self._dismiss),)]
+        self.show()
+        self.update()
+
+    def _answer(self, words: str, do: Callable[[], None]) -> ActionButton:
+        button = ActionButton(self._theme, words, height_px=30)
+        button.clicked.connect(do)
+        self._row.addWidget(button)
+        return button
+
+    def _dismiss(self) -> None:
+        self.take_back(self._what)
+
+    def take_back(self, what: str) -> None:
+        if what == self._what:
+            self._what = ""
+            self.hide()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._theme.color(self._role), 1.4))
+        painter.setBrush(self._theme.color(f"{self._role}_soft"))
+        rect = QRectF(self.rect()).adjusted(16.7, 2.7, -16.7, -2.7)
+        painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)

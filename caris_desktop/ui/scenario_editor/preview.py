@@ -1,0 +1,245 @@
+"""What the wizard gets from the scenario as it is in the editor now, in words and key caps."""
+
+from collections.abc import Iterator
+from html import escape
+from typing import Any
+
+from caris_desktop.domain.declared import keys_of, value_from
+from caris_desktop.domain.declared_check import quoted
+from caris_desktop.domain.declared_places import ABSENT, Difference, entry_name
+from caris_desktop.domain.declared_words import title_of
+from caris_desktop.domain.translation import tr
+from caris_desktop.scenario.document import ScenarioDocument
+from caris_desktop.scenario.migrations import migrate
+from caris_desktop.scenario.model import Permissions, Scenario
+from caris_desktop.scenario.phrases import phrase_groups
+from caris_desktop.ui.action_rows import ACTIONS
+from caris_desktop.ui.scenario_editor.consequences import Consequence, changed_permissions, consequences
+from caris_desktop.ui.tokens import Colors
+
+_MOST_OF_A_VALUE = 90
+_BEFORE_DIFFERENCE = 20
+
+
+def preview_page(document: ScenarioDocument, section: str, colors: Colors) -> str:
+    """HTML: what is wrong, what the section gives the wizard, what has changed since it was saved."""
+    return "".join(
+        (
+            _mistakes(document, colors),
+            _of_section(document, section, colors),
+            _changes(document, colors),
+        )
+    )
+
+
+def _heading(text: str, colors: Colors, role: str = "text") -> str:
+    return f'<p style="margin:14px 0 6px 0; font-weight:600; color:{getattr(colors, role)}">{escape(text)}</p>'
+
+
+def _line(html: str, colors: Colors, role: str = "text") -> str:
+    return f'<p style="margin:3px 0; color:{getattr(colors, role)}">{html}</p>'
+
+
+def _cap(key: str, colors: Colors) -> str:
+    if not key:
+        return ""
+    return (
+        f'<span style="background:{colors.raised}; color:{colors.text}; font-size:12px; font-weight:600">'
+        f"&nbsp;{escape(key)}&nbsp;</span>"
+    )
+
+
+def _mistakes(document: ScenarioDocument, colors: Colors) -> str:
+    if not document.mistakes:
+        return ""
+    count = len(document.mistakes)
+    parts = [_heading(tr("To correct before it can be saved: %n", "", count), colors, "red")]
+    for number, mistake in enumerate(document.mistakes):
+        said = tr("Line {line}: {message}").format(line=mistake.line, message=mistake.message)
+        link = f'<a href="mistake:{number}" style="color:{colors.red}">{escape(said)}</a>'
+        parts.append(_line(link, colors, "red"))
+    return "".join(parts)
+
+
+def _of_section(document: ScenarioDocument, section: str, colors: Colors) -> str:
+    show = {"Phrases": _phrases, "Protocol": _protocol, "What is allowed": _allowed}.get(section)
+    return "" if show is None else show(document, colors)
+
+
+def _valued(document: ScenarioDocument, name: str) -> Any:
+    """What a key of the file means as it is typed, whatever is wrong elsewhere; as it was last without a mistake where
+    that is in it.
+    """
+    (key,) = (key for key in keys_of(Scenario) if key.name == name)
+    if not any(mistake.path[:1] == (name,) for mistake in document.mistakes):
+        said = document.value((name,))
+        return key.default if said is ABSENT else value_from(key.form, said)
+    return getattr(document.scenario, key.attribute) if document.scenario is not None else key.default
+
+
+def _phrases(document: ScenarioDocument, colors: Colors) -> str:
+    parts = [_heading(tr("What the wizard has at a key"), colors)]
+    keys = [spec.keys[0] for spec in ACTIONS if spec.id.startswith("phrase_")]
+    groups = phrase_groups(_valued(document, "phrases"))
+    if not groups:
+        parts.append(_line(escape(tr("No phrase yet. The first one that you add is on F1.")), colors, "dim"))
+    for group in groups:
+        if group.title:
+            parts.append(_line(escape(tr("Group “{group}”, chosen with F10").format(group=group.title)), colors, "dim"))
+        rows = []
+        for key, phrase in zip(keys, group.phrases, strict=False):
+            own = f" {_cap(phrase.key, colors)}" if phrase.key else ""
+            taken = _taken(phrase.key)
+            told = (
+                f'<br><span style="color:{colors.amber}">'
+                + escape(tr("{key} does something else already: {what}").format(key=phrase.key, what=taken))
+                + "</span>"
+                if taken
+                else ""
+            )
+            rows.append(
+                f'<tr><td style="padding:3px 8px 3px 0">{_cap(key, colors)}</td>'
+                f'<td style="padding:3px 0">{escape(phrase.say)}{own}{told}</td></tr>'
+            )
+        parts.append(f"<table>{''.join(rows)}</table>")
+    filler = _valued(document, "filler")
+    fillers = (filler, *_valued(document, "fillers")) if filler else ()
+    if fillers:
+        parts.append(_line(escape(tr("While the wizard thinks, in turn:")), colors, "dim"))
+        parts.append(_line(f"{_cap('F9', colors)} {escape(' · '.join(fillers))}", colors))
+    return "".join(parts)
+
+
+def _taken(key: str) -> str:
+    return next((spec.text for spec in ACTIONS if key and key in spec.keys), "")
+
+
+def _protocol(document: ScenarioDocument, colors: Colors) -> str:
+    steps = _valued(document, "protocol").steps
+    if not steps:
+        return _line(escape(tr("Without steps there is no strip for the protocol.")), colors, "dim")
+    parts = [_heading(tr("The strip above the panels"), colors)]
+    rows = []
+    for number, step in enumerate(steps, start=1):
+        more = [tr("{minutes} min").format(minutes=f"{step.minutes:g}")] if step.minutes else []
+        more += [tr("go to {place}").format(place=step.go_to)] if step.go_to else []
+        more += [tr("%n to tick off", "", len(step.tick))] if step.tick else []
+        lines = [f"<b>{escape(step.title)}</b>"]
+        if more:
+            lines.append(f'<span style="color:{colors.dim}">{escape(" · ".join(more))}</span>')
+        if step.say:
+            lines.append(escape(f"“{step.say}”"))
+        for digit, branch in enumerate(step.branches, start=1):
+            words = tr("{what} → {step}").format(what=branch.title, step=branch.to)
+            lines.append(f"{_cap(f'B {digit}', colors)} {escape(words)}")
+        rows.append(
+            f'<tr><td style="padding:4px 8px 4px 0; color:{colors.dim}">{number}</td>'
+            f'<td style="padding:4px 0">{"<br>".join(lines)}</td></tr>'
+        )
+    parts.append(f"<table>{''.join(rows)}</table>")
+    minutes = sum(step.minutes for step in steps)
+    if minutes:
+        parts.append(_line(escape(tr("{minutes} minutes are expected in all.").format(minutes=f"{minutes:g}")), colors))
+    return "".join(parts)
+
+
+def _allowed(document: ScenarioDocument, colors: Colors) -> str:
+    before, now = _permissions_of(document.saved_data), _valued(document, "permissions")
+    titles = {key.attribute: title_of(key) for key in keys_of(Permissions)}
+    parts = []
+    for name, on in changed_permissions(before, now):
+        words = tr("{permission} is now on. This appears:") if on else tr("{permission} is now off. This disappears:")
+        parts.append(_heading(words.format(permission=titles[name]), colors, "green" if on else "amber"))
+        parts += _consequences(consequences(name), colors, sign="+" if on else "−")
+    parts.append(_heading(tr("Not there in this scenario"), colors))
+    off = [name for name in titles if not getattr(now, name)]
+    if not off:
+        parts.append(_line(escape(tr("Everything is allowed.")), colors, "dim"))
+    for name in off:
+        said = [each.words for each in consequences(name) if each.sort != "act"]
+        words = tr("{permission}: {what}").format(
+            permission=titles[name], what=", ".join(said) or tr("no key or panel")
+        )
+        parts.append(_line(escape(words), colors, "dim"))
+    return "".join(parts)
+
+
+def _consequences(found: tuple[Consequence, ...], colors: Colors, sign: str) -> Iterator[str]:
+    for each in found:
+        words = tr("panel {panel}").format(panel=each.words) if each.sort == "panel" else each.words
+        yield _line(f"{sign} {escape(words)} {_cap(each.key, colors)}", colors)
+    if not found:
+        yield _line(escape(tr("No button and no key; what runs in the background begins or ends.")), colors, "dim")
+
+
+def _permissions_of(data: dict[str, Any]) -> Permissions:
+    try:
+        found: Permissions = value_from(Permissions, migrate(data).get("permissions", {}))
+    except (TypeError, ValueError):
+        found = Permissions()
+    return found
+
+
+def _changes(document: ScenarioDocument, colors: Colors) -> str:
+    changes = document.differences()
+    if not changes:
+        words = tr("Nothing has changed since it was saved.")
+        if document.changed:
+            words = tr("Only comments or the layout of the text have changed since it was saved.")
+        return _heading(tr("Changes"), colors) + _line(escape(words), colors, "dim")
+    parts = [_heading(tr("Changes since it was saved: %n", "", len(changes)), colors)]
+    for number, change in enumerate(changes):
+        where = " › ".join(document.words(change.path))
+        link = f'<a href="change:{number}" style="color:{colors.blue}">{escape(where)}</a>'
+        parts.append(_line(f"{link}<br>{escape(difference_words(change))}", colors))
+    return "".join(parts)
+
+
+def difference_words(change: Difference) -> str:
+    """What was and what is, so short that a glance takes it in."""
+    if isinstance(change.before, str) and isinstance(change.after, str):
+        before, after = _where_they_differ(change.before, change.after)
+        return tr("{before} → {after}").format(before=_shown(before), after=_shown(after))
+    if isinstance(change.before, list) or isinstance(change.after, list):
+        return _list_words(change)
+    if isinstance(change.before, dict) or isinstance(change.after, dict):
+        return (
+            tr("new")
+            if change.before is ABSENT
+            else tr("gone")
+            if change.after is ABSENT
+            else tr("has more or less along")
+        )
+    return tr("{before} → {after}").format(before=_shown(change.before), after=_shown(change.after))
+
+
+def _where_they_differ(before: str, after: str) -> tuple[str, str]:
+    """Two long texts from shortly before their first difference on."""
+    pairs = enumerate(zip(before, after, strict=False))
+    same = next((number for number, (old, new) in pairs if old != new), min(len(before), len(after)))
+    start = before.rfind(" ", 0, max(0, same - _BEFORE_DIFFERENCE)) + 1
+    if max(len(before), len(after)) <= _MOST_OF_A_VALUE or not start:
+        return before, after
+    return f"…{before[start:]}", f"…{after[start:]}"
+
+
+def _list_words(change: Difference) -> str:
+    before, after = (each if isinstance(each, list) else [] for each in (change.before, change.after))
+    came = [entry_name(each) or "…" for each in after if each not in before]
+    went = [entry_name(each) or "…" for each in before if each not in after]
+    parts = [tr("new: {names}").format(names=_short(", ".join(came)))] if came else []
+    parts += [tr("gone: {names}").format(names=_short(", ".join(went)))] if went else []
+    return " · ".join(parts) or tr("in another order")
+
+
+def _shown(value: Any) -> str:
+    if value is ABSENT:
+        return tr("not set")
+    if isinstance(value, bool):
+        return tr("on") if value else tr("off")
+    return _short(value) if isinstance(value, str) and value else tr("empty") if value == "" else quoted(value)
+
+
+def _short(text: str) -> str:
+    words = " ".join(text.split())
+    return f"“{words}”" if len(words) <= _MOST_OF_A_VALUE else f"“{words[: _MOST_OF_A_VALUE - 1]}…”"

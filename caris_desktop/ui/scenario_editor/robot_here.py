@@ -1,0 +1,44 @@
+"""The button of a place that takes over where the robot is now."""
+
+import math
+
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui import tokens
+from caris_desktop.ui.scenario_editor.editing import FormContext
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+POSE_KEYS = {"x_m", "y_m", "heading_deg"}
+"""What a group has that is a place in the map."""
+
+
+class RobotHere(ActionButton):
+    """For the group at ``path``."""
+
+    def __init__(self, context: FormContext, path: KeyPath) -> None:
+        super().__init__(context.theme, tr("Here"), icon="robot", height_px=32, text_px=tokens.STATUS_PX)
+        self._context = context
+        self._path = path
+        self.setObjectName("place_from_robot")
+        self.setAccessibleName(tr("Take over where the robot is now"))
+        self.clicked.connect(self._take_over)
+
+    def refresh(self) -> None:
+        known = self._context.robot_pose() is not None
+        self.setEnabled(known)
+        where = tr("Take over where the robot is now and where it looks")
+        self.setToolTip(where if known else tr("Where the robot is in the map is not known now"))
+
+    def _take_over(self) -> None:
+        pose = self._context.robot_pose()
+        if pose is None:
+            return
+        document = self._context.editing.document
+        document.pause()
+        for name, value in (
+            ("x_m", round(pose.x_m, 2)),
+            ("y_m", round(pose.y_m, 2)),
+            ("heading_deg", round(math.degrees(pose.heading_rad))),
+        ):
+            document.set((*self._path, name), value)
+        self._context.editing.told()

@@ -1,0 +1,114 @@
+"""One page of the form: the keys of a section, built when it is first looked at."""
+
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
+
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui import tokens
+from caris_desktop.ui.scenario_editor.arranging import chain_focus, show_at_once
+from caris_desktop.ui.scenario_editor.editing import FormContext
+from caris_desktop.ui.scenario_editor.fields import Field, Part
+from caris_desktop.ui.scenario_editor.groups import part_for
+from caris_desktop.ui.scenario_editor.sections import Section
+
+_WIDEST_PX = 900
+
+
+class SectionPage(QScrollArea):
+    """Refreshes only while it is looked at."""
+
+    def __init__(self, context: FormContext, section: Section) -> None:
+        super().__init__()
+        self.section = section
+        self._context = context
+        self.parts: list[Part] = []
+        self._column: QVBoxLayout | None = None
+        self._stale = False
+        self._next = QTimer(self, singleShot=True, interval=0)
+        self._next.timeout.connect(self._make_next)
+        self.setObjectName("section_page")
+        self.setWidgetResizable(True)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        context.theme.changed.connect(self._style)
+        context.editing.changed.connect(self._on_changed)
+
+    def build(self) -> None:
+        """Its fields, once."""
+        self._begin()
+        while len(self.parts) < len(self.section.keys):
+            self._make_next()
+        if self._stale:
+            self.refresh()
+
+    def _begin(self) -> None:
+        if self._column is not None:
+            return
+        holder = QWidget()
+        holder.setObjectName("section_holder")
+        column = QVBoxLayout(holder)
+        column.setContentsMargins(24, 16, 24, 24)
+        column.setSpacing(20)
+        self._title = QLabel(tr(self.section.title))
+        self._words = QLabel(tr(self.section.words))
+        self._words.setWordWrap(True)
+        column.addWidget(self._title)
+        if self.section.words:
+            column.addWidget(self._words)
+        column.addStretch(1)
+        self._column = column
+        self.setWidget(holder)
+        self._style()
+
+    def _make_next(self) -> None:
+        """One after the other, so that the window goes on hearing of keys."""
+        if len(self.parts) == len(self.section.keys) or self._column is None:
+            return
+        key = self.section.keys[len(self.parts)]
+        part = part_for(self._context, (key.name,), key)
+        part.setMaximumWidth(_WIDEST_PX)
+        self.parts.append(part)
+        self._column.insertWidget(self._column.count() - 1, part)
+        show_at_once(part)
+        part.refresh()
+        chain_focus(self.widget())
+        if len(self.parts) < len(self.section.keys):
+            self._next.start()
+
+    def refresh(self) -> None:
+        self._stale = False
+        for part in self.parts:
+            part.refresh()
+        self.setEnabled(self._context.editing.document.unreadable is None)
+
+    def _on_changed(self) -> None:
+        self._stale = True
+        if self.isVisible():
+            self.refresh()
+
+    def showEvent(self, event: object) -> None:
+        self._begin()
+        self._next.start()
+        if self._stale:
+            self.refresh()
+        super().showEvent(event)  # type: ignore[arg-type]
+
+    def reveal(self, path: KeyPath) -> Field | None:
+        """The field of that place, or of what it is in."""
+        self.build()
+        for cut in range(len(path), 0, -1):
+            for part in self.parts:
+                if path[:1] == part.path:
+                    field = part.reveal(path[:cut])
+                    if field is not None:
+                        return field
+        return None
+
+    def _style(self) -> None:
+        if self._column is not None:
+            theme = self._context.theme
+            self._title.setFont(theme.font(tokens.SPEECH_PX + 2, tokens.WEIGHT_SEMIBOLD))
+            self._words.setFont(theme.font(tokens.BODY_PX))
+            theme.color_text(self._words, "dim")

@@ -1,0 +1,43 @@
+"""Scenarios as one file: which to import, and where to write the one in force. The console does it."""
+
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.bundle import SUFFIX, bundle_name
+
+
+class ScenarioFiles:
+    """Its dialogs are not modal and our own: a system's file dialog would take the keys that stop the robot."""
+
+    def __init__(self, console: WizardConsole, window: QWidget) -> None:
+        self._console = console
+        self._window = window
+
+    def choose_import(self) -> None:
+        dialog = self._dialog(tr("Import a scenario"), Path.home())
+        dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
+        dialog.fileSelected.connect(lambda chosen: self._console.do(intents.ImportScenario(Path(chosen))))
+        dialog.show()
+
+    def choose_share(self) -> None:
+        scenario = self._console.scenario
+        stem = bundle_name(scenario.path.stem if scenario.path is not None else scenario.title)
+        dialog = self._dialog(tr("Write this scenario as one file"), Path.home())
+        dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
+        dialog.setDefaultSuffix(SUFFIX.removeprefix("."))
+        dialog.selectFile(f"{stem}{SUFFIX}")
+        dialog.fileSelected.connect(lambda chosen: self._console.do(intents.ShareScenario(Path(chosen))))
+        dialog.show()
+
+    def _dialog(self, title: str, folder: Path) -> QFileDialog:
+        dialog = QFileDialog(self._window, title, str(folder), tr("Scenarios ({files})").format(files=f"*{SUFFIX}"))
+        dialog.setObjectName("scenario_file_dialog")
+        dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        dialog.setModal(False)
+        return dialog

@@ -1,0 +1,1 @@
+"""The sheet of all shortcuts, and what a wizard has changed of them."""

@@ -1,0 +1,105 @@
+"""The keys of whoever is at the console: kept in their profile, used by the table, changed on the sheet."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QObject, Signal
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.key_choices import Keys, as_text, from_text, name_of_row, owners, with_keys, without
+from caris_desktop.ui.wizard_profiles import WizardProfiles
+
+_KEY = "shortcuts"
+_UNREAD_KEY = "shortcuts unread"
+
+
+class WizardKeys(QObject):
+    """``tell`` gets what happened, what it means and what to do, where kept keys cannot be used."""
+
+    changed = Signal()
+
+    def __init__(
+        self, wizards: WizardProfiles, actions: Actions, tell: Callable[[str, str, str], None], parent: QObject
+    ) -> None:
+        super().__init__(parent)
+        self._wizards = wizards
+        self._actions = actions
+        self._tell = tell
+        self._choices: dict[str, Keys] = {}
+        self._told: frozenset[str] = frozenset()
+        wizards.changed.connect(self.take_up)
+        actions.rebuilt.connect(self._tell_of_fallbacks)
+        self.take_up()
+
+    @property
+    def wizard(self) -> str:
+        return self._wizards.current
+
+    def take_up(self) -> None:
+        """Use what the present wizard has."""
+        kept = str(self._wizards.value(_KEY, "") or "")
+        try:
+            choices = from_text(kept) if kept else {}
+        except ValueError:
+            choices = {}
+            self._wizards.set_value(_UNREAD_KEY, kept)
+            self._wizards.set_value(_KEY, "")
+            self._tell(
+                tr("Your changed keys could not be read."),
+                tr("All keys are the usual ones. What could not be read is kept in the settings."),
+                tr("Change them again on the sheet of all shortcuts."),
+            )
+        if choices != self._choices:
+            self._use(choices)
+
+    def is_changed(self, spec: ActionSpec) -> bool:
+        return name_of_row(spec) in self._choices
+
+    @property
+    def any_changed(self) -> bool:
+        return bool(self._choices)
+
+    def choose(self, spec: ActionSpec, keys: Keys) -> None:
+        """These are the row's keys from now on; whatever other row had one of them has it no longer."""
+        rows = {row.id: row for row in self._actions.all_specs}
+        choices = dict(self._choices)
+        for key, other in owners(rows.values(), spec, keys):
+            left = without(rows[other.id], key)
+            choices[name_of_row(other)] = left
+            rows[other.id] = with_keys(rows[other.id], left)
+        choices[name_of_row(spec)] = keys
+        for row in (*rows.values(), spec):
+            standard = self._actions.standard_row(row.id)
+            if choices.get(name_of_row(row)) == Keys(standard.keys, standard.driving_keys):
+                del choices[name_of_row(row)]
+        self._keep(choices)
+
+    def reset(self, spec: ActionSpec) -> None:
+        """The row has its usual keys again."""
+        standard = self._actions.standard_row(spec.id)
+        self.choose(spec, Keys(standard.keys, standard.driving_keys))
+
+    def reset_all(self) -> None:
+        self._keep({})
+
+    def _keep(self, choices: dict[str, Keys]) -> None:
+        self._wizards.set_value(_KEY, as_text(choices))
+        self._use(choices)
+
+    def _use(self, choices: dict[str, Keys]) -> None:
+        self._choices = choices
+        self._actions.use_choices(choices)
+        self._tell_of_fallbacks()
+        self.changed.emit()
+
+    def _tell_of_fallbacks(self) -> None:
+        fallen_back = frozenset(self._actions.settled.fallen_back)
+        news = fallen_back - self._told
+        self._told = fallen_back
+        if news:
+            self._tell(
+                tr("Some of your keys cannot be used here."),
+                " ".join(sorted(news)),
+                tr("These have their usual keys. The sheet of all shortcuts shows and changes them."),
+            )

@@ -1,0 +1,92 @@
+"""The lines of the window's menu about sound: which microphones are used, and how loud the robot is heard."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+
+from PySide6.QtGui import QActionGroup
+from PySide6.QtWidgets import QMenu
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.sound import Role
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.distant_ear import ear_of
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import words
+
+_VOLUMES = (1.0, 0.7, 0.4, 0.2)
+
+
+@dataclass(frozen=True, slots=True)
+class SoundChoice:
+    """``title`` is what is chosen, ``text`` how."""
+
+    title: str
+    text: str
+    intent: intents.Intent
+    chosen: bool
+
+
+def sound_choices(console: WizardConsole) -> list[SoundChoice]:
+    """Those of one title beside one another. What the scenario does not permit is not there."""
+    permissions, hears = console.scenario.permissions, console.scenario.sound.hear
+    listens = permissions.audio_recording or permissions.transcription or hears
+    choices: list[SoundChoice] = []
+    if listens and ear_of(console.scenario, console.state.robot.value) == "computer":
+        choices += _microphones(console, tr("Participant’s microphone"), "participant", console.microphone)
+    if permissions.own_voice or permissions.transcription:
+        choices += _microphones(console, tr("Your microphone"), "wizard", console.wizard_microphone)
+    return [*choices, *_volumes(console)] if hears else choices
+
+
+def _microphones(console: WizardConsole, title: str, role: Role, chosen: str | None) -> list[SoundChoice]:
+    names: list[str | None] = [None, *dict.fromkeys(("", *console.microphones()))]
+    if chosen not in names:
+        names.append(chosen)  # unplugged now, and still the one that was chosen
+    return [
+        SoundChoice(
+            title, tr("No microphone") if name is None else words.microphone(name), intents.UseMicrophone(name, role),
+            name == chosen,
+        )
+        for name in names
+    ]  # fmt: skip
+
+
+def _volumes(console: WizardConsole) -> list[SoundChoice]:
+    sound = console.state.sound.value
+    return [
+        SoundChoice(
+            tr("Hear the robot"), f"{volume:.0%}".replace("%", " %") if volume else tr("Off"),
+            intents.HearRobot(volume > 0.0, volume or sound.volume),
+            sound.volume == volume if sound.hearing and volume else not (sound.hearing or volume),
+        )
+        for volume in (0.0, *_VOLUMES)
+    ]  # fmt: skip
+
+
+class SoundMenu:
+    """What the scenario does not permit is not there."""
+
+    def __init__(self, console: WizardConsole) -> None:
+        self._console = console
+
+    def fill(self, menu: QMenu) -> None:
+        choices = sound_choices(self._console)
+        if choices:
+            menu.addSection(tr("Sound"))
+        for title, of_title in groupby(choices, key=lambda choice: choice.title):
+            part = menu.addMenu(title)
+            group = QActionGroup(part)
+            for choice in of_title:
+                action = part.addAction(choice.text)
+                action.setCheckable(True)
+                action.setChecked(choice.chosen)
+                action.setActionGroup(group)
+                action.triggered.connect(self._asker(choice.intent))
+
+    def _asker(self, intent: intents.Intent) -> Callable[[], None]:
+        return partial(self._ask, intent)
+
+    def _ask(self, intent: intents.Intent, _checked: bool = False) -> None:
+        self._console.do(intent)

@@ -1,0 +1,259 @@
+"""The field for what the robot says next: it grows with its text, completes it, and remembers what was said."""
+
+from collections.abc import Callable, Sequence
+
+from PySide6.QtCore import Property, QMimeData, QPointF, Qt
+from PySide6.QtGui import (
+    QFocusEvent,
+    QFontMetricsF,
+    QKeyEvent,
+    QPainter,
+    QPaintEvent,
+    QResizeEvent,
+    QTextCursor,
+    QTextOption,
+)
+from PySide6.QtWidgets import QFrame, QPlainTextEdit, QTextEdit
+
+from caris_desktop.ui.speak.completion import completion
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.key_cap import KeyCap
+
+LONGEST = 1000
+_MOST_LINES = 4
+_SIDE_PX = 12
+_ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+
+
+class SpeakField(QPlainTextEdit):
+    """Enter says the text: ``say`` gives whether it is taken, else it stays. Up and Down bring earlier texts back.
+
+    ``earlier`` gives those, oldest first, and ``sentences`` what a text may go on as; Tab accepts that while it is
+    shown, and else moves the focus on.
+    """
+
+    def __init__(
+        self,
+        theme: Theme,
+        say: Callable[[str], bool],
+        *,
+        earlier: Callable[[], Sequence[str]],
+        sentences: Callable[[], Sequence[str]],
+    ) -> None:
+        super().__init__()
+        self._theme = theme
+        self._say = say
+        self._earlier = earlier
+        self._sentences = sentences
+        self._back = 0
+        self._draft = ""
+        self._rest = ""
+        self._line_px = 48
+        self._dictated_id = ""
+        self._dictated: QTextCursor | None = None
+        self._dictated_any = False
+        self._enter = KeyCap(theme, "Enter", self)
+        self.setAccessibleName("What the robot says next")
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setTabChangesFocus(True)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setWordWrapMode(QTextOption.WrapMode.WrapAtWordBoundaryOrAnywhere)
+        self.document().setDocumentMargin(0)
+        self.textChanged.connect(self._on_changed)
+        self.cursorPositionChanged.connect(self._complete)
+        theme.changed.connect(self._fit)
+
+    text = Property(str, lambda self: self.toPlainText(), lambda self, text: self.setPlainText(text))
+
+    @property
+    def was_dictated(self) -> bool:
+        """Whether some of what stands here came by voice."""
+        return self._dictated_any
+
+    @property
+    def completion(self) -> str:
+        """What is shown behind the cursor, and accepted with Tab."""
+        return self._rest
+
+    def set_line_height(self, height_px: int) -> None:
+        """How tall it is with a single line in it."""
+        if height_px != self._line_px:
+            self._line_px = height_px
+            self._fit()
+
+    def bring(self, text: str) -> None:
+        """Put ``text`` here to be edited. What stood here before is the text that Down brings back."""
+        standing = self.toPlainText()
+        self._back = 0
+        self._put(text)
+        if standing.strip() and standing != text:
+            self._draft = standing
+            self._back = -1
+
+    def dictate(self, utterance_id: str, committed: str, tentative: str) -> None:
+        """What is made out of the wizard's voice so far goes to where the cursor was when they began."""
+        if utterance_id != self._dictated_id:
+            self._dictated_id = utterance_id
+            self._dictated = None
+            self.setExtraSelections([])
+        words = " ".join(f"{committed} {tentative}".split())
+        if not utterance_id or (not words and self._dictated is None):
+            return
+        if self._dictated is None:
+            self._dictated = self.textCursor()
+            self._dictated.clearSelection()
+            self._dictated_any = True
+        cursor = self._dictated
+        start, end = cursor.selectionStart(), cursor.selectionEnd()
+        follows = start <= self.textCursor().position() <= end
+        before = self.toPlainText()[:start]
+        text = f" {words}" if before and not before[-1].isspace() else words
+        cursor.insertText(text)
+        cursor.setPosition(start)
+        cursor.setPosition(start + len(text), QTextCursor.MoveMode.KeepAnchor)
+        # What is typed behind it is not of it.
+        cursor.setKeepPositionOnInsert(True)
+        if follows:
+            after = QTextCursor(self.document())
+            after.setPosition(start + len(text))
+            self.setTextCursor(after)
+        self._show_as_tentative(start + len(text), len(" ".join(tentative.split())))
+
+    def _show_as_tentative(self, end: int, length: int) -> None:
+        unsure = QTextEdit.ExtraSelection()
+        unsure.cursor = QTextCursor(self.document())
+        unsure.cursor.setPosition(end - length)
+        unsure.cursor.setPosition(end, QTextCursor.MoveMode.KeepAnchor)
+        unsure.format.setForeground(self._theme.color("dim"))
+        self.setExtraSelections([unsure] if length else [])
+
+    # ---- keys
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        with_ctrl = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
+        if event.key() in _ENTER and not with_ctrl:
+            self._send()
+        elif event.key() == Qt.Key.Key_Up and self._stands_in_line(first=True) and not event.modifiers() & _WITH:
+            self._recall(1)
+        elif event.key() == Qt.Key.Key_Down and self._stands_in_line(first=False) and not event.modifiers() & _WITH:
+            self._recall(-1)
+        else:
+            super().keyPressEvent(event)
+
+    def focusNextPrevChild(self, forward: bool) -> bool:
+        if forward and self._rest and self.hasFocus():
+            self.textCursor().insertText(self._rest)
+            return True
+        return super().focusNextPrevChild(forward)
+
+    def insertFromMimeData(self, source: QMimeData) -> None:
+        self.textCursor().insertText(" ".join(source.text().split("\n")))
+
+    def _send(self) -> None:
+        text = " ".join(self.toPlainText().split())
+        if text and self._say(text):
+            self.let_go()
+
+    def let_go(self) -> None:
+        """Empty, ready for the next text."""
+        self._back, self._draft = 0, ""
+        self._dictated = None
+        self.setExtraSelections([])
+        self.clear()
+
+    def _recall(self, step: int) -> None:
+        earlier = self._earlier()
+        back = min(max(min(0, self._back), self._back + step), len(earlier))
+        if back == self._back:
+            return
+        if self._back == 0:
+            self._draft = self.toPlainText()
+        self._back = back
+        self._put(self._draft if back <= 0 else earlier[-back])
+
+    def _put(self, text: str) -> None:
+        self.setPlainText(text)
+        self.moveCursor(QTextCursor.MoveOperation.End)
+
+    def _stands_in_line(self, *, first: bool) -> bool:
+        """Whether the cursor is in the first or last line as it is shown."""
+        cursor = self.textCursor()
+        move = QTextCursor.MoveOperation.Up if first else QTextCursor.MoveOperation.Down
+        return not cursor.movePosition(move)
+
+    # ---- completion
+
+    def _on_changed(self) -> None:
+        text = self.toPlainText()
+        self._dictated_any = self._dictated_any and bool(text)
+        if len(text) > LONGEST:
+            self._put(text[:LONGEST])
+            return
+        self._fit()
+        self._complete()
+
+    def _complete(self) -> None:
+        cursor, text = self.textCursor(), self.toPlainText()
+        at_end = cursor.atEnd() and not cursor.hasSelection()
+        rest = completion(text, self._sentences()) if text and at_end and self.hasFocus() else ""
+        if rest != self._rest:
+            self._rest = rest
+            self.viewport().update()
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        super().focusInEvent(event)
+        self._complete()
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        super().focusOutEvent(event)
+        self._complete()
+
+    # ---- looks
+
+    def _fit(self) -> None:
+        """As tall as the text needs, up to a few lines; the text stands in the middle of a single one."""
+        line_px = self.fontMetrics().lineSpacing()
+        above_px = max(0, (self._line_px - line_px) // 2)
+        right_px = self._enter.sizeHint().width() + 2 * _SIDE_PX
+        self.setViewportMargins(_SIDE_PX, above_px, right_px, above_px)
+        lines = min(max(1, self._line_count()), _MOST_LINES)
+        self.setFixedHeight(self._line_px + (lines - 1) * line_px)
+        if lines == 1:
+            self.verticalScrollBar().setValue(0)
+        else:
+            self.ensureCursorVisible()
+        self._place_cap()
+
+    def _line_count(self) -> int:
+        block, count = self.document().firstBlock(), 0
+        while block.isValid():
+            count += max(1, block.layout().lineCount())
+            block = block.next()
+        return count
+
+    def _place_cap(self) -> None:
+        cap = self._enter.sizeHint()
+        bottom_px = (self._line_px - cap.height()) // 2
+        self._enter.setGeometry(
+            self.width() - cap.width() - _SIDE_PX, self.height() - cap.height() - bottom_px, cap.width(), cap.height()
+        )
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        super().paintEvent(event)
+        if not self._rest:
+            return
+        painter = QPainter(self.viewport())
+        painter.setFont(self.font())
+        painter.setPen(self._theme.color("dim"))
+        cursor, metrics = self.cursorRect(), QFontMetricsF(self.font())
+        left = cursor.right() + 1
+        rest = metrics.elidedText(self._rest, Qt.TextElideMode.ElideRight, self.viewport().width() - left)
+        painter.drawText(QPointF(left, cursor.top() + metrics.ascent()), rest)
+
+
+_WITH = Qt.KeyboardModifier.ShiftModifier | Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier

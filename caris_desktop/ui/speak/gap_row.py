@@ -1,0 +1,63 @@
+"""Asks in place for what stands in a gap before something is said."""
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
+
+from caris_desktop.conversation.placeholders import NAME, PLACE
+from caris_desktop.live.status import AskedGap
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.enter_field import EnterField
+
+_QUESTIONS = {NAME: "Which name?", PLACE: "Which place?"}
+
+
+class GapRow(QWidget):
+    """A small field; Enter says what was asked for, Esc lets it be."""
+
+    filled = Signal(str)
+    given_up = Signal()
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self.setObjectName("gap_row")
+        self._question = QLabel()
+        self.field = EnterField()
+        self.field.setObjectName("gap_field")
+        self.field.setMaxLength(200)
+        self.field.setMinimumWidth(90)
+        self.field.returnPressed.connect(self._on_return)
+        self._say = ActionButton(theme, "Say it", key="Enter", height_px=30, text_px=tokens.BODY_PX - 1)
+        self._say.clicked.connect(self._on_return)
+        self._leave = ActionButton(theme, "Leave it", key="Esc", height_px=30, text_px=tokens.BODY_PX - 1, look="ghost")
+        self._leave.setObjectName("gap_leave")
+        self._leave.clicked.connect(self.given_up)
+        self._question.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addWidget(self._question)
+        row.addWidget(self.field, 1)
+        row.addWidget(self._say)
+        row.addWidget(self._leave)
+        theme.changed.connect(self._style)
+        self._style()
+        self.hide()
+
+    def ask(self, asked: AskedGap) -> None:
+        self._question.setText(_QUESTIONS.get(asked.gap, f"What is {{{asked.gap}}}?"))
+        self.field.setPlaceholderText(f"for “{words.shortened(asked.text, 60)}”")
+        self.field.setAccessibleName(f"{self._question.text()} It is for “{asked.text}”")
+        self.field.clear()
+        self.show()
+
+    def _on_return(self) -> None:
+        text = " ".join(self.field.text().split())
+        if text:
+            self.filled.emit(text)
+
+    def _style(self) -> None:
+        self._question.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self._theme.color_text(self._question, "amber")

@@ -1,0 +1,111 @@
+"""The phrases that are one key or click away: their groups, and the chips of the group that is chosen."""
+
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.phrases import phrase_groups
+from caris_desktop.ui import tokens
+from caris_desktop.ui.action_rows import PHRASE_COUNT, say_keyed_phrase
+from caris_desktop.ui.actions import Actions, cap_text, keyed_phrases
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.key_cap import KeyCap
+
+_UNTITLED = "General"
+
+
+class PhraseRows(QWidget):
+    """As tall as its width needs."""
+
+    def __init__(self, theme: Theme, console: WizardConsole, actions: Actions) -> None:
+        super().__init__()
+        self._theme = theme
+        self._console = console
+        self._actions = actions
+        groups = phrase_groups(console.scenario.phrases)
+        self._titles = [ActionButton(theme, group.title or _UNTITLED, look="ghost", height_px=28) for group in groups]
+        tabs = self._tabs = QWidget()
+        tabs_row = QHBoxLayout(tabs)
+        tabs_row.setContentsMargins(0, 0, 0, 0)
+        tabs_row.setSpacing(4)
+        for number, title in enumerate(self._titles):
+            title.setCheckable(True)
+            title.setObjectName(f"phrase_group_{number + 1}")
+            title.clicked.connect(lambda _checked=False, number=number: self._choose(number))
+            tabs_row.addWidget(title)
+        tabs_row.addWidget(KeyCap(theme, actions.key_text("next_phrases")))
+        tabs_row.addStretch(1)
+        self._flow = FlowRow(gap_px=6)
+        self._chips: dict[str, ActionButton] = {}
+        for action_id in (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler"):
+            if any(spec.id == action_id for spec in actions.all_specs):
+                chip = ActionButton(theme, key_first=True, height_px=32, may_shrink=True)
+                chip.setObjectName(action_id)
+                chip.bind(actions, action_id)
+                self._flow.add(chip)
+                self._chips[action_id] = chip
+        self._next = ActionButton(theme, key_first=True, look="ghost", height_px=32, may_shrink=True)
+        self._next.setObjectName("next_phrases")
+        self._next.bind(actions, "next_phrases")
+        self._flow.add(self._next)
+        self._keyless = QLabel()
+        self._keyless.setWordWrap(True)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(6)
+        column.addWidget(tabs)
+        column.addWidget(self._flow)
+        column.addWidget(self._keyless)
+        self._tell_keyless()
+        actions.rows_changed.connect(self._refresh)
+        theme.changed.connect(self._style)
+        self._style()
+        self._refresh()
+
+    def set_size(self, *, chip_px: int, text_px: int, gap_px: int, low: bool) -> None:
+        """``low``: there is no room for a line of all groups; the next one stands among the phrases then."""
+        several = len(self._titles) > 1
+        self._tabs.setVisible(several and not low)
+        self._next.setVisible(several and low)
+        self._flow.set_gap(gap_px)
+        for chip in (*self._chips.values(), self._next):
+            chip.set_size(height_px=chip_px, text_px=text_px)
+
+    def height_for(self, width_px: int) -> int:
+        """How tall it is all in all at this width."""
+        others = sum(30 + 6 for there in (self._tabs.isVisibleTo(self), bool(self._keyless.text())) if there)
+        return self._flow.heightForWidth(width_px) + others
+
+    def _choose(self, number: int) -> None:
+        self._console.state.choose_phrases(number)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        chosen = self._console.state.phrase_group.value
+        for number, title in enumerate(self._titles):
+            title.setChecked(number == chosen)
+        if self._titles:
+            self._next.set_label(f"{self._titles[(chosen + 1) % len(self._titles)].text()} …")
+        for action_id, chip in self._chips.items():
+            spec = self._actions.spec(action_id)
+            chip.setVisible(spec is not None)
+            if spec is not None:
+                chip.set_label(spec.text)
+                chip.setToolTip(spec.text)
+                chip.set_key(self._actions.key_text(action_id))
+        self._flow.updateGeometry()
+
+    def _tell_keyless(self) -> None:
+        """A key that does something else goes on doing that."""
+        bound = {spec.argument for spec in self._actions.all_specs if spec.intent is say_keyed_phrase}
+        keyless = [phrase for phrase in keyed_phrases(self._console.scenario) if phrase not in bound]
+        told = [
+            f"{cap_text(phrase.key)} does something else already: “{phrase.say}” is without it." for phrase in keyless
+        ]
+        self._keyless.setText(" ".join(told))
+        self._keyless.setVisible(bool(told))
+
+    def _style(self) -> None:
+        self._keyless.setFont(self._theme.font(tokens.STATUS_PX))
+        self._theme.color_text(self._keyless, "amber")

@@ -1,0 +1,289 @@
+"""What is said next, in its order: changed by mouse or by keys alone."""
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QFocusEvent, QKeyEvent, QKeySequence, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtWidgets import QApplication, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.person_marks import mark_of
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import tokens, words
+from caris_desktop.ui.action_rows import QUEUE_GROUP
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.key_choices import normalized
+from caris_desktop.ui.people.shown_people import name_of
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.key_cap import KeyCap
+
+ROW_PX = 30
+
+
+class QueueList(QWidget):
+    """One row for each utterance that waits. With the focus it has the keys of the rows ``within`` the queue."""
+
+    left_over = Signal(str)  # what was written in the place of something that is being said already
+    emptied = Signal()  # the last one went while the focus was here
+    row_chosen = Signal(QWidget)
+
+    def __init__(self, theme: Theme, console: WizardConsole, actions: Actions) -> None:
+        super().__init__()
+        self._theme = theme
+        self._console = console
+        self._actions = actions
+        self._rows: dict[str, _QueueRow] = {}
+        self._chosen = ""
+        self.setObjectName("speak_queue")
+        self.setAccessibleName("What is said next")
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self._column = QVBoxLayout(self)
+        self._column.setContentsMargins(0, 0, 0, 0)
+        self._column.setSpacing(0)
+        actions.answer_for(QUEUE_GROUP, self)
+        self.setVisible(False)
+
+    @property
+    def count(self) -> int:
+        return len(self._rows)
+
+    @property
+    def texts(self) -> list[str]:
+        """As they are shown, in their order."""
+        return [row.label.text() for row in self._rows.values()]
+
+    def show_waiting(self, waiting: tuple[UtteranceChanged, ...]) -> None:
+        before, focused = self._rows, QApplication.focusWidget()
+        had_focus = focused is not None and (focused is self or self.isAncestorOf(focused))
+        self._rows = {}
+        for utterance in waiting:
+            row = before.pop(utterance.utterance_id, None) or self._new_row(utterance.utterance_id)
+            self._rows[utterance.utterance_id] = row
+        for row in before.values():
+            self._column.removeWidget(row)
+            if row.changed_text:
+                self.left_over.emit(row.changed_text)
+            row.hide()
+            row.deleteLater()
+        for number, utterance in enumerate(waiting, start=1):
+            row = self._rows[utterance.utterance_id]
+            self._column.insertWidget(number - 1, row)
+            row.show()  # at once, so that keys work in it
+            spoken = words.with_names(utterance.text, lambda person_id: name_of(self._console, person_id))
+            row.show_utterance(number, len(waiting), spoken, utterance)
+        if self._chosen not in self._rows:
+            self._choose(next(iter(self._rows), ""))
+        else:
+            self._choose(self._chosen)
+        self.setVisible(bool(waiting))
+        if had_focus and not waiting:
+            self.emptied.emit()
+
+    def _new_row(self, utterance_id: str) -> "_QueueRow":
+        row = _QueueRow(self._theme, self._actions.key_text("focus_queue"))
+        row.wanted.connect(lambda act: self._act_on(utterance_id, act))
+        row.written.connect(lambda text: self._change(utterance_id, text))
+        row.pressed.connect(lambda: self._choose(utterance_id))
+        row.given_up.connect(lambda: self.setFocus(Qt.FocusReason.OtherFocusReason))
+        return row
+
+    def _act_on(self, utterance_id: str, act: str) -> None:
+        self._choose(utterance_id)
+        getattr(self, act)()
+
+    def _change(self, utterance_id: str, text: str) -> None:
+        if self._console.do(intents.EditQueued(utterance_id, text)):
+            self.left_over.emit(text)
+
+    def give_up_edit(self) -> None:
+        """What is being written in the place of something is not wanted after all."""
+        for row in self._rows.values():
+            row.end_edit()
+
+    # ---- what the rows of the table call
+
+    def go_up(self) -> None:
+        self._go(-1)
+
+    def go_down(self) -> None:
+        self._go(1)
+
+    def move_earlier(self) -> None:
+        self._move(-1)
+
+    def move_later(self) -> None:
+        self._move(1)
+
+    def edit(self) -> None:
+        row = self._rows.get(self._chosen)
+        if row is not None:
+            row.begin_edit()
+
+    def cancel(self) -> None:
+        chosen, ids = self._chosen, list(self._rows)
+        if chosen in self._rows:
+            at = ids.index(chosen)
+            self._chosen = (ids[at + 1 :] + ids[:at][-1:] or [""])[0]
+            self._console.do(intents.CancelQueued(chosen))
+
+    def _go(self, step: int) -> None:
+        ids = list(self._rows)
+        if ids:
+            at = ids.index(self._chosen) if self._chosen in ids else 0
+            self._choose(ids[min(max(0, at + step), len(ids) - 1)])
+
+    def _move(self, step: int) -> None:
+        ids = list(self._rows)
+        if self._chosen in ids:
+            place = ids.index(self._chosen) + step
+            if 0 <= place < len(ids):
+                self._console.do(intents.MoveQueued(self._chosen, place))
+
+    def _choose(self, utterance_id: str) -> None:
+        self._chosen = utterance_id
+        for each, row in self._rows.items():
+            row.set_chosen(each == utterance_id and self.hasFocus())
+        if utterance_id in self._rows and self.hasFocus():
+            self.row_chosen.emit(self._rows[utterance_id])
+
+    # ---- keys
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        pressed = _spelled(event)
+        rows = self._actions.listening_in("queue")
+        row = next((row for row in rows if pressed in map(normalized, row.keys)), None)
+        if row is not None:
+            getattr(self, row.callback)()
+        else:
+            super().keyPressEvent(event)
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        super().focusInEvent(event)
+        self._choose(self._chosen)
+        self._actions.set_condition("in_queue", holds=True)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        super().focusOutEvent(event)
+        self._choose(self._chosen)
+        self._actions.set_condition("in_queue", holds=False)
+
+
+def _spelled(event: QKeyEvent) -> str:
+    combination = event.keyCombination()
+    bare = combination.keyboardModifiers() & ~Qt.KeyboardModifier.KeypadModifier
+    return QKeySequence(bare.value | int(combination.key())).toString(QKeySequence.SequenceFormat.PortableText)
+
+
+class _QueueRow(QWidget):
+    """Its number, what is said, and what can be done about it."""
+
+    wanted = Signal(str)
+    written = Signal(str)
+    given_up = Signal()
+    pressed = Signal()
+
+    def __init__(self, theme: Theme, key_text: str) -> None:
+        super().__init__()
+        self._theme = theme
+        self._key_text = key_text
+        self._key = KeyCap(theme, key_text)
+        self._chosen = False
+        self._template = ""
+        self.setFixedHeight(ROW_PX)
+        self._number = QLabel()
+        self.label = CutLabel()
+        self._editor = EnterField()
+        self._editor.setObjectName("queue_editor")
+        self._editor.setAccessibleName("What is said instead")
+        self._editor.setMaxLength(1000)
+        self._editor.hide()
+        self._editor.returnPressed.connect(self._on_return)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(6, 0, 2, 0)
+        row.setSpacing(4)
+        row.addWidget(self._number)
+        row.addSpacing(4)
+        row.addWidget(self.label, 1)
+        row.addWidget(self._editor, 1)
+        row.addWidget(self._key)
+        self._movers: list[ActionButton] = []
+        for act, icon, tip in (
+            ("move_earlier", "arrow-up", "Say it earlier"), ("move_later", "arrow-down", "Say it later"),
+            ("edit", "pencil-simple", "Say it differently"), ("cancel", "x", "Do not say it"),
+        ):  # fmt: skip
+            button = ActionButton(theme, icon=icon, look="ghost", height_px=26)
+            button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            button.setObjectName(f"queue_{act}")
+            button.setToolTip(tip)
+            button.setAccessibleName(tip)
+            button.clicked.connect(lambda _checked=False, act=act: self.wanted.emit(act))
+            row.addWidget(button)
+            if act.startswith("move"):
+                self._movers.append(button)
+        theme.changed.connect(self._style)
+        self._style()
+
+    @property
+    def changed_text(self) -> str:
+        """What is written here and not said yet; empty where nothing is."""
+        text = " ".join(self._editor.text().split())
+        return text if self._editor.isVisible() and text != self._template else ""
+
+    def show_utterance(self, number: int, count: int, spoken: str, utterance: UtteranceChanged) -> None:
+        self._number.setText("Next" if count == 1 else f"{number} of {count}")
+        self._key.setVisible(number == 1 and bool(self._key_text))
+        self.label.setText(f"“{spoken}”")
+        # To be filled in anew with what is so by then.
+        self._template = utterance.text.replace(mark_of(utterance.person_id), "{name}")
+        for button in self._movers:
+            button.setVisible(count > 1)
+
+    def set_chosen(self, chosen: bool) -> None:
+        if chosen != self._chosen:
+            self._chosen = chosen
+            self.update()
+
+    def begin_edit(self) -> None:
+        self._editor.setText(self._template)
+        self.label.hide()
+        self._editor.show()
+        self._editor.setFocus(Qt.FocusReason.OtherFocusReason)
+        self._editor.selectAll()
+
+    def end_edit(self) -> None:
+        if self._editor.isVisible():
+            had_focus = self._editor.hasFocus()
+            self._editor.hide()
+            self.label.show()
+            if had_focus:
+                self.given_up.emit()
+
+    def _on_return(self) -> None:
+        text = " ".join(self._editor.text().split())
+        self.end_edit()
+        if text != self._template:
+            self.written.emit(text)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self.pressed.emit()
+        event.ignore()
+
+    def mouseDoubleClickEvent(self, _event: QMouseEvent) -> None:
+        self.wanted.emit("edit")
+
+    def _style(self) -> None:
+        for label in (self._number, self.label):
+            label.setFont(self._theme.font(tokens.STATUS_PX + 1))
+            self._theme.color_text(label, "dim")
+        self._editor.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        if self._chosen:
+            painter = QPainter(self)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            painter.setPen(self._theme.color("blue"))
+            painter.setBrush(self._theme.color("blue_soft"))
+            painter.drawRoundedRect(self.rect().adjusted(0, 1, -1, -2), 6, 6)

@@ -1,0 +1,54 @@
+"""What can be chosen of the voice: who speaks, with which voice, how fast and how loud."""
+
+from dataclasses import dataclass
+
+from caris_desktop.domain.events import VoiceOutput
+from caris_desktop.domain.intents import SetVoice
+from caris_desktop.live.status import VoiceStatus
+
+_OUTPUTS: tuple[tuple[VoiceOutput, str], ...] = (
+    ("robot", "The robot speaks"), ("computer", "This computer speaks"), ("both", "Both speak at once"),
+)  # fmt: skip
+_RATES = ((0.75, "Slowly"), (1.0, "At usual speed"), (1.25, "Quickly"), (1.5, "Very quickly"))
+_VOLUMES = ((0.25, "Quietly"), (0.5, "At half volume"), (1.0, "At full volume"))
+
+
+@dataclass(frozen=True, slots=True)
+class VoiceChoice:
+    """One line of the menu. ``chosen``: it is so now."""
+
+    text: str
+    chosen: bool
+    intent: SetVoice
+
+
+def voice_choices(voice: VoiceStatus) -> list[list[VoiceChoice]]:
+    """Group by group; of this computer's voice only where it speaks."""
+
+    def choice(text: str, *, chosen: bool, **changes: object) -> VoiceChoice:
+        now: dict[str, object] = {
+            "output": voice.output, "name": voice.name, "language": voice.language, "rate": voice.rate,
+            "volume": voice.volume,
+        }  # fmt: skip
+        return VoiceChoice(text, chosen, SetVoice(**{**now, **changes}))  # type: ignore[arg-type]
+
+    groups = [[choice(text, chosen=voice.output == output, output=output) for output, text in _OUTPUTS]]
+    if voice.output == "robot":
+        return groups
+    groups.append(
+        [
+            choice(
+                f"{_title(name)} · {language}", chosen=name in (voice.name, voice.used), name=name, language=language
+            )
+            for name, language in voice.choices
+        ]
+    )
+    groups.append([choice(text, chosen=voice.rate == rate, rate=rate) for rate, text in _RATES])
+    groups.append([choice(text, chosen=voice.volume == volume, volume=volume) for volume, text in _VOLUMES])
+    return [group for group in groups if group]
+
+
+def _title(name: str) -> str:
+    """``piper:en_US-joe`` reads ``joe``, ``espeak:german`` reads ``german (eSpeak)``."""
+    engine, _, voice = name.partition(":")
+    return f"{voice} (eSpeak)" if engine == "espeak" else voice

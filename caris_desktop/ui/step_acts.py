@@ -1,0 +1,70 @@
+"""What keys ask for about the protocol, as rows of the table of actions."""
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.intents import Intent
+from caris_desktop.live.state import LiveState
+from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.phrases import Phrase, phrase_groups
+from caris_desktop.scenario.protocol import Branch, ProtocolStep, step_named
+from caris_desktop.ui.action_spec import ActionSpec
+
+
+def present_step(scenario: Scenario, state: LiveState) -> ProtocolStep | None:
+    """The step that is under way, as the scenario has it."""
+    step_id = state.protocol.value.step_id
+    return step_named(scenario.protocol.steps, step_id) if step_id else None
+
+
+def target_of(scenario: Scenario, branch: Branch) -> ProtocolStep:
+    """The step that a branch leads to."""
+    target = step_named(scenario.protocol.steps, branch.to)
+    if target is None:
+        raise ValueError(f"no scenario with a branch to nowhere is opened: {branch.to}")
+    return target
+
+
+def say_step(scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
+    """The sentence of the present step, with what goes along with it where it is one of the phrases."""
+    step = present_step(scenario, state)
+    if step is None or not step.say:
+        return None
+    phrases = (phrase for group in phrase_groups(scenario.phrases) for phrase in group.phrases)
+    phrase = next((phrase for phrase in phrases if phrase.say == step.say), Phrase(step.say))
+    return intents.Say(step.say, "phrase", gesture=phrase.gesture, face=phrase.face)
+
+
+def go_to_step_place(scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
+    step = present_step(scenario, state)
+    return intents.GoToPlace(step.go_to) if step is not None and step.go_to else None
+
+
+PROTOCOL_ACTIONS: tuple[ActionSpec, ...] = (
+    ActionSpec(
+        "next_step", "Next step", "arrow-right", ("Ctrl+PgDown",), ("PgDown",), enabled_when="step_ahead",
+        intent=intents.NextStep(), group="Protocol",
+    ),
+    ActionSpec(
+        "branch", "The participant does something else", "git-branch", ("Ctrl+B",), ("B",),
+        enabled_when="step_branches", callback="choose_branch", group="Protocol",
+    ),
+    ActionSpec(
+        "previous_step", "Back to the step before", "arrow-left", ("Ctrl+PgUp",), ("PgUp",), enabled_when="step_back",
+        intent=intents.PreviousStep(), group="Protocol",
+    ),
+    ActionSpec(
+        "skip_step", "Skip this step", "skip-forward", ("Ctrl+Shift+PgDown",), ("Shift+PgDown",), enabled_when="step",
+        intent=intents.SkipStep(), group="Protocol",
+    ),
+    ActionSpec(
+        "say_step", "Say what belongs to this step", "chat-text", ("F11",), permission="speech",
+        enabled_when="step_says", intent=say_step, group="Protocol",
+    ),
+    ActionSpec(
+        "go_to_step_place", "Go to the place of this step", "flag", ("Alt+0",), ("0",), "driving",
+        enabled_when="step_goes", intent=go_to_step_place, group="Protocol", by_position=True,
+    ),
+    ActionSpec(
+        "all_steps", "All steps of the protocol", "list-numbers", ("Ctrl+Shift+PgUp",), callback="show_steps",
+        group="Protocol",
+    ),
+)  # fmt: skip

@@ -1,0 +1,45 @@
+"""A button that is held while the wizard speaks through the robot, as its key is."""
+
+from PySide6.QtGui import QHideEvent
+
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import MicrophoneStatus, SoundStatus
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+TALK = "push_to_talk"
+"""The row of the table without which there is no such button."""
+
+
+class TalkButton(ActionButton):
+    """Blue while the participant hears, amber until then."""
+
+    def __init__(self, theme: Theme, actions: Actions, hold: HoldToDrive, state: LiveState) -> None:
+        super().__init__(theme, "Talk", icon="microphone", height_px=30, may_lose_words=True)
+        self.setObjectName("talk_button")
+        self.setToolTip("Hold it and speak: your own voice comes out of the robot")
+        self._actions = actions
+        self._hold = hold
+        self._state = state
+        self.pressed.connect(lambda: hold.mark_pressed.emit(TALK))
+        self.released.connect(lambda: hold.mark_released.emit(TALK))
+        actions.keys_changed.connect(self._show_key)
+        for value in (state.sound, state.wizard_microphone):
+            value.changed.connect(self._show)
+        self._show_key()
+        self._show()
+
+    def _show_key(self) -> None:
+        self.set_key(self._actions.key_text(TALK))
+
+    def _show(self, _value: object = None) -> None:
+        sound: SoundStatus = self._state.sound.value
+        microphone: MicrophoneStatus = self._state.wizard_microphone.value
+        talks = sound.talking == "robot"
+        self.set_label("Talk", look="plain" if not talks else "primary" if microphone.state == "on" else "amber")
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        self._hold.mark_released.emit(TALK)
+        super().hideEvent(event)

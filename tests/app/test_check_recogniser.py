@@ -1,0 +1,36 @@
+"""What ``caris-desktop check`` says of turning speech into text: the same as a session would."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.app import composition
+from caris_desktop.app.check_command import recogniser_finding
+from caris_desktop.scenario.listening import ListeningSettings
+from caris_desktop.scenario.model import Scenario
+
+
+@pytest.fixture
+def shipped() -> Scenario:
+    return composition.find_scenario("mental-health-check")
+
+
+def test_a_model_beside_the_scenario_is_found_and_a_missing_one_is_told(shipped: Scenario, tmp_path: Path) -> None:
+    named = replace(shipped, path=tmp_path / "mine.yaml", listening=ListeningSettings(model="small"))
+    missing = recogniser_finding(named)
+    assert not missing.ok
+    assert "no faster-whisper model" in missing.text
+    (tmp_path / "small").mkdir()
+    (tmp_path / "small" / "model.bin").write_bytes(b"weights")
+    found = recogniser_finding(named)
+    assert (found.ok, found.text) == (True, str(tmp_path / "small"))
+
+
+def test_a_server_that_may_not_be_used_is_told(shipped: Scenario) -> None:
+    listening = ListeningSettings(engine="server", model="whisper-1", server="https://lab.example.org/v1")
+    refused = recogniser_finding(replace(shipped, listening=listening))
+    assert not refused.ok
+    assert "not on this computer" in refused.text
+    here = replace(listening, server="http://127.0.0.1:9/v1")
+    assert recogniser_finding(replace(shipped, listening=here)).text == "whisper-1 at 127.0.0.1:9"

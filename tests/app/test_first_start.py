@@ -1,0 +1,60 @@
+"""What somebody sees who starts the program for the first time."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import QSettings
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.app.console_command import ConsoleRun, default_arguments
+from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.ui.first_use.first_use import SET_UP_KEY
+from caris_desktop.ui.first_use.set_up_page import SetUpPage
+
+Start = Callable[..., ConsoleRun]
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> QSettings:
+    return QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
+
+
+@pytest.fixture
+def start(qtbot: QtBot, tmp_path: Path, settings: QSettings) -> Iterator[Start]:
+    """The window is shown; what runs beside it is not started."""
+    runs: list[ConsoleRun] = []
+
+    def start(**arguments: Any) -> ConsoleRun:
+        run = ConsoleRun(default_arguments(study=tmp_path / "study", **arguments), settings=settings)
+        runs.append(run)
+        qtbot.addWidget(run.window)
+        run.window.show()
+        run.begin_first_use()
+        return run
+
+    yield start
+    for run in runs:
+        run.close()
+
+
+def test_the_page_comes_and_its_first_choice_starts_the_simulated_robot(
+    start: Start, settings: QSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[DemoRobot] = []
+    monkeypatch.setattr(DemoRobot, "start", lambda robot: started.append(robot))
+    run = start()
+    page = run.window.findChild(SetUpPage)
+    assert page is not None and page.isVisible()
+    page.simulated_wanted.emit()
+    assert started == [run.demo_robot]
+    assert run.window.first_use.hint.isVisible()
+    page.close_overlay()
+    assert settings.value(SET_UP_KEY) == "skipped"
+
+
+def test_no_page_stands_in_the_way_of_a_demonstration(start: Start) -> None:
+    run = start(demo=True)
+    assert run.window.findChild(SetUpPage) is None
+    assert run.window.first_use.hint.isVisible()

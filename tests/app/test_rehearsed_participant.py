@@ -1,0 +1,25 @@
+"""Whoever a rehearsal has speak before the simulated robot is heard each time."""
+
+from caris_desktop.app.rehearsed_participant import RehearsedParticipant
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import SimulatedRobot
+
+SENTENCES = ["Hello.", "Yes.", "Goodbye."]
+
+
+def test_nothing_of_what_they_are_told_to_say_is_lost() -> None:
+    thread = AsyncioThread()
+    try:
+        with SimulatedRobot("--empty") as robot:
+            participant = RehearsedParticipant(thread, lambda: robot.address)
+            participant.prepare(SENTENCES)
+            for sentence in SENTENCES:
+                participant.say(sentence)
+
+            def said() -> list[str]:
+                return [each["text"] for each in robot.state()["sound"]["said"]]
+
+            wait_for(lambda: sorted(said()) == sorted(SENTENCES), "every sentence", timeout_s=110.0)
+    finally:
+        thread.stop()

@@ -1,0 +1,75 @@
+"""Handing a scenario on: with the user's own robot and face, without secrets, and into the user's own folders."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.app import composition
+from caris_desktop.app.scenario_bundles import import_scenario, share_scenario
+from caris_desktop.conversation.face.file import load_face, save_face
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.robot.profile import load_profile, save_profile, user_robots_dir
+from caris_desktop.scenario.bundle import read_bundle, write_bundle
+from caris_desktop.scenario.file import load_scenario, save_scenario
+from caris_desktop.scenario.library import list_scenarios, user_scenarios_dir
+
+
+@pytest.fixture(autouse=True)
+def somebodys_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "sender"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "sender"))
+
+
+def test_who_gets_it_has_the_same_scenario_robot_and_face(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    profile = replace(load_profile("simulated"), title="Ours", address="wss://robot.example:9090")
+    save_profile(profile, user_robots_dir() / "ours.yaml")
+    save_face(replace(load_face("calm"), name="round", title="Round"))
+    tour = load_scenario(layouts_dir() / "tour-guide.yaml")
+    sent = save_scenario(
+        replace(tour, title="Visit", robot="ours", face=replace(tour.face, face="round"), path=None),
+        user_scenarios_dir() / "visit.yaml",
+    )
+    share_scenario(sent, tmp_path / "visit.caris")
+    inside = read_bundle(tmp_path / "visit.caris")
+    assert [(part.kind, part.name) for part in inside.beside] == [("robot", "ours"), ("face", "round")]
+    assert str(tmp_path) not in inside.scenario.text, "nothing tells where it lay on that computer"
+
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "receiver"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "receiver"))
+    path, renamed = import_scenario(tmp_path / "visit.caris")
+    assert renamed == ""
+    got = load_scenario(path)
+    assert (got.title, got.protocol, got.phrases) == ("Visit", sent.protocol, sent.phrases)
+    assert load_profile(got.robot).title == "Ours" and load_face(got.face.face).title == "Round"
+    assert path in [choice.path for choice in list_scenarios()]
+
+
+def test_a_shipped_scenario_that_was_changed_does_not_hide_the_shipped_one(tmp_path: Path) -> None:
+    tour = composition.find_scenario("tour-guide")
+    share_scenario(tour, tmp_path / "same.caris")
+    assert import_scenario(tmp_path / "same.caris") == (tour.path, ""), "it is here already"
+    assert list_own() == []
+    changed = save_scenario(replace(tour, title="My tour"), tmp_path / "tour-guide.yaml")
+    share_scenario(changed, tmp_path / "tour.caris")
+    path, renamed = import_scenario(tmp_path / "tour.caris")
+    assert (path.stem, renamed) == ("tour-guide-2", "tour-guide → tour-guide-2")
+    assert composition.find_scenario("tour-guide").title == "Tour guide"
+
+
+def list_own() -> list[Path]:
+    return sorted(user_scenarios_dir().glob("*.yaml")) if user_scenarios_dir().is_dir() else []
+
+
+def test_a_robot_in_it_that_cannot_be_is_told_and_nothing_is_kept(tmp_path: Path) -> None:
+    save_profile(load_profile("simulated"), user_robots_dir() / "ours.yaml")
+    tour = replace(composition.find_scenario("tour-guide"), robot="ours")
+    share_scenario(tour, tmp_path / "tour.caris")
+    inside = read_bundle(tmp_path / "tour.caris")
+    broken = replace(inside, beside=(replace(inside.beside[0], text="title: Ours\nros: 7\n"),))
+    write_bundle(broken, tmp_path / "broken.caris")
+    with pytest.raises(ToldFailure) as told:
+        import_scenario(tmp_path / "broken.caris")
+    assert "broken.caris, robot/ours.yaml, line " in told.value.meaning
+    assert list_own() == []

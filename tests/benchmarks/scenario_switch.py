@@ -1,0 +1,81 @@
+"""How long a switch between the shipped scenarios takes while everything runs, and what it costs meanwhile.
+
+The real console in a real window on the simulated robot, recording. A switch is over when the panels of the next
+scenario are arranged and painted. Beside it: the longest that the GUI thread stood still in each, how long the services
+took to follow (that is when the next scenario's permissions hold), whether link and recording went on, and whether a
+frame is missing in the sequence that the link gave. What the GUI thread computed is told beside the time that passed:
+on a machine with other work it is what a quiet one would take. Prints one JSON object.
+"""
+
+import argparse
+import itertools
+import json
+import time
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.shipped import layouts_dir
+from tests.benchmarks.console_under_load import ConsoleUnderLoad
+from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles
+from tests.benchmarks.ui_stalls import LatenessMeter
+
+PATHS = [
+    layouts_dir() / f"{name}.yaml" for name in ("mental-health-check", "reception", "tour-guide", "practice", "blank")
+]
+
+
+def measure(rounds: int) -> dict[str, object]:
+    load = ConsoleUnderLoad()
+    console, window, state = load.console, load.window, load.state
+    frames: list[int] = []
+    console._bus.tap(lambda frame, _raw: frames.append(frame.sequence), (FrameRef,))
+    link, recorder = console.child_pids["control"], console.child_pids["recorder"]
+    load.let_qt_run(5.0)  # what is imported late is there by then
+    meter = LatenessMeter()
+    took_ms, computed_ms, slices_ms, followed_ms = [], [], [], []
+    apply = console._apply
+
+    def timed(scenario: object) -> None:
+        began_s = time.thread_time()
+        apply(scenario)  # type: ignore[arg-type]
+        followed_ms.append((time.thread_time() - began_s) * 1e3)
+
+    console._scenario._apply = timed
+    for number in range(rounds * len(PATHS)):
+        path = PATHS[number % len(PATHS)]
+        meter.late_ms.clear()
+        began_s, began_computing_s = time.perf_counter(), time.thread_time()
+        console.do(intents.OpenScenario(path))
+        load.wait_for(
+            lambda path=path: console.scenario.path == path and not window.board.building,
+            "the next scenario",
+            30.0,
+        )
+        took_ms.append((time.perf_counter() - began_s) * 1e3)
+        computed_ms.append((time.thread_time() - began_computing_s) * 1e3)
+        load.let_qt_run(0.3)
+        slices_ms.append(max(meter.late_ms))
+        load.let_qt_run(0.5)
+    report = {
+        "benchmark": "scenario_switch",
+        "switches": len(took_ms),
+        "complete_ms": percentiles(took_ms),
+        "gui_thread_computed_ms": percentiles(computed_ms),
+        "longest_slice_ms": percentiles(slices_ms),
+        "services_computed_ms": percentiles(followed_ms),
+        "same_link": console.child_pids["control"] == link,
+        "same_recorder": console.child_pids["recorder"] == recorder,
+        "recording": state.recording.value.state,
+        "frames": len(frames),
+        "frames_missing": sum(after - before - 1 for before, after in itertools.pairwise(frames)),
+    }
+    load.close()
+    return report
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=4)
+    arguments = parser.parse_args()
+    on_a_screen()
+    print(json.dumps(measure(arguments.rounds)))

@@ -1,0 +1,223 @@
+"""Whether somebody has finished: cut-offs and dead air, of silence alone and of the console's way, on the same turns.
+
+``python -m tests.benchmarks.turn_taking [--turns N] [--seed S]`` prints one JSON object. Its turns have pauses of 0.1
+to 1.5 s in them, between clauses and in the middle of them, by somebody who pauses briefly and by somebody who takes
+their time. The console's own recogniser hears them in the time
+of their sound; what its networks take to compute is added to that. A cut-off is a turn that is ended in one of its
+pauses; dead air is from the end of the voice until the end of the turn is known, of those that were not.
+``silence_alone_at_same_dead_air`` is the silence that would keep one waiting for just as long, and what it cuts off.
+
+Of the words: the moment when the last one is committed, or the turn is finished, after the end of the voice, and the
+word error rate against what was to be said. The network for the ends of turns was trained on people: voices of this
+computer have little of the melody that it listens for, so that it does better with real ones.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import jiwer
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.listening.ear import Ear
+from caris_desktop.conversation.listening.echo import EchoCanceller
+from caris_desktop.conversation.listening.engine import HeardText
+from caris_desktop.conversation.listening.heard_turn import Stretch
+from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
+from caris_desktop.conversation.listening.local_engine import LocalEngine
+from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.turn_model import TurnModel
+from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
+from caris_desktop.conversation.listening.voice_activity import VoiceActivity
+from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound import ROBOT_MICROPHONE, Hearing
+from tests.benchmarks.made_turns import RATE_HZ, SENTENCES, MadeTurn, made_turn
+
+_CHUNK = RATE_HZ // 20
+_SILENCES_S = (0.3, 0.6)
+_HABITS = {"brief": (0.1, 0.7), "slow": (0.1, 1.5)}
+_TOLERANCE_S = 0.15
+
+
+@dataclass(slots=True)
+class Kept:
+    """Of a way to end turns: how many pauses and turns it cut off, and how long it was silent after the others."""
+
+    pauses: int = 0
+    cut_pauses: int = 0
+    turns: int = 0
+    cut_turns: int = 0
+    dead_air_s: list[float] = field(default_factory=list)
+
+    def add(self, turn: MadeTurn, ends: list[tuple[float, float]]) -> None:
+        """``ends`` are where the voice had ended and when the end was known, seconds of the turn."""
+        cut = sum(any(abs(voice_s - pause.from_s) < _TOLERANCE_S for voice_s, _ in ends) for pause in turn.pauses)
+        self.pauses += len(turn.pauses)
+        self.cut_pauses += cut
+        self.turns += 1
+        self.cut_turns += bool(cut)
+        self.dead_air_s += [
+            known_s - turn.ended_s for voice_s, known_s in ends if voice_s > turn.ended_s - _TOLERANCE_S
+        ]
+
+    def told(self) -> dict[str, float]:
+        return {
+            "turns_cut_off_percent": round(100 * self.cut_turns / self.turns, 1),
+            "pauses_cut_off_percent": round(100 * self.cut_pauses / self.pauses, 1),
+            "dead_air_mean_s": round(float(np.mean(self.dead_air_s)), 3),
+            "dead_air_p95_s": round(float(np.quantile(self.dead_air_s, 0.95)), 3),
+        }
+
+
+class Participant:
+    """Somebody at the robot's microphone, heard turn after turn by one ear, which gets to know them."""
+
+    def __init__(self, engine: LocalEngine, turn_model: TurnModel) -> None:
+        self._engine = engine
+        self._turn_model = turn_model
+        self._silence = SilenceOfPeople()
+        self._now_s = 0.0
+        self.ends: list[tuple[float, float]] = []
+        self.committed_s = 0.0
+        self._committed = ""
+        self.texts: list[str] = []
+
+    def hear(self, turn: MadeTurn) -> None:
+        """The whole turn, with whatever comes after it."""
+        self.ends, self.texts, self.committed_s = [], [], 0.0
+        self._now_s = 0.0
+        ear = Ear(
+            ROBOT_MICROPHONE,
+            TurnTaking(self._silence, SilenceBounds()),
+            VoiceActivity(),
+            canceller=EchoCanceller(),
+            own_words=OwnWords(),
+            turn_over=self._judge,
+            tell=self._on_told,
+        )
+        coming: tuple[float, Stretch, HeardText] | None = None
+        for at in range(0, len(turn.sound), _CHUNK):
+            # The sound of a chunk is there when its last sample is.
+            self._now_s = max(self._now_s, (at + _CHUNK) / RATE_HZ)
+            if coming is not None and self._now_s >= coming[0]:
+                _, stretch, text = coming
+                coming = None
+                ear.take(stretch, text)
+            sound = turn.sound[at : at + _CHUNK, np.newaxis]
+            ear.hear(AudioChunk(1 + round(at * 1e9 / RATE_HZ), ROBOT_MICROPHONE, RATE_HZ, sound))
+            wanted = ear.wanted(self._engine.every_s) if coming is None else None
+            if wanted is not None:
+                began_s = time.process_time()
+                text = self._engine.transcribe(wanted.sound, wanted.before, careful=wanted.at_pause)
+                coming = self._now_s + time.process_time() - began_s, wanted, text
+            ear.judge()
+
+    def _judge(self, sound: NDArray[np.float32]) -> float:
+        began_s = time.process_time()
+        over = self._turn_model.turn_over(sound)
+        self._now_s += time.process_time() - began_s
+        return over
+
+    def _on_told(self, told: Hearing | UtteranceChanged) -> None:
+        match told:
+            case UtteranceChanged(state="finished", stamp_ns=stamp_ns, text=text):
+                self.ends.append((stamp_ns / 1e9, self._now_s))
+                self.texts.append(text)
+                self._commit(text)
+            case Hearing(committed=words):
+                self._commit(words)
+
+    def _commit(self, words: str) -> None:
+        if words and words != self._committed:
+            self._committed, self.committed_s = words, self._now_s
+
+
+def silence_alone(turn: MadeTurn, silences_s: tuple[float, ...]) -> dict[float, list[tuple[float, float]]]:
+    """For each silence the ends that it makes, by the same voice activity."""
+    ends: dict[float, list[tuple[float, float]]] = {}
+    sound = turn.sound.astype(np.float32) / 32768
+    for silence_s in silences_s:
+        turns = TurnTaking(SilenceOfPeople(), SilenceBounds(silence_s, silence_s))
+        voices = VoiceActivity()
+        made = ends.setdefault(silence_s, [])
+        for at in range(0, len(sound) - 511, 512):
+            change = turns.hear(at * 1_000_000_000 // RATE_HZ, 32_000_000, voices.probability(sound[at : at + 512]))
+            if change == "over":
+                made.append((turns.voice_ended_ns / 1e9, (at + 512) / RATE_HZ))
+    return ends
+
+
+def made_turns(turns: int, seed: int, voice: str) -> Iterator[tuple[str, list[MadeTurn]]]:
+    """Of each participant their turns."""
+    for habit, (shortest_s, longest_s) in _HABITS.items():
+        chance = np.random.default_rng((seed, len(habit)))
+        sentences = map(str, chance.permutation(SENTENCES)[:turns])
+        yield habit, [made_turn(each, voice, chance, shortest_s=shortest_s, longest_s=longest_s) for each in sentences]
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--turns", type=int, default=len(SENTENCES), help="of each of the two participants")
+    options.add_argument("--voice", default="joe", help="Piper's joe, or one of espeak-ng, such as en-gb")
+    options.add_argument("--seed", type=int, default=11)
+    given = options.parse_args()
+    engine, turn_model = LocalEngine(RecogniserSettings()), TurnModel.find()
+    if turn_model is None:
+        raise SystemExit("the network for the ends of turns is not installed (packaging/setup.sh)")
+    ours, alone = Kept(), {silence_s: Kept() for silence_s in _SILENCES_S}
+    each: dict[str, dict[str, float]] = {}
+    everything: list[MadeTurn] = []
+    said: list[str] = []
+    heard: list[str] = []
+    committed_s: list[float] = []
+    ended_off_s: list[float] = []
+    for name, turns in made_turns(given.turns, given.seed, given.voice):
+        participant, own = Participant(engine, turn_model), Kept()
+        for turn in turns:
+            participant.hear(turn)
+            for kept in (ours, own):
+                kept.add(turn, participant.ends)
+            for silence_s, ends in silence_alone(turn, _SILENCES_S).items():
+                alone[silence_s].add(turn, ends)
+            said.append(_plain(turn.text))
+            heard.append(_plain(" ".join(participant.texts)))
+            committed_s.append(participant.committed_s - turn.ended_s)
+            ended_off_s += [voice_s - turn.ended_s for voice_s, _ in participant.ends[-1:]]
+        each[name] = own.told()
+        everything += turns
+    dead_air_s = float(np.mean(ours.dead_air_s))
+    same = Kept()
+    overhead_s = float(np.mean(alone[0.6].dead_air_s)) - 0.6
+    for turn in everything:
+        same.add(turn, silence_alone(turn, (dead_air_s - overhead_s,)).popitem()[1])
+    print(
+        json.dumps(
+            {
+                "turns": ours.turns,
+                "pauses": ours.pauses,
+                "silence_300_ms": alone[0.3].told(),
+                "silence_600_ms": alone[0.6].told(),
+                "ours": ours.told(),
+                "silence_alone_at_same_dead_air": {"silence_s": round(dead_air_s - overhead_s, 3), **same.told()},
+                "ours_by_participant": each,
+                "word_error_percent": round(100 * jiwer.wer(said, heard), 1),
+                "committed_after_voice_p50_s": round(float(np.median(committed_s)), 3),
+                "committed_after_voice_p95_s": round(float(np.quantile(committed_s, 0.95)), 3),
+                "voice_end_off_p50_ms": round(1e3 * float(np.median(np.abs(ended_off_s)))),
+                "voice_end_off_p95_ms": round(1e3 * float(np.quantile(np.abs(ended_off_s), 0.95))),
+            }
+        )
+    )
+
+
+def _plain(text: str) -> str:
+    return "".join(sign for sign in text.lower().replace("-", " ") if sign.isalnum() or sign == " ")
+
+
+if __name__ == "__main__":
+    main()

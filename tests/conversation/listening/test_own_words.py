@@ -1,0 +1,147 @@
+import pytest
+
+from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.domain.events import UtteranceChanged, UtteranceState
+
+_SAYS = "Would you like to see the kitchen or the lab first?"
+_STARTS_S, _ENDS_S = 10.0, 13.0
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+def _told(state: UtteranceState, at_s: float, text: str = _SAYS, *, estimated: bool = False) -> UtteranceChanged:
+    return UtteranceChanged(_ns(at_s), "u-1", "robot", text, "typed", state, estimated=estimated)
+
+
+def _robot(text: str = _SAYS, *, ended: bool = True, estimated: bool = False) -> OwnWords:
+    words = OwnWords()
+    words.robot_says(_told("requested", _STARTS_S - 0.3, text))
+    words.robot_says(_told("started", _STARTS_S, text, estimated=estimated))
+    if ended:
+        words.robot_says(_told("finished", _ENDS_S, text, estimated=estimated))
+    return words
+
+
+@pytest.mark.parametrize(
+    ("heard", "from_s", "until_s"),
+    [
+        (_SAYS, 10.1, 13.1),
+        ("would you like to see", 10.1, 11.5),
+        ("Could you like to sea the kitchen, all the lab thirst.", 10.1, 13.1),
+        ("kitchen or the lap first", 11.7, 13.1),
+        ("Would you like to see the kit chin or the lab first", 10.1, 13.1),
+        ("like to see like to see like to see", 10.6, 11.5),
+    ],
+)
+@pytest.mark.parametrize("echo_share", [None, 0.8])
+def test_what_the_robot_says_is_its_own_also_in_part_or_misheard(
+    heard: str, from_s: float, until_s: float, echo_share: float | None
+) -> None:
+    assert _robot().is_robots(heard, _ns(from_s), _ns(until_s), echo_share) > 0.6
+
+
+@pytest.mark.parametrize("heard", [_SAYS, "would you like to see the kitchen"])
+def test_it_is_its_own_while_it_is_still_being_said(heard: str) -> None:
+    assert _robot(ended=False).is_robots(heard, _ns(10.1), _ns(12.5)) > 0.6
+
+
+@pytest.mark.parametrize(
+    ("heard", "from_s", "until_s"),
+    [
+        ("the kitchen", 13.6, 14.2),
+        ("I would like to see the kitchen please", 13.5, 15.4),
+        ("Do you have a question about the tour?", 11.0, 13.0),
+        ("No, I have to go home now.", 10.5, 12.0),
+        ("yes", 12.5, 13.0),
+    ],
+)
+def test_who_answers_with_the_same_words_or_says_others_is_not_the_robot(
+    heard: str, from_s: float, until_s: float
+) -> None:
+    assert _robot().is_robots(heard, _ns(from_s), _ns(until_s)) < 0.5
+    assert _robot().is_robots(heard, _ns(from_s), _ns(until_s), 0.55) < 0.5
+
+
+def test_a_short_answer_over_the_robot_counts_where_the_robot_was_hardly_heard() -> None:
+    assert _robot().is_robots("the kitchen", _ns(11.7), _ns(12.3), 0.2) == 0.0
+    assert _robot().is_robots("the kitchen", _ns(11.7), _ns(12.3), 0.9) > 0.6
+
+
+def test_where_nothing_but_the_robot_is_heard_no_word_is_the_participants() -> None:
+    assert _robot().is_robots("thanks for watching", _ns(10.1), _ns(13.1), 0.99) == 1.0
+
+
+def test_a_word_or_two_beside_the_robot_count_where_enough_of_somebody_else_was_heard() -> None:
+    assert _robot().is_robots("What's right?", _ns(12.8), _ns(13.2), 0.86) == 1.0
+    assert _robot().is_robots("Oh", _ns(10.1), _ns(10.3), 0.7) == 1.0
+    assert _robot().is_robots("This is our", _ns(10.9), _ns(11.06), 0.45) == 1.0, "faster than anybody speaks"
+    assert _robot().is_robots("Yes", _ns(11.1), _ns(11.6), 0.5) == 0.0
+    assert _robot().is_robots("Yes", _ns(11.1), _ns(11.4), 0.0) == 1.0, "too short beside the robot"
+    assert _robot().is_robots("Yes", _ns(13.2), _ns(13.5), 0.0) == 0.0, "after it"
+    assert _robot().is_robots("No, I have to go home now.", _ns(10.5), _ns(12.0), 0.86) < 0.5
+
+
+def test_a_whole_sentence_of_the_robots_is_its_own_though_the_canceller_did_not_find_it() -> None:
+    assert _robot().is_robots(_SAYS, _ns(10.2), _ns(13.2), 0.1) > 0.6
+
+
+def test_a_robot_that_does_not_tell_when_it_speaks_may_speak_later() -> None:
+    late = _ns(11.8), _ns(14.8)
+    assert _robot(estimated=True).is_robots(_SAYS, *late) > 0.6
+    assert _robot().is_robots(_SAYS, *late) == 0.0
+
+
+def test_a_name_that_is_in_no_record_may_be_any_word() -> None:
+    words = _robot("Nice to meet you, {p-7f}! How are you today?")
+    assert words.is_robots("Nice to meet you Luis how are you today", _ns(10.1), _ns(13.0)) > 0.9
+
+
+def test_two_sentences_may_be_one_turn() -> None:
+    words = _robot()
+    for state, at_s in (("started", 13.2), ("finished", 15.0)):
+        words.robot_says(UtteranceChanged(_ns(at_s), "u-2", "robot", "The lab is closer from here.", "typed", state))
+    heard = f"{_SAYS} The lab is closer from here"
+    assert words.is_robots(heard, _ns(10.1), _ns(15.1)) > 0.9
+
+
+def test_what_could_not_be_said_is_nobodys() -> None:
+    words = _robot(ended=False)
+    words.robot_says(_told("failed", 10.2))
+    assert words.is_robots(_SAYS, _ns(10.1), _ns(13.1)) == 0.0
+
+
+def test_without_a_word_there_is_nothing_to_tell() -> None:
+    assert OwnWords().is_robots("hello", _ns(1.0), _ns(2.0)) == 0.0
+    assert _robot().is_robots("", _ns(10.1), _ns(13.0), 0.5) == 0.0
+
+
+def _heard(text: str, from_s: float, until_s: float) -> list[tuple[str, int]]:
+    """Words that come one after the other, all of the same length."""
+    words = text.split()
+    each_s = (until_s - from_s) / len(words)
+    return [(word, _ns(from_s + (number + 1) * each_s)) for number, word in enumerate(words)]
+
+
+@pytest.mark.parametrize("robots", [_SAYS, "Could you like to sea the kitchen all the lab thirst."])
+def test_who_takes_up_at_once_what_the_robot_said_has_their_own_words_alone(robots: str) -> None:
+    theirs = "The kitchen, please, I am hungry."
+    heard = [*_heard(robots, 10.1, 13.1), *_heard(theirs, 13.2, 15.0)]
+    first = _robot().robots_beginning(heard, _ns(10.1))
+    assert " ".join(word for word, _ in heard[first:]) == theirs
+
+
+@pytest.mark.parametrize(
+    ("text", "from_s", "until_s"),
+    [
+        (_SAYS, 10.1, 13.1),  # nobody goes on behind it
+        ("I would like to see the kitchen please", 13.5, 15.4),
+        ("Do you have a question about the tour or the lab?", 11.0, 13.0),
+    ],
+)
+def test_no_beginning_is_the_robots_where_it_is_all_its_own_or_none_of_it(
+    text: str, from_s: float, until_s: float
+) -> None:
+    assert _robot().robots_beginning(_heard(text, from_s, until_s), _ns(from_s)) == 0
+    assert OwnWords().robots_beginning([], 0) == 0

@@ -1,0 +1,103 @@
+"""A server that turns speech into text, well or badly, and what becomes of it here."""
+
+import io
+import time
+import wave
+from collections.abc import Iterator
+
+import httpx
+import numpy as np
+import pytest
+
+from caris_desktop.conversation.listening import server_engine
+from caris_desktop.conversation.listening.engine import EngineAway, NoEngine
+from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.server_engine import KEY_NAME, ServerEngine
+from tests.conversation.listening.transcription_server import Server, serving
+
+SOUND = np.full(16_000, 0.25, np.float32)
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
+    monkeypatch.setenv(KEY_NAME, "sk-secret")
+    with serving() as running:
+        yield running
+
+
+def engine(address: str, *, cloud_models: bool = True, model: str = "whisper-large") -> ServerEngine:
+    return ServerEngine(
+        RecogniserSettings("server", model=model, server=address, language="en", cloud_models=cloud_models)
+    )
+
+
+def test_words_come_with_their_times_and_without_what_nobody_said(server: Server) -> None:
+    heard = engine(server.address).transcribe(SOUND, "We came in.", careful=True)
+    assert [(word.text, round(word.start_s, 2), round(word.end_s, 2)) for word in heard.words] == [
+        ("Where", 0.0, 0.67), ("is", 0.67, 1.0), ("the", 1.0, 1.44), ("lab?", 1.44, 2.0),
+    ]  # fmt: skip
+    assert heard.language == "en"
+
+
+def test_the_request_is_the_one_that_openai_takes(server: Server) -> None:
+    engine(server.address).transcribe(SOUND, "We came in.", careful=True)
+    ((path, headers, body),) = server.asked
+    assert path == "/v1/audio/transcriptions"
+    assert headers["Authorization"] == "Bearer sk-secret"
+    for name, value in (("model", "whisper-large"), ("language", "en"), ("prompt", "We came in.")):
+        assert f'name="{name}"\r\n\r\n{value}\r\n'.encode() in body
+    with wave.open(io.BytesIO(body[body.index(b"RIFF") :])) as sent:
+        assert (sent.getframerate(), sent.getnchannels(), sent.getnframes()) == (16_000, 1, len(SOUND))
+
+
+def test_a_server_that_tells_the_text_alone_will_do(server: Server) -> None:
+    server.body = b'{"text": "Where is the lab?"}'
+    heard = engine(server.address).transcribe(SOUND, "", careful=False)
+    assert [word.text for word in heard.words] == ["Where", "is", "the", "lab?"]
+    assert heard.words[-1].end_s == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "words"),
+    [
+        (401, b'{"error": {"message": "bad key sk-secret"}}', r"401 \(bad key \[key\]\)"),
+        (429, b"slow down", "429"),
+        (500, b"", "500 .without a reason"),
+        (200, b"<html>", "no transcription"),
+        (200, b"[]", "no transcription"),
+        (200, b'{"segments": [{"text": "x"}]}', "no transcription"),
+        (200, b" " * 1_100_000, "cannot be reached"),
+    ],
+)
+def test_what_a_server_does_wrong_is_told_and_the_key_is_not(
+    server: Server, status: int, body: bytes, words: str
+) -> None:
+    asked = engine(server.address)
+    server.status, server.body = status, body
+    with pytest.raises(EngineAway, match=words) as told:
+        asked.transcribe(SOUND, "", careful=True)
+    assert "sk-secret" not in str(told.value)
+    server.status, server.body = 200, b'{"text": "Hello."}'
+    assert asked.transcribe(SOUND, "", careful=True).words[0].text == "Hello.", "it is asked again"
+
+
+def test_one_that_never_answers_is_given_up(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server_engine, "_TIMEOUT", httpx.Timeout(0.2))
+    server.wait_s = 5.0
+    asked, began_s = engine(server.address), time.monotonic()
+    with pytest.raises(EngineAway, match="did not answer in time"):
+        asked.transcribe(SOUND, "", careful=True)
+    assert time.monotonic() - began_s < 4
+
+
+def test_one_that_is_not_there_is_told() -> None:
+    with pytest.raises(EngineAway, match="cannot be reached"):
+        engine("http://127.0.0.1:1/v1").transcribe(SOUND, "", careful=True)
+
+
+def test_without_cloud_models_no_other_computer_gets_sound(server: Server) -> None:
+    with pytest.raises(NoEngine, match="not on this computer"):
+        engine("https://transcriptions.example.org/v1", cloud_models=False)
+    assert engine(server.address, cloud_models=False).transcribe(SOUND, "", careful=True).words
+    with pytest.raises(NoEngine, match="does not say which server"):
+        engine("")

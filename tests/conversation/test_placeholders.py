@@ -1,0 +1,43 @@
+"""Gaps in what is to be said."""
+
+import pytest
+
+from caris_desktop.conversation.placeholders import Words, filled, gaps, missing
+
+ADA = Words("Ada", "{p-12}")
+
+
+def nobody(_person_id: str) -> str:
+    return "nobody"
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("Hello, {name}! This is {place}. Right, {name}?", ("name", "place")),
+        ("See you on {day of the week}.", ("day of the week",)),
+        ("Hello, {p-12}.", ()),
+        ("{Name} {} { name} {name", ()),
+        ("Braces { in } text", ()),
+    ],
+)
+def test_gaps_are_small_words_in_braces(text: str, found: tuple[str, ...]) -> None:
+    assert gaps(text) == found
+
+
+def test_a_name_is_spoken_and_its_mark_is_recorded() -> None:
+    said = filled("Hello, {name}! Hello, {name}.", {"name": ADA}, nobody)
+    assert said == Words("Hello, Ada! Hello, Ada.", "Hello, {p-12}! Hello, {p-12}.")
+
+
+def test_a_mark_is_spoken_as_the_name_of_now() -> None:
+    assert filled("Bye, {p-7}.", {}, lambda person_id: {"p-7": "Luis"}[person_id]) == Words("Bye, Luis.", "Bye, {p-7}.")
+
+
+def test_what_has_no_words_is_missing_and_stays() -> None:
+    assert missing("{name}, the {place} is on {day}.", {"name": ADA}) == ("place", "day")
+    assert filled("{name}: {day}", {"name": ADA}, nobody).spoken == "Ada: {day}"
+
+
+def test_words_that_look_like_a_gap_are_not_filled_again() -> None:
+    assert filled("{day}", {"day": Words("{name}", "{name}"), "name": ADA}, nobody) == Words("{name}", "{name}")

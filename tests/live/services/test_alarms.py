@@ -1,0 +1,108 @@
+"""Alarms from what the state shows, told or not, with the time in the test's hand."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from PySide6.QtWidgets import QApplication
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.events import AlarmChanged, Problem, RobotChosen, SessionStarted
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.sensing import BatteryState, FrameRef
+from caris_desktop.live.services.alarms import AlarmsService
+from caris_desktop.live.state import LiveState, PresentClock
+from caris_desktop.live.status import LinkStatus
+
+S = 1_000_000_000
+FRAME = FrameRef(0, None, "front", "ring", 0, 1, 640, 480)
+
+
+class Desk:
+    def __init__(self) -> None:
+        self.now_ns = clock.now_ns()
+        self.state = LiveState(present=PresentClock(now_ns=lambda: self.now_ns))
+        self.state.close()
+        self.told: list[AlarmChanged] = []
+        self.service = AlarmsService(self.state, self.told.append, now_ns=lambda: self.now_ns)  # type: ignore[arg-type]
+        self.state.link.set(LinkStatus("connected"))
+
+    def wait(self, seconds: float) -> None:
+        self.now_ns += round(seconds * S)
+        self.state.check_freshness()
+        self.service.look()
+
+    def happens(self, event: object) -> None:
+        self.service.follows()[type(event)](event)
+
+    @property
+    def alarms(self) -> list[str]:
+        return [alarm.cause for alarm in self.state.alarms.value]
+
+
+@pytest.fixture
+def desk(qapp: QApplication) -> Iterator[Desk]:
+    desk = Desk()
+    yield desk
+    desk.service.stop()
+
+
+def test_a_picture_that_stays_away_is_an_alarm_though_nobody_tells_of_it(desk: Desk) -> None:
+    desk.state.take(replace(FRAME, stamp_ns=desk.now_ns))
+    desk.wait(3)
+    assert desk.state.frame.freshness == "lost"
+    assert desk.alarms == [], "pictures break off for a moment"
+    desk.wait(6)
+    assert desk.alarms == ["picture"]
+    assert desk.state.alarms.value[0].what == "No picture comes from the camera front."
+    desk.state.take(replace(FRAME, stamp_ns=desk.now_ns))
+    desk.service.look()
+    assert desk.alarms == []
+    assert [(change.state, change.told) for change in desk.told] == [("raised", False), ("ended", False)]
+
+
+def test_with_the_link_its_silent_streams_are_no_alarms(desk: Desk) -> None:
+    desk.state.take(replace(FRAME, stamp_ns=desk.now_ns))
+    desk.wait(1)
+    desk.state.link.set(LinkStatus("trouble"))
+    desk.wait(2)
+    desk.state.link.set(LinkStatus("lost"))
+    desk.wait(60)
+    assert desk.alarms == ["link"]
+    desk.state.link.set(LinkStatus("connecting"))
+    desk.wait(60)
+    assert desk.alarms == ["link"], "looking for it is not having it"
+    desk.state.link.set(LinkStatus("connected"))
+    desk.wait(2.5)
+    assert "link" not in desk.alarms
+
+
+def test_a_low_battery_is_told_once_until_it_was_charged(desk: Desk) -> None:
+    for charge in (0.16, 0.149, 0.151, 0.149, 0.19):
+        desk.state.take(BatteryState(desk.now_ns, charge))
+        desk.wait(10)
+    assert desk.alarms == ["battery"]
+    desk.state.take(BatteryState(desk.now_ns, 0.21))
+    assert desk.alarms == []
+    assert [change.state for change in desk.told] == ["raised", "ended"]
+
+
+def test_what_was_wrong_with_one_robot_is_not_wrong_with_the_next(desk: Desk) -> None:
+    desk.happens(Problem(1, "warning", "Nobody has said whether it stops.", "", "", cause="robot_timeout"))
+    desk.happens(Problem(1, "warning", "The detector does not know: cake.", "", ""))
+    desk.happens(RobotChosen(1, "other", "Other", "ws://127.0.0.1:1"))
+    assert [alarm.what for alarm in desk.state.alarms.value] == ["The detector does not know: cake."]
+
+
+def test_a_record_begins_with_what_is_wrong_already(desk: Desk) -> None:
+    desk.state.link.set(LinkStatus("lost"))
+    desk.happens(SessionStarted(1, "session"))
+    first, again = desk.told
+    assert (again.state, again.alarm_id, again.times) == ("raised", first.alarm_id, 1)
+
+
+def test_what_ends_by_itself_is_not_taken_as_seen_to(desk: Desk) -> None:
+    desk.state.link.set(LinkStatus("lost"))
+    with pytest.raises(ToldFailure, match="still wrong"):
+        desk.service.dismiss(intents.DismissAlarm(desk.state.alarms.value[0].alarm_id))
+    assert desk.alarms == ["link"]

@@ -1,0 +1,101 @@
+"""Saving an edited scenario: whose file is in force then, and what the window hears of it."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QObject
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import Problem, ScenarioOpened
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.services.scenario import ScenarioParts, ScenarioService
+from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import SavedScenario
+from caris_desktop.scenario.model import PanelLeaf, Scenario
+
+OPEN = Scenario("Open", PanelLeaf("map"), path=Path("/scenarios/open.yaml"))
+
+
+class Bench:
+    """The service over files in memory."""
+
+    def __init__(self, parent: QObject) -> None:
+        self.files = {OPEN.path: "Open"}
+        self.applied: list[str] = []
+        self.state = LiveState()
+        self.bus = Bus(self.state, parent)
+        self.slow_work = SlowWork(parent)
+        parts = ScenarioParts(
+            load=lambda path: replace(OPEN, title=self.files[path], path=path),
+            save_places=lambda scenario: scenario,
+            text=lambda scenario: scenario.title,
+            save_text=self.write,
+        )
+        self.service = ScenarioService(
+            self.state, self.bus, parts, OPEN, self.slow_work, apply=self.apply, parent=parent
+        )
+
+    def write(self, text: str, path: Path, _edited: Path | None, replaces: str) -> str:
+        if replaces == "wrong":
+            raise ToldFailure("The scenario was not saved.", "It was changed by somebody else.", "Compare.")
+        self.files[path] = text
+        return text
+
+    def apply(self, scenario: Scenario) -> None:
+        self.applied.append(scenario.title)
+
+    def save(self, qtbot: QtBot, *given: object) -> SavedScenario:
+        asked = intents.SaveScenario(*given)  # type: ignore[arg-type]
+        with qtbot.waitSignal(self.state.saved_scenario.changed):
+            self.service.handlers()[intents.SaveScenario](asked)
+        saved = self.state.saved_scenario.value
+        assert isinstance(saved, SavedScenario)
+        return saved
+
+
+@pytest.fixture
+def bench(qapp: QObject) -> Iterator[Bench]:
+    parent = QObject()
+    bench = Bench(parent)
+    yield bench
+    bench.slow_work.finish(lambda _words, wait: wait())
+    bench.state.close()
+
+
+def test_the_scenario_in_force_is_so_as_it_was_saved(bench: Bench, qtbot: QtBot) -> None:
+    assert bench.save(qtbot, "Edited", OPEN.path, OPEN.path).text == "Edited"
+    assert bench.files[OPEN.path] == "Edited"
+    assert bench.applied == ["Edited"]
+    assert bench.state.scenario.value.title == "Edited"
+
+
+def test_a_copy_of_the_one_in_force_takes_its_place(bench: Bench, qtbot: QtBot) -> None:
+    copy = Path("/scenarios/copy.yaml")
+    bench.save(qtbot, "Copy", copy, OPEN.path)
+    assert bench.files == {OPEN.path: "Open", copy: "Copy"}
+    assert bench.state.scenario.value.path == copy
+
+
+def test_another_file_is_written_and_the_scenario_in_force_stays(bench: Bench, qtbot: QtBot) -> None:
+    other = Path("/scenarios/other.yaml")
+    bench.save(qtbot, "Other", other, other)
+    assert bench.files[other] == "Other"
+    assert bench.applied == []
+    assert bench.state.scenario.value is OPEN
+
+
+@pytest.mark.logs(r"live\.bus: The scenario was not saved\.")
+def test_what_was_not_saved_is_told_to_the_editor_and_to_the_wizard(bench: Bench, qtbot: QtBot) -> None:
+    told: list[object] = []
+    bench.state.event_happened.connect(told.append)
+    saved = bench.save(qtbot, "Edited", OPEN.path, OPEN.path, "wrong")
+    assert (saved.text, saved.problem) == ("", "It was changed by somebody else.")
+    bench.bus.take_in()
+    assert [event.what for event in told if isinstance(event, Problem)] == ["The scenario was not saved."]
+    assert not any(isinstance(event, ScenarioOpened) for event in told)
+    assert bench.files == {OPEN.path: "Open"}

@@ -1,0 +1,62 @@
+"""A real microphone's process in a real sound server that hangs: it is killed, and another one listens."""
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.app import bodies
+from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound import MICROPHONE
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.children import Children
+from caris_desktop.live.local_microphone import LocalMicrophone, MicrophoneChoice
+from caris_desktop.live.state import LiveState
+from tests.conversation.sound_server import SoundServer, require_pulseaudio
+
+pytestmark = [pytest.mark.long, pytest.mark.logs(r"live\.(bus|child_process): |conversation\.microphone: ")]
+
+
+@pytest.fixture
+def sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SoundServer]:
+    require_pulseaudio()
+    server = SoundServer(tmp_path / "server")
+    monkeypatch.setenv("PULSE_SERVER", server.address)
+    yield server
+    server.kill()
+
+
+def test_a_sound_server_that_hangs_costs_some_seconds_of_sound(
+    qapp: QApplication, qtbot: QtBot, sound: SoundServer
+) -> None:
+    owner = QObject()
+    state = LiveState(owner)
+    bus, heard = Bus(state, owner), list[AudioChunk]()
+    bus.tap(lambda chunk, _raw: heard.append(chunk), (AudioChunk,))
+    body = ProcessBody("microphone", bodies.microphone, (MICROPHONE,))
+    choice = MicrophoneChoice(body, lambda: "", lambda _name: None)
+    children = Children(bus, owner)
+    microphone = LocalMicrophone(
+        state.microphone, MICROPHONE, bus, children, choice, settled=lambda: None, parent=owner
+    )
+    try:
+        microphone.open()
+        qtbot.waitUntil(lambda: state.microphone.value.state == "on" and len(heard) > 5, timeout=30_000)
+        assert microphone.child is not None
+        stuck = microphone.child.pid
+        sound.signal(signal.SIGSTOP)
+        qtbot.waitUntil(lambda: microphone.child is not None and microphone.child.pid != stuck, timeout=30_000)
+        sound.signal(signal.SIGCONT)
+        heard.clear()
+        qtbot.waitUntil(lambda: state.microphone.value.state == "on" and len(heard) > 5, timeout=60_000)
+    finally:
+        children.close()
+        microphone.close()
+        microphone.ask_to_end()
+        microphone.end()
+        state.close()

@@ -1,0 +1,153 @@
+"""Several exchanges with a language model at a time, each with an end of its own."""
+
+import asyncio
+from collections.abc import AsyncIterator, Iterator, Sequence
+from typing import Any
+
+import pytest
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.words import LanguageModelError
+from caris_desktop.domain.events import ChatMessage, LlmExchange
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.model_client import Asking, ModelClient, Purpose
+
+EMBEDDED = ModelEndpoint("embedded", "http://127.0.0.1:9", "embedded")
+ELSEWHERE = ModelEndpoint("openai", "https://models.example.org/v1", "m")
+
+
+class Talk:
+    """A model that answers with what it was asked, word by word, and one client that asks it."""
+
+    def __init__(self, asyncio_thread: AsyncioThread) -> None:
+        self.published: list[LlmExchange] = []
+        self.given: list[dict[str, Any]] = []
+        self.texts: dict[str, list[str]] = {}
+        self.waits: list[str] = []
+        self.ended: list[LlmExchange] = []
+        self.client = ModelClient(asyncio_thread, self._stream, self.published.append, ask_version=_no_version)
+        self.client.use(EMBEDDED, shown_as="Small", local_only=True)
+
+    async def _stream(
+        self, _endpoint: ModelEndpoint, messages: Sequence[ChatMessage], **given: Any
+    ) -> AsyncIterator[str]:
+        self.given.append(given)
+        question = messages[-1].content
+        for word in question.split():
+            yield f"{word} "
+        if "busy" in question:
+            given["told_wait"]("It is busy.")
+        if "fails" in question:
+            raise LanguageModelError("It broke.", "No answer.", "Ask again.")
+        if "crashes" in question:
+            raise RuntimeError("the key is sk-secret")
+        if "waits" in question:
+            await asyncio.Event().wait()
+
+    def ask(self, question: str, *, purpose: Purpose = "question", **more: Any) -> Asking:
+        texts: list[str] = []
+        asking = self.client.ask(
+            [ChatMessage("user", question)], purpose=purpose, max_tokens=9, temperature=0.0,
+            on_text=texts.append, on_wait=self.waits.append, on_end=self.ended.append, **more,
+        )  # fmt: skip
+        self.texts[asking.exchange_id] = texts
+        return asking
+
+
+async def _no_version(_endpoint: ModelEndpoint, *, local_only: bool) -> str:
+    return ""
+
+
+@pytest.fixture
+def talk(qtbot: QtBot) -> Iterator[Talk]:
+    thread = AsyncioThread()
+    yield Talk(thread)
+    thread.stop()
+
+
+def test_several_are_under_way_and_each_has_its_own_fate(talk: Talk, qtbot: QtBot) -> None:
+    waiting, failing = talk.ask("this waits"), talk.ask("this fails")
+    schema = {"type": "object"}
+    plain = talk.ask("this ends", purpose="replies", turn_id="u-7", revision=3, schema=schema, actor="wizard")
+    qtbot.waitUntil(lambda: len(talk.ended) == 2 and bool(talk.texts[waiting.exchange_id]))
+    assert talk.client.answering
+    waiting.cancel("the conversation moved on")
+    waiting.cancel("once is enough")
+    assert not talk.client.answering
+    outcomes = {exchange.exchange_id: exchange for exchange in talk.ended}
+    assert outcomes[waiting.exchange_id].outcome == "cancelled"
+    assert outcomes[waiting.exchange_id].detail == "the conversation moved on"
+    assert outcomes[waiting.exchange_id].answer == "this waits"
+    assert (outcomes[failing.exchange_id].outcome, outcomes[failing.exchange_id].detail) == (
+        "failed", "It broke. Ask again.",
+    )  # fmt: skip
+    exchange = outcomes[plain.exchange_id]
+    assert (exchange.outcome, exchange.purpose, exchange.turn_id, exchange.revision) == (
+        "answered",
+        "replies",
+        "u-7",
+        3,
+    )
+    assert exchange.actor == "wizard"
+    assert talk.published == talk.ended, "each is recorded once"
+    assert [given["schema"] for given in talk.given] == [None, None, schema]
+    assert talk.texts[plain.exchange_id][0] == "this "
+
+
+def test_what_is_recorded_may_be_less_than_what_was_asked(talk: Talk, qtbot: QtBot) -> None:
+    talk.ask("Who is Ada?", recorded=[ChatMessage("user", "Who is person 3?")], jpegs=[b"jpeg"], photo="a.png")
+    qtbot.waitUntil(lambda: bool(talk.ended))
+    assert talk.published[0].messages == (ChatMessage("user", "Who is person 3?"),)
+    assert talk.published[0].photo == "a.png"
+    assert talk.given[0]["jpegs"] == (b"jpeg",)
+
+
+def test_a_wait_for_a_busy_server_is_told(talk: Talk, qtbot: QtBot) -> None:
+    talk.ask("busy")
+    qtbot.waitUntil(lambda: bool(talk.ended))
+    assert talk.waits == ["It is busy."]
+
+
+def test_another_model_ends_all_that_was_asked_of_the_one_before(talk: Talk, qtbot: QtBot) -> None:
+    talk.ask("first waits")
+    talk.ask("second waits")
+    talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
+    assert [(exchange.model, exchange.outcome) for exchange in talk.published] == [("Small", "cancelled")] * 2
+    assert (talk.client.model, talk.client.answers_here) == ("Large", False)
+
+
+def test_the_same_model_again_ends_nothing(talk: Talk, qtbot: QtBot) -> None:
+    asking = talk.ask("this waits")
+    talk.client.use(EMBEDDED, shown_as="Small", local_only=True)
+    assert talk.client.answering and talk.published == []
+    talk.client.use(EMBEDDED, shown_as="Small", local_only=False)
+    assert [exchange.exchange_id for exchange in talk.published] == [asking.exchange_id]
+
+
+def test_without_a_model_nobody_is_asked(talk: Talk) -> None:
+    talk.client.use_none("It is still starting.")
+    with pytest.raises(ToldFailure, match="It is still starting"):
+        talk.ask("Where?")
+    assert not talk.client.answering and talk.published == []
+
+
+@pytest.mark.logs("the language model exchange failed")
+def test_an_error_of_the_program_ends_it_and_tells_no_secret(talk: Talk, qtbot: QtBot) -> None:
+    talk.ask("this crashes")
+    qtbot.waitUntil(lambda: bool(talk.ended))
+    assert talk.ended[0].outcome == "failed"
+    assert "sk-secret" not in talk.ended[0].detail
+
+
+@pytest.mark.parametrize(("endpoint", "read"), [(EMBEDDED, 1), (ELSEWHERE, 0)])
+def test_only_the_model_of_this_program_is_warmed_up_and_nothing_is_recorded_of_it(
+    talk: Talk, qtbot: QtBot, endpoint: ModelEndpoint, read: int
+) -> None:
+    talk.client.use(endpoint, shown_as="Model", local_only=False)
+    talk.client.warm_up([ChatMessage("system", "You guide tours."), ChatMessage("user", "Hello.")])
+    talk.ask("Where?")
+    qtbot.waitUntil(lambda: bool(talk.ended))
+    assert [given["max_tokens"] for given in talk.given] == [1] * read + [9]
+    assert len(talk.published) == 1

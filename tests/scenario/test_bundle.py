@@ -1,0 +1,148 @@
+"""A scenario as one file: what goes in comes out, whatever else is in it is refused, and nothing is replaced."""
+
+import json
+import random
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.scenario import bundle as bundles
+from caris_desktop.scenario.bundle import Bundle, BundleError, Part, PartKind, read_bundle, unpack, write_bundle
+from caris_desktop.scenario.file import MAX_FILE_BYTES, load_scenario
+
+SCENARIO = """\
+# Ours
+version: 1
+title: Visit
+robot: lab
+face:
+  face: round
+layout: {panel: video}
+"""
+ROBOT, FACE = Part("robot", "lab", "name: one\n"), Part("face", "round", "title: Round\n")
+GIVEN = Bundle(Part("scenario", "visit", SCENARIO), (ROBOT, FACE))
+ABOUT = {"about.json": json.dumps({"format": "caris-scenario", "version": 1})}
+
+NEWER = {"about.json": json.dumps({"format": "caris-scenario", "version": 2})}
+
+Known = Callable[[PartKind, str], tuple[Path, str] | None]
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> dict[PartKind, Path]:
+    return {"scenario": tmp_path / "scenarios", "robot": tmp_path / "robots", "face": tmp_path / "faces"}
+
+
+@pytest.fixture
+def known(folders: dict[PartKind, Path]) -> Known:
+    def there(kind: PartKind, name: str) -> tuple[Path, str] | None:
+        path = folders[kind] / f"{name}.yaml"
+        return (path, path.read_text(encoding="utf-8")) if path.is_file() else None
+
+    return there
+
+
+def packed(path: Path, entries: dict[str, str | bytes], *, about: dict[str, str] = ABOUT) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in {**about, **entries}.items():
+            archive.writestr(name, content)
+    return path
+
+
+def test_what_goes_in_comes_out(tmp_path: Path, folders: dict[PartKind, Path], known: Known) -> None:
+    write_bundle(GIVEN, tmp_path / "a.caris")
+    write_bundle(GIVEN, tmp_path / "b.caris")
+    assert (tmp_path / "a.caris").read_bytes() == (tmp_path / "b.caris").read_bytes(), "its checksum means something"
+    assert read_bundle(tmp_path / "a.caris") == GIVEN
+    unpacked = unpack(GIVEN, folders, known)
+    assert unpacked.renamed == ()
+    assert unpacked.path.read_text(encoding="utf-8") == SCENARIO
+    assert load_scenario(unpacked.path).robot == "lab"
+    assert (folders["robot"] / "lab.yaml").read_text() == ROBOT.text
+    assert (folders["face"] / "round.yaml").read_text() == FACE.text
+    again = unpack(GIVEN, folders, known)
+    assert again == unpacked, "the same file once more changes nothing"
+    assert len(list(folders["robot"].iterdir())) == 1
+
+
+def test_nothing_is_replaced_and_the_scenario_refers_to_its_own(folders: dict[PartKind, Path], known: Known) -> None:
+    for folder, name in (("scenario", "visit"), ("robot", "lab"), ("face", "round")):
+        folders[folder].mkdir()  # type: ignore[index]
+        (folders[folder] / f"{name}.yaml").write_text("title: Mine\n")  # type: ignore[index]
+    unpacked = unpack(GIVEN, folders, known)
+    assert [(part.kind, name) for part, name in unpacked.renamed] == [
+        ("robot", "lab-2"), ("face", "round-2"), ("scenario", "visit-2")
+    ]  # fmt: skip
+    scenario = load_scenario(unpacked.path)
+    assert (scenario.robot, scenario.face.face) == ("lab-2", "round-2")
+    assert unpacked.path.read_text(encoding="utf-8").startswith("# Ours\n"), "the rest is as its author wrote it"
+    assert (folders["robot"] / "lab-2.yaml").read_text() == ROBOT.text
+    for kind, name in (("scenario", "visit"), ("robot", "lab"), ("face", "round")):
+        assert (folders[kind] / f"{name}.yaml").read_text() == "title: Mine\n"  # type: ignore[index]
+
+
+def test_where_one_cannot_be_written_none_is(tmp_path: Path, folders: dict[PartKind, Path], known: Known) -> None:
+    (tmp_path / "scenarios").write_text("in the way")
+    with pytest.raises(BundleError, match="Nothing was imported"):
+        unpack(GIVEN, folders, known)
+    assert list(folders["robot"].iterdir()) == [] and list(folders["face"].iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../x.yaml", "/etc/x.yaml", "scenario/../../x.yaml", "robot/.x.yaml", "robot/a/b.yaml", "robot\\\\x.yaml",
+     "run.py",      "scenario/x.yaml.py", "scenario/", "face/C:x.yaml", "scenario/ä.yaml"],
+)  # fmt: skip
+def test_no_path_leaves_its_folder(tmp_path: Path, name: str) -> None:
+    with pytest.raises(BundleError, match=r"Allowed: scenario/NAME\.yaml"):
+        read_bundle(packed(tmp_path / "a.caris", {"scenario/visit.yaml": SCENARIO, name: "x: 1"}))
+
+
+def test_what_swells_is_refused_before_it_does(tmp_path: Path) -> None:
+    swelling = packed(tmp_path / "a.caris", {"scenario/visit.yaml": b"#" * (20 * MAX_FILE_BYTES)})
+    assert swelling.stat().st_size < MAX_FILE_BYTES
+    with pytest.raises(BundleError, match="too large"):
+        read_bundle(swelling)
+    many = {f"face/f{number}.yaml": "x: 1" for number in range(bundles.MOST_PARTS)}
+    with pytest.raises(BundleError, match="files in it"):
+        read_bundle(packed(tmp_path / "b.caris", {"scenario/visit.yaml": SCENARIO, **many}))
+    (tmp_path / "c.caris").write_bytes(b"0" * (bundles.MAX_BUNDLE_BYTES + 1))
+    with pytest.raises(BundleError, match="too large"):
+        read_bundle(tmp_path / "c.caris")
+
+
+@pytest.mark.parametrize(
+    ("entries", "about", "said"),
+    [
+        ({}, ABOUT, "0 scenarios"),
+        ({"scenario/a.yaml": SCENARIO, "scenario/b.yaml": SCENARIO}, ABOUT, "2 scenarios"),
+        ({"scenario/a.yaml": SCENARIO}, {}, "no file with a scenario"),
+        ({"scenario/a.yaml": SCENARIO}, NEWER, "another version"),
+        ({"scenario/a.yaml": SCENARIO.replace("Visit", "!!python/object:os.system x")}, ABOUT, "a.yaml, line 3"),
+        ({"scenario/a.yaml": b"\xff\xfe"}, ABOUT, "damaged"),
+    ],
+)  # fmt: skip
+def test_what_it_says_is_checked(
+    tmp_path: Path, entries: dict[str, str | bytes], about: dict[str, str], said: str
+) -> None:
+    with pytest.raises(BundleError, match=said):
+        read_bundle(packed(tmp_path / "a.caris", entries, about=about))
+
+
+def test_a_damaged_file_is_refused_or_means_the_same(tmp_path: Path) -> None:
+    write_bundle(GIVEN, tmp_path / "a.caris")
+    whole = (tmp_path / "a.caris").read_bytes()
+    chance = random.Random(5)  # noqa: S311 - which bytes are damaged
+    refused = 0
+    for _ in range(200):
+        damaged = bytearray(whole)
+        for _ in range(chance.randint(1, 4)):
+            damaged[chance.randrange(len(damaged))] = chance.randrange(256)
+        (tmp_path / "b.caris").write_bytes(damaged[: chance.choice((len(damaged), chance.randrange(len(damaged))))])
+        try:
+            assert read_bundle(tmp_path / "b.caris").scenario.text == SCENARIO
+        except BundleError:
+            refused += 1
+    assert refused > 100

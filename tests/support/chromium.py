@@ -1,0 +1,88 @@
+"""A real browser without a window, told what to do over its own protocol."""
+
+import base64
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any, Self
+
+import pytest
+from websockets.sync.client import ClientConnection, connect
+
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+
+
+def chromium_or_skip() -> str:
+    """Where the browser is; the test that needs it is skipped, and says so, where there is none."""
+    found = next(filter(None, map(shutil.which, PROGRAMS)), None)
+    if found is None:
+        pytest.skip("needs Chromium")
+    return found
+
+
+class Browser:
+    """One page in a browser of its own."""
+
+    def __init__(self, url: str, *, width_px: int = 800, height_px: int = 600) -> None:
+        self._folder = tempfile.mkdtemp(prefix="caris-chromium-")
+        self._process = subprocess.Popen(
+            [
+                chromium_or_skip(), "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run",
+                "--remote-debugging-port=0", f"--user-data-dir={self._folder}",
+                f"--window-size={width_px},{height_px}", "--disable-background-networking", "about:blank",
+            ],
+            stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
+            env={**os.environ, "TMPDIR": self._folder, "HOME": self._folder},
+        )  # fmt: skip
+        self._asked = 0
+        self._open = contextlib.ExitStack()
+        self._socket: ClientConnection = self._open.enter_context(connect(self._address(), max_size=None))
+        target = self._ask("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        size = {"width": width_px, "height": height_px}
+        self.ask("Emulation.setDeviceMetricsOverride", deviceScaleFactor=1, mobile=False, **size)
+        self.ask("Page.navigate", url=url)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self._ask("Browser.close")
+        self._open.close()
+        self._process.wait(10)
+        assert self._process.stderr is not None
+        self._process.stderr.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def value(self, expression: str) -> Any:
+        """What JavaScript makes of it in the page."""
+        return self.ask("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+
+    def picture(self, path: Path) -> None:
+        path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
+
+    def ask(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """A command about the page."""
+        return self._ask(method, session=self._session, **parameters)
+
+    def _ask(self, method: str, *, session: str = "", **parameters: Any) -> dict[str, Any]:
+        self._asked += 1
+        told = {"id": self._asked, "method": method, "params": parameters} | ({"sessionId": session} if session else {})
+        self._socket.send(json.dumps(told))
+        while True:
+            answer = json.loads(self._socket.recv(30))
+            if answer.get("id") == self._asked:
+                assert "error" not in answer, answer["error"]
+                result: dict[str, Any] = answer["result"]
+                return result
+
+    def _address(self) -> str:
+        assert self._process.stderr is not None
+        for line in self._process.stderr:
+            if "DevTools listening on " in line:
+                return line.split("DevTools listening on ")[1].strip()
+        raise RuntimeError("the browser did not start")

@@ -1,0 +1,184 @@
+"""For each value that a scenario file may hold: another valid one, and what changing it may touch in the text."""
+
+import difflib
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pytest
+import yaml
+
+from caris_desktop.domain.declared import (
+    Form,
+    choices_of,
+    form_of,
+    groups_of,
+    is_free,
+    is_group,
+    item_of,
+    keys_of,
+    scalars_of,
+)
+from caris_desktop.domain.declared_check import problems
+from caris_desktop.domain.declared_places import ABSENT, blank_of, group_at, leaves
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.scenario.document import ScenarioDocument
+from caris_desktop.scenario.model import Scenario
+
+T = TypeVar("T")
+WORDS = (
+    "Other words", "other_words", "Ctrl+Shift+Q", "fr", "ollama:llama3", "espeak:fr", "none", "ab" * 32, "https://a.org/v1",
+    "wss://robot:9090", "Kitchen", "welcome", "/other_topic", "std_msgs/String", "data[1]",
+)  # fmt: skip
+
+
+@pytest.fixture
+def sampled(request: pytest.FixtureRequest) -> Callable[[Sequence[T]], Sequence[T]]:
+    """A few of many, spread over all of them; all of them with --long."""
+    if request.config.getoption("--long"):
+        return lambda many: many
+    return lambda many: many[3 :: max(1, len(many) // 5)]
+
+
+def edited_leaves(document: ScenarioDocument) -> list[tuple[KeyPath, Form]]:
+    """Every leaf of the form but the version, which nobody chooses."""
+    return [(path, form) for path, form in leaves(Scenario, document.data) if len(choices_of(form.kind)) != 1]
+
+
+def other_value(document: ScenarioDocument, path: KeyPath, form: Form) -> Any:
+    """Something else that may stand there, with the rest of the file as it is; ABSENT where nothing may."""
+    present = document.value(path)
+    candidates = _names(document, form.rule.refers) if form.rule.refers else list(_candidates(form, present))
+    for candidate in candidates:
+        same = candidate == present and type(candidate) is type(present)
+        if same or any(problems(form, candidate, path)):
+            continue
+        document.set(path, candidate)
+        fits = not document.mistakes
+        document.undo()
+        if fits:
+            return candidate
+    return ABSENT
+
+
+def _names(document: ScenarioDocument, refers: tuple[str, ...]) -> list[str]:
+    """What a name elsewhere in the file may be."""
+    return [entry[refers[-1]] for entry in document.value(refers[:-1]) or ()]
+
+
+def _candidates(form: Form, present: Any) -> Iterator[Any]:
+    if is_group(form.kind) or groups_of(form.kind):
+        yield blank_of(form)
+        return
+    if form.rule.prose:
+        yield 'First paragraph.\nSecond paragraph: with "marks", and more than one line can hold.\n\nThe last one.'
+    if is_free(form.kind):
+        yield {"data": "$value", "more": [1, True, {"deep": "text"}]}
+        return
+    if choices := choices_of(form.kind):
+        yield from choices
+        return
+    for kind in scalars_of(form.kind):
+        if kind is bool:
+            yield present is not True
+        elif kind is str:
+            yield from (f"{present}, really", *WORDS) if isinstance(present, str) and present else WORDS
+        else:
+            yield from (1, 2, 7, 100, 0.75, 1.5, 500)
+
+
+@cache
+def _composed(text: str) -> Any:
+    return yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
+
+@cache
+def comments(text: str) -> list[str]:
+    """Every comment of a text, in the order in which they stand."""
+    whole = yaml.scan(text, Loader=getattr(yaml, "CLoader", yaml.Loader))
+    ends = [(token.start_mark.index, token.end_mark.index) for token in whole]
+    found, at = [], 0
+    for start, end in sorted(ends):
+        between = text[at:start]
+        found += [f"#{part}".strip() for line in between.splitlines() for part in line.split("#")[1:2]]
+        at = max(at, end)
+    return found
+
+
+def lines_of(text: str, path: KeyPath) -> tuple[int, int] | None:
+    """The first and the last line of what stands there, counted from 0; None where nothing does."""
+    node = _composed(text)
+    start = None
+    for part in path:
+        if isinstance(node, yaml.MappingNode):
+            found = next(((key, value) for key, value in node.value if key.value == part), None)
+            if found is None:
+                return None
+            key, node = found
+            start = key.start_mark.line
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
+            node = node.value[part]
+            start = node.start_mark.line
+        else:
+            # A text in place of a group.
+            break
+    assert start is not None
+    last = node.end_mark.line - (1 if node.end_mark.column == 0 and node.end_mark.line > start else 0)
+    return start, last
+
+
+@cache
+def _values_of(text: str, path: Path) -> dict[KeyPath, Any]:
+    """What holds for each leaf, whether the file says it or leaves it at its default."""
+    document = ScenarioDocument(text, path)
+    return {path: document.value(path) for path, _form in edited_leaves(document)}
+
+
+def assert_only_that_field_changed(before: ScenarioDocument, after: str, path: KeyPath, value: Any) -> None:
+    """``after`` says ``value`` there and all else as the file of ``before``, whose text differs only in the field's
+    lines; no comment is lost.
+    """
+    text, values = before.saved_text, _values_of(before.saved_text, before.path)
+    read = ScenarioDocument(after, before.path)
+    assert not read.mistakes, path
+    assert read.value(path) == value, path
+    assert {each: read.value(each) for each in values if each != path} == {
+        each: said for each, said in values.items() if each != path
+    }, path
+    assert comments(after) == comments(text), path
+    old, new = text.splitlines(), after.splitlines()
+    blocks = [
+        block for block in difflib.SequenceMatcher(None, old, new, autojunk=False).get_opcodes() if block[0] != "equal"
+    ]
+    assert blocks, path
+    # What is not in the file comes with lines of its own, or into the one line of what it belongs to.
+    there = lines_of(text, path)
+    if there is None:
+        above = next((found for cut in range(len(path) - 1, 0, -1) if (found := lines_of(text, path[:cut]))), None)
+        gone = [line for _what, start, end, _from, _to in blocks for line in range(start, end)]
+        assert len(gone) <= 1, (path, gone)
+        assert not gone or (above is not None and above[0] <= gone[0] <= above[1]), (path, gone)
+        return
+    for _what, start, end, _from, _to in blocks:
+        assert there[0] <= start <= there[1] + 1, (path, old[start:end])
+        assert end <= there[1] + 1, (path, old[start:end])
+
+
+def lists_of(document: ScenarioDocument) -> list[tuple[KeyPath, Form]]:
+    """Every list that the file may hold: those within entries too."""
+    found: dict[KeyPath, Form] = {}
+
+    def look(path: KeyPath, form: Form) -> None:
+        value = document.value(path) if path else document.data
+        group = group_at(form, value)
+        if group is not None:
+            for key in keys_of(group):
+                look((*path, key.name), key.form)
+        elif (item := item_of(form.kind)) is not None:
+            found[path] = form
+            for number in range(len(value) if isinstance(value, list) else 0):
+                look((*path, number), item)
+
+    look((), form_of(Scenario))
+    return list(found.items())

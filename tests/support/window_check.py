@@ -1,0 +1,212 @@
+"""Looks over a window as a critical eye would: text that is cut off, and text that lies on other text.
+
+What widgets say of themselves tells of labels and buttons; what they paint, also those that paint by themselves, is
+taken from a drawing of the window that keeps text as text.
+"""
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QPoint, QPointF, QRect, QRectF, Qt
+from PySide6.QtGui import QFont, QFontMetricsF, QPainter, QRegion, QTransform
+from PySide6.QtSvg import QSvgGenerator
+from PySide6.QtWidgets import QAbstractButton, QAbstractScrollArea, QLabel, QLineEdit, QTabBar, QWidget
+
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.cut_label import CutLabel
+
+_SPARE_PX = 1.5
+_OVERLAP = 0.2
+"""Of the smaller of two texts so much has to lie on the other: letters' boxes touch without anything to see."""
+
+_SEEN = 0.3
+"""Of a text so much has to be in view to count: a row of a list may be scrolled half away."""
+
+
+@dataclass(frozen=True, slots=True)
+class Painted:
+    """A piece of text in the window, and the box that it fills."""
+
+    text: str
+    box: QRectF
+
+
+def flaws(window: QWidget) -> list[str]:
+    """One line for each text that is cut off or lies on another one; empty for a window that can be read."""
+    painted = [(widget, _painted_by(widget)) for widget in _shown(window)]
+    beyond = [
+        f"{_name(widget)} paints {text.text!r} beyond its edge"
+        for widget, texts in painted
+        if texts and not _scrolled(widget)
+        for text in texts
+        if _sticks_out(text.box, widget)
+    ]
+    return [*cut_off(window), *beyond, *on_one_another(_in_view(painted, window))]
+
+
+def cut_off(window: QWidget) -> list[str]:
+    """Labels, buttons and hints of fields that have less room than their text needs."""
+    found = []
+    for widget in _shown(window):
+        lacking = _lacking_px(widget)
+        if lacking is not None:
+            found.append(f"{_name(widget)} lacks {lacking[0]:.0f} x {lacking[1]:.0f} px for {_text_of(widget)!r}")
+    return found
+
+
+def on_one_another(texts: list[Painted]) -> list[str]:
+    found = []
+    for number, one in enumerate(texts):
+        for other in texts[number + 1 :]:
+            both = one.box.intersected(other.box)
+            smaller = min(_area(one.box), _area(other.box))
+            if not both.isEmpty() and _area(both) > _OVERLAP * smaller:
+                found.append(f"{one.text!r} and {other.text!r} lie on one another at {both.topLeft().toPoint()}")
+    return found
+
+
+def painted_texts(window: QWidget) -> list[Painted]:
+    """Everything that the window's widgets paint as text, as far as it can be seen."""
+    return _in_view(((widget, _painted_by(widget)) for widget in _shown(window)), window)
+
+
+def _in_view(painted: Iterable[tuple[QWidget, list[Painted]]], window: QWidget) -> list[Painted]:
+    """In the window's coordinates, as far as it can be seen."""
+    texts = []
+    for widget, own in painted:
+        seen = QRectF(widget.visibleRegion().boundingRect())
+        origin = QPointF(widget.mapTo(window, QPoint()))
+        for text in own:
+            box = text.box.intersected(seen)
+            if _area(box) > _SEEN * _area(text.box):
+                texts.append(Painted(text.text, box.translated(origin)))
+    return texts
+
+
+def _painted_by(widget: QWidget) -> list[Painted]:
+    """In the widget's own coordinates, wherever it lies."""
+    if type(widget) is QWidget or widget.width() < 1 or widget.height() < 1:
+        return []
+    drawn = QByteArray()
+    buffer = QBuffer(drawn)
+    buffer.open(QIODevice.OpenModeFlag.WriteOnly)
+    generator = QSvgGenerator()
+    generator.setOutputDevice(buffer)
+    generator.setSize(widget.size())
+    generator.setViewBox(QRect(QPoint(), widget.size()))
+    painter = QPainter(generator)
+    widget.render(painter, QPoint(), QRegion(), QWidget.RenderFlag(0))
+    painter.end()
+    return list(_texts_below(ET.fromstring(bytes(drawn.data())), QTransform()))  # noqa: S314 - drawn just now
+
+
+def _texts_below(element: ET.Element, transform: QTransform) -> Iterator[Painted]:
+    matrix = re.fullmatch(r"matrix\(([^)]*)\)", element.get("transform", ""))
+    if matrix is not None:
+        a, b, c, d, e, f = (float(number) for number in matrix.group(1).split(","))
+        transform = QTransform(a, b, c, d, e, f) * transform
+    if element.tag.endswith("text") and (element.text or "").strip():
+        text = element.text or ""
+        font = QFont((element.get("font-family") or "").strip("'"))
+        font.setPixelSize(max(1, round(float(element.get("font-size", "12")))))
+        font.setWeight(QFont.Weight(int(element.get("font-weight", "400"))))
+        metrics = QFontMetricsF(font)
+        x, baseline = float(element.get("x", "0")), float(element.get("y", "0"))
+        box = QRectF(x, baseline - metrics.ascent() * 0.75, metrics.horizontalAdvance(text), metrics.ascent() * 0.75)
+        if len(text.strip()) > 1:
+            yield Painted(text.strip(), transform.mapRect(box))
+    for child in element:
+        yield from _texts_below(child, transform)
+
+
+def _shown(window: QWidget) -> Iterator[QWidget]:
+    """What can be seen of the window; what has been scrolled away is there by scrolling."""
+    for widget in window.findChildren(QWidget):
+        if widget.isVisibleTo(window) and not widget.visibleRegion().isEmpty() and widget.window() is window.window():
+            yield widget
+
+
+def _text_of(widget: QWidget) -> str:
+    if isinstance(widget, QLineEdit):
+        return widget.placeholderText() if not widget.text() else ""
+    return widget.text() if isinstance(widget, (QLabel, QAbstractButton)) else ""
+
+
+def _name(widget: QWidget) -> str:
+    return f"{type(widget).__name__} {widget.objectName() or _named_by(widget)!r}"
+
+
+def _scrolled(widget: QWidget) -> bool:
+    """Whether it can be brought in by scrolling."""
+    parent: QWidget | None = widget
+    while parent is not None:
+        if isinstance(parent, (QAbstractScrollArea, QTabBar)):
+            return True
+        parent = parent.parentWidget()
+    return False
+
+
+def _sticks_out(box: QRectF, widget: QWidget) -> bool:
+    room = QRectF(widget.rect())
+    return (
+        box.left() < room.left() - _SPARE_PX
+        or box.right() > room.right() + _SPARE_PX
+        or box.top() < room.top() - _SPARE_PX
+        or box.bottom() > room.bottom() + _SPARE_PX
+    )
+
+
+def _named_by(widget: QWidget) -> str:
+    parent = widget.parentWidget()
+    while parent is not None and not parent.objectName():
+        parent = parent.parentWidget()
+    return f"in {parent.objectName()}" if parent is not None else ""
+
+
+def _lacking_px(widget: QWidget) -> tuple[float, float] | None:
+    text = _text_of(widget)
+    if not text.strip() or isinstance(widget, CutLabel):
+        return None  # cut short on purpose, with the whole text in its tip
+    room = widget.contentsRect()
+    if isinstance(widget, QLabel):
+        flags = int(widget.alignment())
+        if widget.wordWrap():
+            flags |= int(Qt.TextFlag.TextWordWrap)
+        margin = 2 * widget.margin()
+        within = QRectF(0, 0, room.width() - margin if widget.wordWrap() else 100_000, 100_000)
+        needed = QFontMetricsF(widget.font()).boundingRect(within, flags, text)
+        lacks = needed.width() + margin - room.width(), needed.height() + margin - room.height()
+    elif isinstance(widget, QLineEdit):
+        needed_px = QFontMetricsF(widget.font()).horizontalAdvance(text)
+        lacks = needed_px + 8 - room.width(), 0.0
+    else:
+        hint = widget.sizeHint()
+        if isinstance(widget, ActionButton) and widget.may_shrink:
+            return None
+        lacks = float(hint.width() - widget.width()), float(hint.height() - widget.height())
+    beyond = _beyond_parent(widget)
+    lacks = max(lacks[0], beyond[0]), max(lacks[1], beyond[1])
+    return (max(0.0, lacks[0]), max(0.0, lacks[1])) if max(lacks) > _SPARE_PX else None
+
+
+def _beyond_parent(widget: QWidget) -> tuple[float, float]:
+    """How far it sticks out of what holds it; in a scroll area it can be brought in."""
+    parent, place = widget.parentWidget(), QRect(widget.geometry())
+    while parent is not None and not parent.isWindow():
+        if isinstance(parent.parentWidget(), QAbstractScrollArea):
+            return 0.0, 0.0
+        out = (
+            max(0, place.right() - parent.rect().right(), -place.left()),
+            max(0, place.bottom() - parent.rect().bottom(), -place.top()),
+        )
+        if max(out) > _SPARE_PX:
+            return float(out[0]), float(out[1])
+        place.translate(parent.pos())
+        parent = parent.parentWidget()
+    return 0.0, 0.0
+
+
+def _area(box: QRectF) -> float:
+    return box.width() * box.height()

@@ -1,0 +1,91 @@
+"""The list of what is wrong now: opened from the lower edge and from the palette, and empty again by itself."""
+
+import dataclasses
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QLabel, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain.events import ANSWER, Problem
+from caris_desktop.ui import tokens
+from caris_desktop.ui.alarms.alarm_list import AlarmList
+from caris_desktop.ui.main_window import MainWindow
+from tests.ui.conftest import click, find
+from tests.ui.fake_console import FakeConsole
+
+
+@pytest.fixture
+def alarms(window: MainWindow) -> AlarmList:
+    found = window.findChild(AlarmList)
+    assert found is not None
+    return found
+
+
+def wrong(console: FakeConsole, what: str, **more: object) -> None:
+    console.state.take(Problem(1, "warning", what, "It means this.", "Do that.", **more))  # type: ignore[arg-type]
+
+
+def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, alarms: AlarmList
+) -> None:
+    button = window.findChild(QWidget, "alarms_button")
+    assert button is not None and not button.isVisible()
+    link = console.state.link.value
+    console.state.link.set(dataclasses.replace(link, state="lost"))
+    wrong(console, "Nothing was said.", until="connected", cause=ANSWER)
+    wrong(console, "The detector does not know: cake.")
+    assert (button.text(), button.role) == ("2 alarms", "red")  # type: ignore[attr-defined]
+    typing = window.focusWidget()
+    click(qtbot, find(window, "alarms_button"))
+    lost, cake = alarms.rows
+    assert "The link to the robot is lost." in lost.accessibleName()
+    assert "Nothing was said." in lost.accessibleDescription(), "what followed from it stands with it"
+    click(qtbot, find(cake, "alarm_seen_to"))
+    assert [row.accessibleName() for row in alarms.rows] == [lost.accessibleName()]
+    console.state.link.set(link)
+    console.ahead_ns = 3_000_000_000
+    console.alarms.look()
+    assert alarms.rows == ()
+    assert find(window, "no_alarm").isVisible()
+    assert not button.isVisible()
+    QTest.keyClick(alarms, Qt.Key.Key_Escape)
+    assert not alarms.isVisible()
+    assert window.focusWidget() is typing
+
+
+def test_the_palette_opens_it_and_the_log_of_what_was_is_one_click_away(
+    qtbot: QtBot, window: MainWindow, alarms: AlarmList
+) -> None:
+    entry = next(entry for entry in window.palette_entries() if entry.text == "What is wrong now")
+    entry.do()
+    assert alarms.isVisible()
+    click(qtbot, find(alarms, "alarms_log"))
+    assert not alarms.isVisible()
+    assert window.board.is_open("session")
+
+
+def test_an_alarm_that_was_dismissed_comes_back_with_what_it_stands_in_the_way_of(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    console.state.link.set(dataclasses.replace(console.state.link.value, state="lost"))
+    (card,) = window.problems.cards
+    click(qtbot, find(card, "problem_dismiss"))
+    assert window.problems.cards == ()
+    wrong(console, "Going to the kitchen is not possible.", until="connected", cause=ANSWER)
+    (card,) = window.problems.cards
+    assert card.problem.what == "The link to the robot is lost."
+    assert "Going to the kitchen is not possible." in card.accessibleName()
+    what = next(label for label in card.findChildren(QLabel) if label.text() == card.problem.what)
+    assert what.font().weight() == tokens.WEIGHT_SEMIBOLD, "what is wrong stands out from the first moment"
+    wrong(console, "This scenario takes no photos.", cause=ANSWER)
+    assert [card.problem.what for card in window.problems.cards][1:] == ["This scenario takes no photos."]
+    assert len(console.state.alarms.value) == 1
+
+
+def test_what_needs_nothing_done_is_a_line_of_the_log_alone(window: MainWindow, console: FakeConsole) -> None:
+    console.state.take(Problem(1, "info", "The camera sends its pictures uncompressed.", "", ""))
+    assert window.problems.cards == ()
+    assert console.state.alarms.value == ()
+    assert any("uncompressed" in line for line in window.panels["session"].log_lines())  # type: ignore[attr-defined]

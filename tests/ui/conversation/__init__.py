@@ -1,0 +1,1 @@
+"""The panels one by one, in a window on a fake console."""

@@ -1,0 +1,220 @@
+"""The first minutes with the program: the page, its steps, and the line that tells how to drive."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QLabel, QProgressBar, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import Odometry
+from caris_desktop.live.status import (
+    AssistantSetup,
+    AssistantStatus,
+    DriveStatus,
+    LinkStatus,
+    MicrophoneStatus,
+    ModelChoice,
+    PreflightCheck,
+)
+from caris_desktop.scenario.model import Permissions
+from caris_desktop.ui.bands import QuestionBand
+from caris_desktop.ui.first_use.drive_hint import DriveHint
+from caris_desktop.ui.first_use.first_use import DRIVEN_KEY, SET_UP_KEY, FirstUse
+from caris_desktop.ui.first_use.set_up_page import SetUpPage
+from caris_desktop.ui.first_use.step_pages import LivePicture
+from caris_desktop.ui.first_use.steps import steps_for
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.robot_choice import RobotChooser
+from caris_desktop.ui.theme import Theme
+from tests.ui import samples
+from tests.ui.conftest import MemorySettings, click, find
+from tests.ui.fake_console import FakeConsole
+
+ROBOT = PreflightCheck("robot", "Robot is connected", "major", "It does not answer.", "Switch it on.")
+VIDEO = PreflightCheck("video", "Pictures come", "passed", "Pictures come from front.")
+VOICE = PreflightCheck("voice", "Robot can speak", "passed", "The voice is ready.")
+SOUND = PreflightCheck("microphone", "Microphone hears", "not checked", "Nobody has listened yet.", "Try it.")
+MODEL = PreflightCheck("model", "Language model answers", "pending", "It is being loaded.")
+CHECKS = (ROBOT, VIDEO, VOICE, SOUND, MODEL)
+
+
+@pytest.fixture
+def console() -> Iterator[FakeConsole]:
+    made = FakeConsole(replace(samples.TOUR, permissions=Permissions(audio_recording=True)))
+    made.state.preflight.set(CHECKS)
+    made.inputs = ("Jabra",)
+    yield made
+    made.state.close()
+
+
+@pytest.fixture
+def ground(qtbot: QtBot) -> QWidget:
+    made = QWidget()
+    qtbot.addWidget(made)
+    made.resize(1366, 768)
+    made.show()
+    return made
+
+
+@pytest.fixture
+def page(theme: Theme, ground: QWidget, console: FakeConsole) -> SetUpPage:
+    robots = RobotChooser(theme, console, QuestionBand(theme), ground)
+    made = SetUpPage(theme, ground, console, robots)
+    made.open_welcome()
+    return made
+
+
+def texts(widget: QWidget) -> list[str]:
+    return [label.text() for label in widget.findChildren(QLabel) if label.isVisible()]
+
+
+def test_only_what_the_scenario_needs_is_set_up() -> None:
+    assert [step.name for step in steps_for(CHECKS)] == ["robot", "camera", "sound", "model"]
+    assert [step.name for step in steps_for((ROBOT, VOICE))] == ["robot", "sound"]
+
+
+def test_the_simulated_robot_is_one_key_away(qtbot: QtBot, page: SetUpPage) -> None:
+    asked: list[bool] = []
+    page.simulated_wanted.connect(lambda: asked.append(True))
+    focused = page.window().focusWidget()
+    assert focused is not None and focused.accessibleName() == "Try it with the simulated robot"
+    qtbot.keyClick(focused, Qt.Key.Key_Space)
+    assert asked == [True]
+    assert page.isHidden()
+
+
+def test_the_red_button_stays_free_and_a_click_beside_the_page_closes_nothing(qtbot: QtBot, page: SetUpPage) -> None:
+    assert page.geometry().top() == 56, "below the bar with the emergency stop"
+    qtbot.mouseClick(page, Qt.MouseButton.LeftButton, pos=page.rect().bottomLeft())
+    assert page.isVisible()
+
+
+def test_each_step_says_how_it_stands_and_can_be_skipped(qtbot: QtBot, page: SetUpPage, console: FakeConsole) -> None:
+    told: list[bool] = []
+    page.finished.connect(told.append)
+    click(qtbot, find(page, "first_use_own"))
+    assert page.step == "robot"
+    assert find(page, "first_use_to_robot").accessibleName() == "Robot: Major"
+    assert find(page, "first_use_to_camera").accessibleName() == "Camera: Passed"
+    assert {"It does not answer.", "Switch it on."} <= set(texts(page))
+    next_one = find(page, "first_use_next")
+    assert next_one.accessibleName() == "Skip for now"
+    console.state.preflight.set((replace(ROBOT, state="passed", detail="TIAGo is connected."), *CHECKS[1:]))
+    assert next_one.accessibleName() == "Next"
+    assert "TIAGo is connected." in texts(page)
+    for step in ("camera", "sound", "model"):
+        qtbot.keyClick(next_one, Qt.Key.Key_Space)
+        assert page.step == step
+    assert next_one.accessibleName() == "Done"
+    click(qtbot, find(page, "first_use_back"))
+    assert page.step == "sound"
+    page.show_step("model")
+    qtbot.keyClick(next_one, Qt.Key.Key_Space)
+    assert page.isHidden() and told == [True]
+
+
+def test_a_robot_is_chosen_from_the_list(qtbot: QtBot, page: SetUpPage, console: FakeConsole) -> None:
+    click(qtbot, find(page, "first_use_own"))
+    click(qtbot, find(page, "first_use_robot_tiago"))
+    assert console.named("use_robot") == ["tiago"]
+
+
+def test_the_camera_is_seen_and_an_old_picture_never(qtbot: QtBot, page: SetUpPage, console: FakeConsole) -> None:
+    click(qtbot, find(page, "first_use_own"))
+    page.show_step("camera")
+    picture = find(page, "first_use_picture")
+    assert isinstance(picture, LivePicture)
+    image_bgr, boxes = next(samples.video_frames())
+    samples.show_frame(console, image_bgr, boxes)
+    picture.look()
+    assert picture.shows_picture
+    console.state.frame.clear()
+    picture.look()
+    assert not picture.shows_picture
+
+
+def test_sound_is_tried_both_ways(qtbot: QtBot, page: SetUpPage, console: FakeConsole) -> None:
+    click(qtbot, find(page, "first_use_own"))
+    page.show_step("sound")
+    click(qtbot, find(page, "first_use_say"))
+    assert console.named("say")[-1][1] == "phrase"
+    click(qtbot, find(page, "preflight_try_microphone"))
+    assert console.named("try_microphone") == [True]
+    level = find(page, "first_use_level")
+    assert isinstance(level, QProgressBar)
+    console.state.microphone.set(MicrophoneStatus("on", level=0.25))
+    assert level.value() == 50
+    console.state.microphone.set(MicrophoneStatus("off", level=0.25))
+    assert level.value() == 0
+
+
+def test_a_model_is_chosen_and_asked(qtbot: QtBot, page: SetUpPage, console: FakeConsole) -> None:
+    models = (ModelChoice("embedded", "SmolLM2", "this computer"), ModelChoice("ollama:phi", "phi", "Ollama"))
+    console.state.assistant_setup.set(AssistantSetup("embedded", models=models))
+    click(qtbot, find(page, "first_use_own"))
+    page.show_step("model")
+    choice = find(page, "first_use_model")
+    choice.activated.emit(1)  # type: ignore[attr-defined]
+    assert console.named("choose_model") == ["ollama:phi"]
+    click(qtbot, find(page, "first_use_ask"))
+    console.state.assistant.set(AssistantStatus("ready", "phi", answer="Hello there."))
+    assert "“Hello there.”" in texts(page)
+
+
+def test_it_comes_once_by_itself_and_later_when_it_is_asked_for(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, settings: MemorySettings
+) -> None:
+    console.state.link.set(LinkStatus("connecting"))
+    use: FirstUse = window.first_use
+    wanted: list[bool] = []
+    use.simulated_wanted.connect(lambda: wanted.append(True))
+    use.begin(with_simulated_robot=False)
+    assert find(window, "first_use").isVisible()
+    qtbot.keyClick(window, Qt.Key.Key_Escape)
+    assert window.findChild(SetUpPage).isHidden()
+    assert settings.values[SET_UP_KEY] == "skipped"
+    use.begin(with_simulated_robot=False)
+    assert window.findChild(SetUpPage).isHidden(), "once is enough"
+    window.actions_table.run("set_up")
+    click(qtbot, find(window, "first_use_simulated"))
+    assert wanted == [True] and settings.values[SET_UP_KEY] == "done"
+    hint = find(window, "drive_hint")
+    assert hint.accessibleName() == "The robot is being connected…"
+    console.state.link.set(LinkStatus("connected", "Simulated robot"))
+    window.focus_driving()
+    assert hint.accessibleName() == "Hold W to drive, A or D to turn. Let go, and it stops."
+    window.focus_speak()
+    assert "Alt" in hint.accessibleName(), "the keys that work now"
+
+
+def drive(console: FakeConsole, x_m: float) -> None:
+    console.state.take(Odometry(clock.now_ns(), None, Pose2D(x_m, 0.0, 0.0), Twist2D(0.3, 0.0, 0.0)))
+
+
+def test_the_hint_goes_with_the_first_metre(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, settings: MemorySettings
+) -> None:
+    hint: DriveHint = window.first_use.hint
+    window.first_use.begin(with_simulated_robot=True)
+    assert hint.isVisible()
+    console.state.drive.set(DriveStatus(allowed=True))
+    for x_m in (0.0, 2.0):
+        drive(console, x_m)
+    assert DRIVEN_KEY not in settings.values, "whoever carries it has not driven"
+    console.state.drive.set(DriveStatus(allowed=True, target_forward_mps=0.3))
+    for x_m in (2.2, 2.6, 2.9):
+        drive(console, x_m)
+    assert DRIVEN_KEY not in settings.values
+    drive(console, 3.2)
+    assert settings.values[DRIVEN_KEY] == "yes"
+    assert "first metre" in hint.text
+    wanted: list[bool] = []
+    hint.practise_wanted.connect(lambda: wanted.append(True))
+    click(qtbot, find(hint, "drive_hint_practise"))
+    assert wanted == [True] and not hint.isVisible()
+    window.first_use.begin(with_simulated_robot=True)
+    assert not hint.isVisible(), "told once"

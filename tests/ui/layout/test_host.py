@@ -1,0 +1,243 @@
+"""The area of the panels in a window: what is seen is what the arrangement says."""
+
+import json
+import random
+
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.scenario.model import PanelLeaf, TabNode
+from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.ui.layout.arrangement import (
+    Arrangement,
+    arrangement_data,
+    arrangement_from,
+    arrangement_of,
+    float_panel,
+)
+from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.placing import GroupPlace, place
+from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.layout.tree import panels_in
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panel_table import PANELS
+from tests.ui import samples
+from tests.ui.layout.edits import KINDS, edited
+from tests.ui.layout.lying import Placed, shown_in
+
+PLACE = Rect(60, 80, 420, 300)
+
+
+@pytest.fixture
+def host(window: MainWindow) -> DockHost:
+    window.resize(1900, 1050)
+    QApplication.processEvents()
+    return window.dock_host
+
+
+def arranged(host: DockHost) -> Arrangement:
+    assert host.arrangement is not None
+    return host.arrangement
+
+
+def placed(group: GroupPlace) -> Placed:
+    rect = group.rect
+    node = TabNode(group.panels, group.current) if group.tabbed else PanelLeaf(group.current)
+    return Placed(node, rect.left, rect.top, rect.right - 1, rect.bottom - 1)
+
+
+def check(host: DockHost) -> None:
+    """What lies in the window and in windows of their own is what the arrangement says."""
+    arrangement = arranged(host)
+    room = Rect(0, 0, host.width(), host.height())
+    said = place(arrangement.tree, room, arrangement.docked, lambda name: host.docks[name].least())
+    # Four panels that meet in one point lie the same, whichever of two trees says it: rectangles are compared.
+    expected = [placed(group) for group in said.groups]
+    assert shown_in(host) == sorted(expected, key=str)
+    for window in arrangement.floating:
+        for name in set(panels_in(window.tree)) - arrangement.hidden:
+            assert host.docks[name].window() is not host.window()
+    for name in arrangement.hidden:
+        assert not host.docks[name].isVisible()
+
+
+def test_random_edits_are_seen_undone_and_brought_back(
+    window: MainWindow, host: DockHost, pytestconfig: pytest.Config
+) -> None:
+    """25 through the real window; 500 with --long."""
+    made = random.Random(7)  # noqa: S311
+    keeper = window.layout_keeper
+    seen = [arranged(host)]
+    count = 500 if pytestconfig.getoption("--long") else 25
+    while len(seen) <= count:
+        kind = made.choice([kind for kind in KINDS if kind not in ("select", "place", "add", "remove")])
+        edit = (kind, made.randrange(100), made.randrange(100), made.randrange(5), made.randrange(-600, 1200))
+        if host.edit(kind, edited(arranged(host), edit, [])):
+            check(host)
+            seen.append(arranged(host))
+            if len(seen) % 5 == 0:
+                loaded = arrangement_from(json.loads(json.dumps(arrangement_data(arranged(host)))))
+                window.board.show(loaded)
+                assert arranged(host) == seen[-1]
+                check(host)
+    steps = min(count, 200)  # so many are kept
+    for expected in list(reversed(seen))[1 : steps + 1]:
+        keeper.undo()
+        assert arranged(host) == expected
+    check(host)
+
+
+def test_a_panel_keeps_what_it_has_wherever_it_goes(window: MainWindow, host: DockHost) -> None:
+    panel = window.panels["speak"]
+    field = panel.findChild(QPlainTextEdit, "speak_field")
+    assert isinstance(field, QPlainTextEdit)
+    field.setFocus()
+    QTest.keyClicks(field, "half a sent")
+    host.float_panel("speak", PLACE)
+    host.move_panel("map", "speak", "tab")
+    host.dock_panel("speak")
+    host.move_panel("speak", "video", "left")
+    assert window.panels["speak"] is panel
+    assert field.toPlainText() == "half a sent"
+    field.clear()
+
+
+def test_a_layout_of_two_screens_opens_on_one_and_goes_back_to_both(
+    window: MainWindow, host: DockHost, qtbot: QtBot
+) -> None:
+    left, right = Rect(0, 0, 1920, 1080), Rect(1920, 0, 2560, 1440)
+    on_right = Rect(2500, 300, 900, 700)
+    host.screens = lambda: (left, right)
+    window.board.show(float_panel(arrangement_of(samples.TOUR_LAYOUT), "map", on_right))
+    own = host.docks["map"].window()
+    assert own.geometry().topLeft() == QPoint(2500, 300)
+    host.screens = lambda: (left,)
+    host.show_everything()
+    place = own.geometry()
+    assert place.right() < 1920 and place.bottom() < 1080 and place.size().width() == 900
+    assert arranged(host).floating[0].place == on_right, "the second screen may be back tomorrow"
+    host.screens = lambda: (left, right)
+    host.show_everything()
+    assert own.geometry().topLeft() == QPoint(2500, 300)
+
+
+def test_closing_a_window_of_its_own_loses_no_panel(host: DockHost) -> None:
+    before = arranged(host)
+    host.float_panel("map", PLACE)
+    host.move_panel("people", "map", "below")
+    own = host.docks["map"].window()
+    assert own is host.docks["people"].window()
+    own.close()
+    assert arranged(host).floating == ()
+    assert set(arranged(host).docked) == set(before.docked)
+    check(host)
+
+
+def test_a_handle_shares_the_room_anew(host: DockHost, qtbot: QtBot) -> None:
+    video = host.docks["video"].width()
+    handle = next(handle for handle in host.findChildren(QWidget, "split_handle") if handle.height() > handle.width())
+    told: list[str] = []
+    host.edited.connect(lambda what, _before: told.append(what))
+    QTest.mousePress(handle, Qt.MouseButton.LeftButton, pos=QPoint(4, 50))
+    at = handle.mapToGlobal(QPoint(4, 50))
+    for step in (40, 90):  # the handle goes along
+        QTest.mouseMove(handle, handle.mapFromGlobal(at + QPoint(step, 0)))
+    QTest.mouseRelease(handle, Qt.MouseButton.LeftButton, pos=handle.mapFromGlobal(at + QPoint(90, 0)))
+    assert host.docks["video"].width() == pytest.approx(video + 90, abs=3)
+    assert told == ["Change sizes"], "once, not with every pixel"
+
+
+def test_the_menu_of_a_title_moves_and_floats_by_keys_too(host: DockHost) -> None:
+    menu = QMenu(host)
+    host.fill_menu(menu, "map")
+    texts = [action.text() for action in menu.actions()]
+    assert texts[0] == "Into a window of its own"
+    into = next(action for action in menu.actions() if action.text() == "Into the tabs of")
+    video = next(action for action in into.menu().actions() if action.text() == "Video")  # type: ignore[union-attr]
+    video.trigger()
+    group = host.placing.group_of("map")
+    assert group is not None and group.panels == ("video", "map")
+    menu.actions()[0].trigger()
+    assert "map" in arranged(host).afloat
+
+
+def test_a_panel_that_is_too_small_says_what_is_cut_off_and_opens_as_a_drawer(
+    window: MainWindow, host: DockHost, qtbot: QtBot
+) -> None:
+    window.resize(1000, 420)
+    QApplication.processEvents()
+    cut = [dock for dock in host.docks.values() if dock.isVisible() and dock.is_cut]
+    assert cut, "so little room is not enough for all"
+    dock = next((dock for dock in cut if dock.cut_off()), cut[0])
+    button = dock.findChild(QWidget, "drawer_button")
+    assert button is not None and button.isVisible()
+    assert "drawer" in button.accessibleName()
+    for name in dock.cut_off():
+        assert name in button.accessibleName()
+    small = dock.geometry()
+    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+    assert dock.height() > small.height() or dock.width() > small.width()
+    assert host.rect().contains(dock.geometry())
+    assert button.accessibleName() == "Close the drawer"
+    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+    assert dock.geometry() == small
+    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+    host.give_up()
+    assert dock.geometry() == small, "Esc puts it back"
+    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+    other = next(name for name in ("video", "speak") if dock.name != name and not window.panels[name].active)  # type: ignore[index]
+    window.panels[other].focus_target().setFocus()  # type: ignore[index]
+    assert dock.geometry() == small, "and so does going on in another panel"
+
+
+def test_every_panel_has_its_button_to_float(host: DockHost) -> None:
+    for name, dock in host.docks.items():
+        button = dock.findChild(QWidget, "float_button")
+        assert button is not None
+        assert button.accessibleName().endswith("Into a window of its own"), name
+    assert isinstance(host.docks["map"], Dock)
+    assert set(PANELS) >= set(host.docks)
+
+
+def test_a_locked_window_of_its_own_goes_back_to_its_place(window: MainWindow, host: DockHost) -> None:
+    host.float_panel("map", PLACE)
+    own = host.docks["map"].window()
+    window.layout_keeper.set_locked(True)
+    told: list[str] = []
+    host.refused.connect(told.append)
+    own.setGeometry(300, 200, PLACE.width, PLACE.height)
+    own._tell()  # type: ignore[attr-defined]
+    assert own.geometry().topLeft() == QPoint(PLACE.left, PLACE.top)
+    assert len(told) == 1
+    window.layout_keeper.set_locked(False)
+    own.setGeometry(300, 200, PLACE.width, PLACE.height)
+    own._tell()  # type: ignore[attr-defined]
+    assert arranged(host).floating[0].place == Rect(300, 200, PLACE.width, PLACE.height)
+
+
+def test_tabs_that_do_not_fit_stand_in_a_list(window: MainWindow, host: DockHost, qtbot: QtBot) -> None:
+    for name in ("map", "drive", "people", "session", "speak"):
+        host.move_panel(name, "assistant", "tab")
+    host.move_panel("video", "assistant", "left")
+    window.resize(800, 700)
+    QApplication.processEvents()
+    (bar,) = host.bars
+    seen = [index for index in range(bar.count()) if bar.isTabVisible(index)]
+    assert bar.currentIndex() in seen and len(seen) < bar.count()
+    more = bar.findChild(QWidget, "more_tabs")
+    assert more is not None and more.isVisible()
+    assert [bar.tabRect(index) for index in seen if bar.tabRect(index).right() > more.x()] == [], "whole tabs only"
+    for index in set(range(bar.count())) - set(seen):
+        assert bar.tabText(index) in more.accessibleName()
+    listed = next(index for index in range(bar.count()) if index not in seen)
+    panel = bar.panels[listed]
+    qtbot.mouseClick(more, Qt.MouseButton.LeftButton)
+    menu = bar.findChild(QMenu, "more_tabs_menu")
+    assert isinstance(menu, QMenu)
+    menu.actions()[0].trigger()
+    menu.close()
+    assert host.docks[panel].isVisible()
+    assert host.bars[0].isTabVisible(listed), "what is chosen has its tab"

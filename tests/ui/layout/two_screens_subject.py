@@ -1,0 +1,38 @@
+"""The window in a process of its own, for screens that another process has: prints where the map lies.
+
+``python -m tests.ui.layout.two_screens_subject SETTINGS [X Y]``: X and Y are where the map is floated to first.
+"""
+
+import sys
+
+from PySide6.QtCore import QSettings
+from PySide6.QtWidgets import QApplication
+
+from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.main_window import MainWindow
+from tests.ui import samples
+from tests.ui.fake_console import FakeConsole
+
+
+def main() -> None:
+    app = QApplication([])
+    settings = QSettings(sys.argv[1], QSettings.Format.IniFormat)
+    window = MainWindow(FakeConsole(samples.TOUR), settings=settings)
+    window.resize(1600, 900)
+    window.show()
+    app.processEvents()
+    if len(sys.argv) > 2:
+        window.dock_host.float_panel("map", Rect(int(sys.argv[2]), int(sys.argv[3]), 600, 500))
+    app.processEvents()
+    place = window.dock_host.docks["map"].window().geometry()
+    arrangement = window.dock_host.arrangement
+    kept = None if arrangement is None else arrangement.floating[0].place
+    print("SCREENS", len(app.screens()))
+    print("MAP", place.x(), place.y(), place.width(), place.height())
+    print("KEPT", kept)
+    settings.sync()
+    window.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Tests of what the wizard sees of the checks before a recording."""

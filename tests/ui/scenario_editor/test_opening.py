@@ -1,0 +1,43 @@
+"""The editor beside the main window: opened from there, with the robot in reach all the while."""
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtTest import QTest
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.ui.main_window import MainWindow
+from tests.ui.conftest import click, find
+from tests.ui.fake_console import FakeConsole
+from tests.ui.test_window import choose
+
+
+def test_it_opens_from_the_menu_and_driving_and_the_emergency_stop_go_past_it(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    click(qtbot, find(window, "scenario_button"))
+    choose(window, "scenario_menu", "Edit this scenario…")
+    editor = window.editor.editor
+    assert editor is not None
+    qtbot.waitUntil(editor.isActiveWindow)
+    # Who types drives with Alt here too, and nothing of it is typed.
+    title = editor.reveal(("title",))
+    assert title is not None
+    QTest.keyPress(title.control, Qt.Key.Key_Up, Qt.KeyboardModifier.AltModifier)
+    assert console.named("drive")[-1][0] > 0
+    QTest.keyRelease(title.control, Qt.Key.Key_Up, Qt.KeyboardModifier.AltModifier)
+    assert not editor.document.changed
+    QTest.keyClick(editor, Qt.Key.Key_Escape)
+    QTest.keyClick(editor, Qt.Key.Key_Escape)
+    assert console.named("emergency_stop")
+    assert editor.isVisible()
+    assert any(entry.text == "Edit this scenario…" for entry in window.palette_entries())
+    window.editor.open()
+    assert window.editor.editor is editor
+    # The main window does not go while something is not saved.
+    editor.editing.set(("title",), "Another")
+    monkeypatch.setattr(QCloseEvent, "spontaneous", lambda _event: True)
+    monkeypatch.setattr(window.closing, "asks_first", lambda _event: False)
+    assert not window.close()
+    editor.notice.answers[1].click()
+    assert window.editor.editor is None

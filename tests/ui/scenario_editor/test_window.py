@@ -1,0 +1,357 @@
+"""The editor of a scenario: typing, lists, text, undo, comparing, saving, closing; and what the wizard is shown."""
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt, QUrl
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLabel, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import RobotPose
+from caris_desktop.live.status import SavedScenario
+from caris_desktop.scenario.file import load_scenario
+from caris_desktop.ui.scenario_editor.consequences import consequences
+from caris_desktop.ui.scenario_editor.groups import ListPart
+from caris_desktop.ui.scenario_editor.window import ScenarioEditor, opened_file
+from caris_desktop.ui.theme import Theme
+from tests.ui.conftest import find
+from tests.ui.fake_console import FakeConsole
+
+TEXT = """\
+# Written by Anna.
+version: 1
+title: Small   # and good
+phrases:
+  # the first
+  - Hello
+  - {say: Bye, key: Ctrl+B}   # the last
+places:
+  - {name: Door, x_m: 1.00, y_m: 2.00}
+permissions:
+  photos: true   # they agreed
+protocol:
+  steps:
+    - {title: Greet, minutes: 2, go_to: Door}
+layout: {panel: video}
+"""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "small.yaml"
+    path.write_text(TEXT, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def console(path: Path) -> FakeConsole:
+    return FakeConsole(load_scenario(path))
+
+
+@pytest.fixture
+def editor(qtbot: QtBot, theme: Theme, console: FakeConsole, path: Path) -> Iterator[ScenarioEditor]:
+    theme.set_choice("dark")
+    window = ScenarioEditor(theme, console, opened_file(path))
+    qtbot.addWidget(window)
+    window.show()
+    window.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is window)
+    yield window
+    console.state.close()
+
+
+def field(editor: ScenarioEditor, *path: str | int) -> Any:
+    found = editor.reveal(path)
+    assert found is not None, path
+    return found
+
+
+def type_over(editor: ScenarioEditor, text: str, *path: str | int) -> None:
+    line = field(editor, *path).line
+    line.selectAll()
+    QTest.keyClicks(line, text) if text else QTest.keyClick(line, Qt.Key.Key_Delete)
+
+
+def list_part(editor: ScenarioEditor, *path: str | int) -> ListPart:
+    return next(part for part in editor.findChildren(ListPart) if part.path == path)
+
+
+def wrong(editor: ScenarioEditor) -> list[str]:
+    return [label.text() for label in editor.findChildren(QLabel, "mistake") if label.isVisible()]
+
+
+def test_what_is_typed_is_in_the_file_in_the_title_and_in_the_preview_at_once(editor: ScenarioEditor) -> None:
+    type_over(editor, "Large", "title")
+    assert editor.document.text == TEXT.replace("title: Small", "title: Large")
+    assert editor.windowTitle().startswith("Large")
+    assert "“Small” → “Large”" in editor.preview.toPlainText()
+    type_over(editor, "Good morning", "phrases", 0, "say")
+    assert "Good morning" in editor.preview.toPlainText()
+    assert "F1" in editor.preview.toPlainText()
+
+
+def test_bad_input_is_refused_at_its_field_and_nothing_of_it_is_lost(
+    editor: ScenarioEditor, console: FakeConsole
+) -> None:
+    type_over(editor, "fast", "driving", "max_forward_mps")
+    assert wrong(editor) == ["“Fastest forwards” must be a number, found 'fast'."]
+    assert "Line 15: 'driving.max_forward_mps' must be a number" in editor.preview.toPlainText()
+    editor.show_page(editor.pages[0])
+    editor.save_button.click()
+    assert console.named("save_scenario") == []
+    assert "To correct first: 1" in editor.notice.text.text()
+    # Shown where it is, with all that was typed.
+    assert QApplication.focusWidget() is field(editor, "driving", "max_forward_mps").line
+    assert field(editor, "driving", "max_forward_mps").line.text() == "fast"
+    type_over(editor, "0,25", "driving", "max_forward_mps")
+    assert wrong(editor) == []
+    assert editor.document.data["driving"] == {"max_forward_mps": 0.25}
+    editor.preview.anchorClicked.emit(QUrl("change:0"))
+    assert QApplication.focusWidget() is field(editor, "driving", "max_forward_mps").line
+
+
+def test_undo_and_redo_go_over_fields_lists_and_text_alike(editor: ScenarioEditor) -> None:
+    type_over(editor, "Large", "title")
+    type_over(editor, "Hm", "filler")
+    QTest.keyClick(QApplication.focusWidget(), Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert "filler" not in editor.document.data
+    assert field(editor, "filler").line.text() == ""
+    QTest.keyClick(field(editor, "title").line, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert editor.document.text == TEXT
+    assert not editor.undo_button.isEnabled()
+    line = field(editor, "title").line
+    QTest.keyClick(line, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
+    assert line.text() == "Large"
+    editor.revert_button.click()
+    assert editor.document.text == TEXT
+
+
+def test_entries_are_added_moved_and_taken_out_by_keys(editor: ScenarioEditor) -> None:
+    line = field(editor, "phrases", 0, "say").line
+    QTest.keyClick(line, Qt.Key.Key_Return)
+    QTest.keyClicks(QApplication.focusWidget(), "Between")
+    assert editor.document.data["phrases"] == ["Hello", "Between", {"say": "Bye", "key": "Ctrl+B"}]
+    QTest.keyClick(QApplication.focusWidget(), Qt.Key.Key_Up, Qt.KeyboardModifier.ControlModifier)
+    assert editor.document.data["phrases"][:2] == ["Between", "Hello"]
+    assert "\n  - Between\n  # the first\n  - Hello\n" in editor.document.text
+    row = list_part(editor, "phrases").rows[0]
+    take_out = next(each for each in row.findChildren(QWidget) if each.accessibleName() == "Take out: entry 1")
+    take_out.setFocus()
+    QTest.keyClick(take_out, Qt.Key.Key_Space)
+    assert editor.document.text == TEXT
+
+
+def test_more_along_with_a_phrase_is_entered_by_pressing_its_key(editor: ScenarioEditor) -> None:
+    key = field(editor, "phrases", 0, "key").line
+    QTest.keyClick(key, Qt.Key.Key_P, Qt.KeyboardModifier.ControlModifier)
+    assert editor.document.data["phrases"][0] == {"say": "Hello", "key": "Ctrl+P"}
+    assert "Ctrl+P does something else already: Photo" in editor.preview.toPlainText()
+    QTest.keyClick(key, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
+    assert [mistake.message for mistake in editor.document.mistakes] == ["the key Ctrl+B says another phrase already."]
+    key.selectAll()
+    QTest.keyClick(key, Qt.Key.Key_Delete)
+    assert editor.document.text == TEXT
+
+
+def test_a_place_is_where_the_robot_is_now(editor: ScenarioEditor, console: FakeConsole) -> None:
+    field(editor, "places", 0, "name")
+    here = find(editor, "place_from_robot")
+    assert not here.isEnabled()
+    console.state.take(RobotPose(clock.now_ns(), None, Pose2D(3.456, -1.0, 1.5708)))
+    editor.editing.told()
+    QTest.mouseClick(here, Qt.MouseButton.LeftButton)
+    assert editor.document.data["places"] == [{"name": "Door", "x_m": 3.46, "y_m": -1, "heading_deg": 90}]
+
+
+def test_what_is_switched_off_is_told_with_all_that_disappears(editor: ScenarioEditor) -> None:
+    field(editor, "permissions", "photos").enter(False)
+    told = editor.preview.toPlainText()
+    assert "Photos is now off. This disappears:" in told
+    assert [each.key for each in consequences("photos") if each.words == "Photo"] == ["Ctrl+P"]
+    for each in consequences("photos"):
+        assert each.words in told
+    assert {each.words for each in consequences("driving") if each.sort == "panel"} == {"Drive"}
+    # None of these is empty, or the table knows nothing of the permission.
+    assert all(consequences(name) for name in ("photos", "driving", "assistant", "face", "robot_controls"))
+
+
+def test_the_steps_of_the_protocol_are_told_as_the_strip_has_them(editor: ScenarioEditor) -> None:
+    field(editor, "protocol", "steps", 0, "minutes").enter(3)
+    told = editor.preview.toPlainText()
+    assert "3 min · go to Door" in told
+    names = field(editor, "protocol", "steps", 0, "go_to")
+    assert [names.box.itemText(number) for number in range(names.box.count())] == ["none", "Door"]
+
+
+def test_text_and_form_are_two_sides_of_one_thing(editor: ScenarioEditor) -> None:
+    type_over(editor, "Large", "title")
+    editor.show_page(editor.text_page)
+    code = editor.text_page.editor
+    assert code.toPlainText() == editor.document.text
+    assert code._changed == {2}
+    code.setPlainText(code.toPlainText().replace("- Hello", "- Good day"))
+    editor.show_page(editor.pages[1])
+    assert field(editor, "phrases", 0, "say").line.text() == "Good day"
+    editor.undo()
+    assert field(editor, "phrases", 0, "say").line.text() == "Hello"
+
+
+def test_text_with_a_mistake_leaves_the_form_as_it_was_and_says_where(
+    editor: ScenarioEditor, console: FakeConsole
+) -> None:
+    editor.show_page(editor.text_page)
+    broken = TEXT.replace("phrases:", "phrases: [")
+    editor.text_page.editor.setPlainText(broken)
+    editor.show_page(editor.pages[1])
+    assert editor.notice.text.text().startswith("Line 6 of the text: not valid YAML")
+    said = field(editor, "phrases", 0, "say")
+    assert (said.line.text(), said.line.isEnabled()) == ("Hello", False)
+    editor.save()
+    assert console.named("save_scenario") == []
+    editor.notice.answers[0].click()
+    assert editor.stack.currentWidget() is editor.text_page
+    assert editor.text_page.editor.toPlainText() == broken
+    assert editor.text_page.editor.textCursor().blockNumber() == 5
+    editor.undo()
+    assert (editor.document.text, editor.notice.isVisible()) == (TEXT, False)
+
+
+def test_fields_are_taken_over_from_what_it_is_compared_with(editor: ScenarioEditor) -> None:
+    type_over(editor, "Large", "title")
+    field(editor, "permissions", "photos").enter(False)
+    page = editor.compare_page
+    editor.show_page(page)
+    assert page.choice.itemText(0) == "What was saved"
+    assert page.said.text().startswith("Otherwise here: 2.")
+    assert "-title: Small   # and good\n+title: Large   # and good" in page.diff.toPlainText()
+    take = [row.findChild(QWidget, "take_over") for row in page.rows]
+    assert [each.accessibleName() for each in take if each] == [
+        "Take theirs: Title",
+        "Take theirs: Permissions › Photos",
+    ]
+    QTest.mouseClick(take[0], Qt.MouseButton.LeftButton)
+    assert editor.document.text == TEXT.replace("photos: true", "photos: false")
+    shipped = next(number for number in range(page.choice.count()) if "tour-guide" in page.choice.itemText(number))
+    page.choice.setCurrentIndex(shipped)
+    page.choice.activated.emit(shipped)
+    assert any("Tour guide" in label.text() for row in page.rows for label in row.findChildren(QLabel))
+
+
+def acknowledge(console: FakeConsole, **more: str) -> None:
+    text, path, _edited, _replaces = console.named("save_scenario")[-1]
+    sha256 = hashlib.sha256(text.encode()).hexdigest()
+    saved = SavedScenario(path, problem=more["problem"]) if more else SavedScenario(path, text, sha256)
+    console.state.saved_scenario.set_anew(saved)
+
+
+def test_saving_is_told_and_what_was_not_saved_stays(editor: ScenarioEditor, console: FakeConsole, path: Path) -> None:
+    type_over(editor, "Large", "title")
+    QTest.keyClick(editor, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
+    acknowledge(console, problem="The disk is full.")
+    assert editor.notice.text.text() == "It was not saved: The disk is full. What you changed is still here."
+    assert editor.document.changed
+    editor.save_button.click()
+    assert console.named("save_scenario")[-1][3] == opened_file(path).sha256
+    acknowledge(console)
+    assert (editor.document.changed, editor.save_button.isEnabled()) == (False, False)
+    assert "Saved in" in editor.notice.text.text()
+    # The next one replaces what was just saved.
+    type_over(editor, "Larger", "title")
+    editor.save_button.click()
+    assert console.named("save_scenario")[-1][3] == hashlib.sha256(TEXT.replace("Small", "Large").encode()).hexdigest()
+
+
+def test_what_is_typed_while_it_is_written_stays(editor: ScenarioEditor, console: FakeConsole) -> None:
+    type_over(editor, "Large", "title")
+    editor.save_button.click()
+    type_over(editor, "Larger", "title")
+    # One after the other: the second would find another file than it was made from.
+    editor.save_button.click()
+    assert len(console.named("save_scenario")) == 1
+    acknowledge(console)
+    assert editor.document.data["title"] == "Larger"
+    assert editor.document.changed and editor.save_button.isEnabled()
+
+
+def test_a_refusal_of_the_console_is_told(
+    editor: ScenarioEditor, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "do", lambda _intent: "Nothing is saved in a replay.")
+    type_over(editor, "Large", "title")
+    editor.save_button.click()
+    assert "Nothing is saved in a replay." in editor.notice.text.text()
+    assert editor.document.changed
+
+
+def test_a_copy_gets_a_name_of_its_own(editor: ScenarioEditor, console: FakeConsole, own_settings: Path) -> None:
+    editor.save_as_button.click()
+    assert QApplication.focusWidget() is editor.name
+    editor.name.setText("../away")
+    QTest.keyClick(editor.name, Qt.Key.Key_Return)
+    assert console.named("save_scenario") == []
+    editor.name.setText("second study")
+    QTest.keyClick(editor.name, Qt.Key.Key_Return)
+    ((_text, target, _edited, replaces),) = console.named("save_scenario")
+    assert target.is_relative_to(own_settings)
+    assert (target.name, replaces) == ("second study.yaml", "")
+    acknowledge(console)
+    assert editor.document.path == target
+
+
+def test_what_is_not_saved_is_asked_about_before_it_goes(
+    editor: ScenarioEditor, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(QCloseEvent, "spontaneous", lambda _event: True)
+    type_over(editor, "Large", "title")
+    assert not editor.close()
+    assert editor.notice.text.text() == "What you changed is not saved."
+    go_on = editor.notice.answers[2]
+    go_on.click()
+    assert editor.isVisible() and editor.document.changed
+    editor.close()
+    editor.notice.answers[0].click()
+    assert editor.isVisible()
+    acknowledge(console)
+    assert not editor.isVisible()
+
+
+def test_thrown_away_it_closes(editor: ScenarioEditor, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(QCloseEvent, "spontaneous", lambda _event: True)
+    type_over(editor, "Large", "title")
+    editor.close()
+    editor.notice.answers[1].click()
+    assert not editor.isVisible()
+
+
+def test_a_place_that_the_console_saves_meanwhile_stays(
+    editor: ScenarioEditor, console: FakeConsole, path: Path
+) -> None:
+    type_over(editor, "Large", "title")
+    theirs = TEXT.replace("permissions:", "  - {name: Window, x_m: 3, y_m: 4}\npermissions:")
+    path.write_text(theirs, encoding="utf-8")
+    console.state.scenario.set_anew(load_scenario(path))
+    assert editor.document.text == theirs.replace("title: Small", "title: Large")
+    assert editor.document.saved_text == theirs
+    assert editor.notice.isVisible()
+    editor.save_button.click()
+    assert console.named("save_scenario")[-1][3] == opened_file(path).sha256
+
+
+def test_everything_can_be_reached_and_heard_without_a_mouse(editor: ScenarioEditor) -> None:
+    for page in editor.pages:
+        page.build()
+    focusable = [each for each in editor.findChildren(QWidget) if each.focusPolicy() & Qt.FocusPolicy.TabFocus]
+    own = [each for each in focusable if type(each).__module__.startswith("caris_desktop")]
+    assert len(own) > 60
+    assert [f"{type(each).__name__} {each.objectName()}" for each in own if not each.accessibleName()] == []
+    editor.show_page(editor.pages[0])
+    first, second = field(editor, "description").control, field(editor, "title").control
+    QTest.keyClick(second, Qt.Key.Key_Tab)
+    assert QApplication.focusWidget() is first

@@ -1,0 +1,1 @@
+"""Tests of caris_desktop.ui.speak."""

@@ -1,0 +1,129 @@
+"""No text of the window is cut off or lies on another one: every scenario, screen, scale, theme and language.
+
+In the suite every pair of values comes up at least once; with ``--long`` all of them together.
+"""
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+import pytest
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLabel
+
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.scenario.file import load_scenario
+from caris_desktop.ui.language import ENGLISH, TRIAL, Language
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.theme import Theme
+from tests.support.window_check import flaws
+from tests.ui import samples
+from tests.ui.conftest import freshen
+from tests.ui.fake_console import FakeConsole
+
+SCREENS = ((1366, 768), (1920, 1080), (2560, 1440))
+SCALES = (1.0, 1.5, 2.0)
+THEMES = ("dark", "light")
+LANGUAGES = (ENGLISH, TRIAL)
+SCENARIOS = tuple(sorted(path.stem for path in layouts_dir().glob("*.yaml")))
+Case = tuple[str, tuple[int, int], float, str, str]
+_COMES_ROUND_MS = 400
+
+
+def everything() -> list[Case]:
+    return list(itertools.product(SCENARIOS, SCREENS, SCALES, THEMES, LANGUAGES))
+
+
+def pairwise(cases: Sequence[Case]) -> list[Case]:
+    """A few of ``cases`` in which every two values that come up together in them come up together."""
+    left = {pair for case in cases for pair in _pairs(case)}
+    chosen: list[Case] = []
+    while left:
+        best = max(cases, key=lambda case: len(left & _pairs(case)))
+        chosen.append(best)
+        left -= _pairs(best)
+    return sorted(chosen)  # what costs to change changes seldom
+
+
+def _pairs(case: Case) -> set[tuple[tuple[int, object], tuple[int, object]]]:
+    return set(itertools.combinations(enumerate(case), 2))
+
+
+class Shown:
+    """One window for each language, as texts are not drawn anew; scenario, size and theme change in it."""
+
+    def __init__(self, theme: Theme, language: str) -> None:
+        self.console = FakeConsole(load_scenario(layouts_dir() / f"{SCENARIOS[0]}.yaml"))
+        samples.fill_console(self.console)
+        self.speaks = Language()
+        self.speaks.use(language)
+        self.window = MainWindow(self.console, theme=theme)
+        self.window._top_bar.show_details(TrialDetails("Lab visit", "P07", "B", "2", "Kim"))
+        self.window.show()
+        self.console.state.close()
+
+    def flaws_in(self, case: Case) -> list[str]:
+        scenario, (width_px, height_px), scale, theme, _language = case
+        if self.console.scenario.path is None or self.console.scenario.path.stem != scenario:
+            self.console.scenario = load_scenario(layouts_dir() / f"{scenario}.yaml")
+            self.console.state.scenario.set_anew(self.console.scenario)
+        self.window.theme.set_choice("dark" if theme == "dark" else "light")
+        freshen(self.console)
+        # The same in units of the scale; only that it is drawn with more dots differs.
+        self.window.resize(round(width_px / scale), round(height_px / scale))
+        for _ in range(10):
+            QApplication.processEvents()
+        found = flaws(self.window)
+        if found:  # what a part of the window has not come round to yet is no flaw of it
+            QTest.qWait(_COMES_ROUND_MS)
+            found = flaws(self.window)
+        return found
+
+
+@pytest.fixture(params=LANGUAGES)
+def shown(request: pytest.FixtureRequest, theme: Theme) -> Iterator[Shown]:
+    shown = Shown(theme, request.param)
+    yield shown
+    shown.speaks.use(ENGLISH)
+    shown.window.close()
+    shown.window.deleteLater()
+
+
+def _found(shown: Shown, cases: Sequence[Case]) -> list[str]:
+    return [f"{case[:4]}: {flaw}" for case in cases for flaw in shown.flaws_in(case)]
+
+
+def test_all_pairs_can_be_read(shown: Shown, request: pytest.FixtureRequest) -> None:
+    language = request.node.callspec.params["shown"]
+    assert _found(shown, [case for case in pairwise(everything()) if case[4] == language]) == []
+
+
+@pytest.mark.long
+def test_everything_can_be_read(shown: Shown, request: pytest.FixtureRequest) -> None:
+    language = request.node.callspec.params["shown"]
+    assert _found(shown, [case for case in everything() if case[4] == language]) == []
+
+
+def test_the_check_sees_what_is_cut_off_and_what_lies_on_one_another(window: MainWindow) -> None:
+    """It would find it: the same window with a label squeezed, and one moved over another."""
+    squeezed, over = QLabel("Squeezed out of sight", window), QLabel("Lies over the title", window)
+    squeezed.setObjectName("squeezed")
+    squeezed.setGeometry(600, 90, 40, 20)
+    over.adjustSize()
+    over.move(20, 18)
+    for label in (squeezed, over):
+        label.show()
+    found = flaws(window)
+    for label in (squeezed, over):
+        label.hide()
+        label.deleteLater()
+    assert any("squeezed" in flaw for flaw in found), found
+    assert any("Lies over the title" in flaw and "on one another" in flaw for flaw in found), found
+
+
+def test_pairs_are_all_there() -> None:
+    cases = everything()
+    chosen = pairwise(cases)
+    wanted = {pair for case in cases for pair in _pairs(case)}
+    assert {pair for case in chosen for pair in _pairs(case)} == wanted
+    assert len(chosen) < len(cases) / 2

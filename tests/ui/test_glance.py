@@ -1,0 +1,130 @@
+"""What a glance tells: four signs that differ by shape and word, whose places never move."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from PySide6.QtGui import QImage
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.sensing import Odometry
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import LinkStatus, MicrophoneStatus, RecordingStatus, SpeechStatus
+from caris_desktop.ui.bands import EmergencyBand
+from caris_desktop.ui.glance import GlanceSigns
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.theme import Theme
+from tests.ui.conftest import find
+from tests.ui.fake_console import FakeConsole
+
+ALL_OFF = ["Still", "Silent", "Not recorded", "Not listening"]
+ALL_ON = ["Moving", "Speaking", "Recording", "Listening"]
+
+
+@pytest.fixture
+def state() -> Iterator[LiveState]:
+    state = LiveState()
+    state.close()
+    state.link.set(LinkStatus("connected"))
+    yield state
+
+
+@pytest.fixture
+def signs(qtbot: QtBot, theme: Theme, state: LiveState) -> GlanceSigns:
+    signs = GlanceSigns(theme, state)
+    qtbot.addWidget(signs)
+    signs.show()
+    return signs
+
+
+def drive(state: LiveState, forward_mps: float) -> None:
+    state.take(Odometry(clock.now_ns(), None, Pose2D(0, 0, 0), Twist2D(forward_mps)))
+
+
+def turn_all_on(state: LiveState) -> None:
+    drive(state, 0.3)
+    state.speech.set(SpeechStatus(now=UtteranceChanged(1, "u", "robot", "Hi", "typed", "started")))
+    state.recording.set(RecordingStatus("recording"))
+    state.microphone.set(MicrophoneStatus("on"))
+
+
+def said(signs: GlanceSigns) -> list[str]:
+    return [sign.word for sign in signs.signs.values()]
+
+
+def picture(signs: GlanceSigns) -> QImage:
+    return signs.grab().toImage().convertToFormat(QImage.Format.Format_Grayscale8)
+
+
+def test_each_sign_tells_what_is_so(qtbot: QtBot, signs: GlanceSigns, state: LiveState) -> None:
+    assert said(signs) == ALL_OFF
+    turn_all_on(state)
+    assert said(signs) == ALL_ON
+    assert signs.accessibleName() == "The robot now: Moving, Speaking, Recording, Listening"
+    drive(state, 0.0)
+    qtbot.waitUntil(lambda: said(signs)[0] == "Still", timeout=10_000)
+    state.recording.set(RecordingStatus("paused"))
+    state.link.set(LinkStatus("lost"))
+    assert said(signs) == ["No link", "Speaking", "Paused", "Listening"], "nobody knows whether it moves"
+
+
+def test_on_and_off_differ_without_colour_and_move_nothing(signs: GlanceSigns, state: LiveState) -> None:
+    width = signs.width()
+    off = picture(signs)
+    turn_all_on(state)
+    on = picture(signs)
+    assert signs.width() == width
+
+    def ground(image: QImage) -> list[int]:
+        """How bright the ground is in the upper edge of each sign, in grey."""
+        left, grounds = 0, []
+        for sign_px in signs._widths:
+            grounds.append(image.pixelColor(left + sign_px // 2, 4).lightness())
+            left += sign_px + 8
+        return grounds
+
+    assert all(abs(one - other) > 40 for one, other in zip(ground(off), ground(on), strict=True)), "filled, and not"
+    icons = [sign.icon for sign in signs.signs.values()]
+    state.link.set(LinkStatus("lost"))
+    assert len({*icons, *(sign.icon for sign in signs.signs.values())}) == 5
+
+
+def test_nothing_is_painted_while_nothing_changes(
+    qtbot: QtBot, theme: Theme, state: LiveState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    painted: list[int] = []
+    paint = GlanceSigns._paint_sign
+    monkeypatch.setattr(GlanceSigns, "_paint_sign", lambda self, *args: (painted.append(1), paint(self, *args)))
+    signs = GlanceSigns(theme, state)
+    qtbot.addWidget(signs)
+    signs.show()
+    qtbot.waitExposed(signs)
+    turn_all_on(state)
+    QApplication.processEvents()
+    painted.clear()
+    for _ in range(30):
+        drive(state, 0.3)
+        QApplication.processEvents()
+    assert painted == []
+
+
+@pytest.mark.parametrize("width_px", [1366, 1920])
+def test_they_stand_in_the_strip_beside_what_waits_for_the_wizard(
+    window: MainWindow, console: FakeConsole, width_px: int
+) -> None:
+    window.resize(width_px, 768)
+    QApplication.processEvents()
+    signs = find(window, "glance")
+    at = signs.mapTo(window, signs.rect().topLeft())
+    console.state.drive.set(replace(console.state.drive.value, emergency_stop=True))
+    QApplication.processEvents()
+    assert signs.mapTo(window, signs.rect().topLeft()) == at
+    band = find(window, "emergency_band")
+    assert isinstance(band, EmergencyBand)
+    assert signs.geometry().right() < band.geometry().left()
+    needed = band.text.fontMetrics().horizontalAdvance(band.text.text())
+    assert band.text.width() >= needed, "and the whole sentence of it"

@@ -1,0 +1,64 @@
+"""An observer sees, and nothing that is done in their window reaches the console."""
+
+import dataclasses
+
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.observer.observer_window import ObserverWindow, Sees
+from tests.support.window_check import painted_texts
+from tests.ui import samples
+from tests.ui.conftest import freshen
+from tests.ui.fake_console import FakeConsole
+
+
+def _opened(window: MainWindow, console: FakeConsole, sees: Sees) -> ObserverWindow:
+    samples.converse(console)
+    samples.suggest(console)
+    window.observers.open(sees)
+    observer = window.observers.shown
+    assert observer is not None
+    freshen(console)
+    return observer
+
+
+def _said_in(observer: QWidget) -> str:
+    return " ".join(text.text for text in painted_texts(observer))
+
+
+def test_everything_is_there_for_whoever_may_see_it(window: MainWindow, console: FakeConsole) -> None:
+    observer = _opened(window, console, "everything")
+    assert "Luis" in _said_in(observer)
+
+
+def test_without_names_nobody_is_named_and_nothing_suggested(window: MainWindow, console: FakeConsole) -> None:
+    observer = _opened(window, console, "no_names")
+    said = _said_in(observer)
+    assert "Luis" not in said and "Ana" not in said and "Person" in said
+    cards = [card.text for card in console.state.suggestions.value.cards]
+    assert cards and not any(text[:20] in said for text in cards)
+
+
+@pytest.mark.parametrize("sees", ["everything", "no_names"])
+def test_neither_mouse_nor_keys_do_anything_there(window: MainWindow, console: FakeConsole, sees: Sees) -> None:
+    observer = _opened(window, console, sees)
+    console.calls.clear()
+    for x in range(20, observer.width(), 60):
+        for y in range(20, observer.height(), 40):
+            QTest.mouseClick(observer.windowHandle(), Qt.MouseButton.LeftButton, pos=QPoint(x, y))
+    for key in (Qt.Key.Key_W, Qt.Key.Key_P, Qt.Key.Key_M, Qt.Key.Key_F1, Qt.Key.Key_Return):
+        QTest.keyClick(observer, key)
+    assert [call for call in console.calls if call[0] != "keep_layout"] == []
+
+
+def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console: FakeConsole) -> None:
+    _opened(window, console, "everything")
+    console.scenario = dataclasses.replace(samples.MENTAL, panels_off=("map",))
+    window.show_scenario(console.scenario)
+    observer = window.observers.shown
+    assert observer is not None and observer.findChild(QWidget, "map_panel") is None
+    observer.close()
+    assert window.observers.shown is None

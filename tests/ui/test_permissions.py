@@ -1,0 +1,175 @@
+"""What a scenario switches off is nowhere in the window: no key, no line of a menu or of Find anything, no button.
+
+Generated from the table of intents: one window is shown every permission but one after the other, and everything in it
+that can be pressed is pressed. A new permission is tried in each of these ways without a line here.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, fields, replace
+from typing import get_args
+
+import pytest
+from PySide6.QtCore import QCoreApplication, QEvent, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QMenu, QPlainTextEdit, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.intents import INTENTS, Intent, Permission
+from caris_desktop.scenario.assistance import AssistanceSettings
+from caris_desktop.scenario.model import PanelName, Permissions, Scenario, TabNode
+from caris_desktop.scenario.phrases import Phrase, PhraseGroup
+from caris_desktop.scenario.sound import SoundSettings
+from caris_desktop.ui.action_rows import ACTIONS
+from caris_desktop.ui.actions import actions_for
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panel_table import PANELS
+from caris_desktop.ui.theme import Theme
+from tests.ui import samples
+from tests.ui.conftest import MemorySettings
+from tests.ui.fake_console import FakeConsole
+
+PERMISSIONS: tuple[Permission, ...] = get_args(Permission)
+EVERYTHING = Permissions(**dict.fromkeys((each.name for each in fields(Permissions)), True))
+FULL = replace(
+    samples.TOUR,
+    layout=TabNode(("speak", "conversation")),
+    phrases=("Hello!", Phrase("Follow me.", key="Ctrl+G"), PhraseGroup("On the way", ("Mind the step.",))),
+    sound=SoundSettings(hear=True),
+    assistance=AssistanceSettings("act", "act", "act"),
+    permissions=EVERYTHING,
+)
+WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
+WITHOUT_INTENT: frozenset[Permission] = frozenset({"video_recording", "audio_recording", "cloud_models"})
+"""What nobody asks for: it goes along with a recording or a question. ``tests/app/test_permissions.py`` shows those."""
+OF_THE_WINDOW_ALONE = ("Window", "Panel", "Theme", "Scenario", "Session", "Wizard")
+"""Kinds of entries that open windows or restyle this one: they ask the console for nothing that a permission names."""
+
+
+@dataclass
+class Desk:
+    """A window whose console only takes down what it is asked."""
+
+    window: MainWindow
+    console: FakeConsole
+    asked: list[Intent] = field(default_factory=list)
+
+    def show(self, scenario: Scenario) -> None:
+        self.console.scenario = scenario
+        self.console.state.scenario.set_anew(scenario)
+
+    def pressed(self) -> list[Intent]:
+        """What is asked for when everything in the window is pressed that can be."""
+        self.asked.clear()
+        table = self.window.actions_table
+        for spec in table.specs:
+            asked = table.intent_of(spec)
+            if asked is not None:
+                self.asked.append(asked)
+            elif spec.kind == "talk":
+                self.asked.append(intents.PushToTalk(on=True, to=spec.argument))
+        of_the_window = {spec.text for spec in table.specs if spec.group == "Window"}
+        for entry in self.window.palette_entries():
+            if entry.kind not in OF_THE_WINDOW_ALONE and entry.text not in of_the_window:
+                entry.do()
+        for name in self.window.board.possible():
+            self.window.open_panel(name)
+            QApplication.processEvents()
+            self._write_lines(self.window.panels[name])
+            self._press_buttons(self.window.panels[name])
+            for widget in self.window.panels[name].title_widgets():
+                self._press_buttons(widget)
+            self.window.close_panel(name)
+        return list(self.asked)
+
+    def _write_lines(self, panel: QWidget) -> None:
+        fields = [*panel.findChildren(QLineEdit), *panel.findChildren(QPlainTextEdit)]
+        for line in fields:
+            if line.isVisible() and line.isEnabled() and not line.isReadOnly():
+                QTest.keyClicks(line, "Hello")
+                QTest.keyClick(line, Qt.Key.Key_Return)
+
+    def _press_buttons(self, panel: QWidget) -> None:
+        ours = [panel] if isinstance(panel, QAbstractButton) else []
+        for button in (*ours, *panel.findChildren(QAbstractButton)):
+            if button.isVisible() and button.isEnabled():
+                button.click()
+                self._press_menu()
+
+    def _press_menu(self) -> None:
+        menu = QApplication.activePopupWidget()
+        if isinstance(menu, QMenu):
+            menu.close()
+            for line in lines(menu):
+                line()
+
+
+def lines(menu: QMenu) -> Iterator[Callable[[], None]]:
+    for action in menu.actions():
+        inner = action.menu()
+        if isinstance(inner, QMenu):
+            yield from lines(inner)
+        elif action.isEnabled() and not action.isSeparator():
+            yield action.trigger
+
+
+def needed(asked: Intent) -> tuple[Permission, ...]:
+    return () if asked.lets_go else asked.needs_permissions or INTENTS[type(asked)].permissions
+
+
+@pytest.fixture
+def desk(qapp: QApplication, theme: Theme) -> Iterator[Desk]:
+    console = FakeConsole(FULL)
+    samples.fill_console(console)
+    samples.converse(console)
+    samples.suggest(console)
+    window = MainWindow(console, settings=MemorySettings(), scenarios=list, theme=theme)
+    desk = Desk(window, console)
+    window.resize(1366, 768)
+    window.setUpdatesEnabled(False)  # nobody looks at it
+    window.show()
+    console.state.close()
+    console.state.controls.set((WAVE,))
+    console.do = lambda intent: desk.asked.append(intent) or ""  # type: ignore[method-assign,func-returns-value]
+    yield desk
+    window.close()
+    window.deleteLater()
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+
+
+def test_what_is_switched_off_cannot_be_pressed_anywhere(desk: Desk, request: pytest.FixtureRequest) -> None:
+    """With --long each is switched off alone; else a few at a time, as each window costs a second."""
+    desk.show(FULL)
+    found = {permission for asked in desk.pressed() for permission in needed(asked)}
+    assert found | WITHOUT_INTENT == set(PERMISSIONS), (
+        "something is there to be pressed for each, where it is permitted"
+    )
+    at_once = len(PERMISSIONS) if request.config.getoption("--long") else 3
+    for number in range(at_once):
+        off = set(PERMISSIONS[number::at_once])
+        desk.show(replace(FULL, permissions=replace(EVERYTHING, **dict.fromkeys(off, False))))
+        bound = {keys.toString() for action in desk.window.actions() for keys in action.shortcuts()}
+        rows = desk.window.actions_table.all_specs
+        assert bound <= {key for spec in rows for key in spec.keys}, f"{off}: a key without its row"
+        assert {name for name, spec in PANELS.items() if spec.permission in off}.isdisjoint(
+            desk.window.board.possible()
+        )
+        pressed = [type(asked).__name__ for asked in desk.pressed() if off & set(needed(asked))]
+        assert pressed == [], off
+
+
+def test_a_panel_that_is_not_offered_has_no_line_no_key_and_no_place(desk: Desk) -> None:
+    everywhere = replace(FULL, layout=TabNode(tuple(PANELS)))
+    rows = {spec.id for spec in actions_for(everywhere)}
+    for name in PANELS:
+        left = actions_for(replace(everywhere, panels_off=(name,)))
+        assert rows - {spec.id for spec in left} == {spec.id for spec in ACTIONS if spec.panel == name} & rows
+    off: tuple[PanelName, ...] = ("speak", "conversation", "motion", "diagnostics", "map")
+    desk.show(replace(everywhere, panels_off=off))
+    window = desk.window
+    assert set(window.panels) == set(PANELS) - set(off)
+    for name in off:
+        window.open_panel(name)
+    assert set(window.panels) == set(PANELS) - set(off)
+    titles = {entry.text for entry in window.palette_entries() if entry.kind == "Panel"}
+    assert titles.isdisjoint(PANELS[name].title for name in off)

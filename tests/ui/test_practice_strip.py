@@ -1,0 +1,57 @@
+"""The strip says what to do next, and keeps for the wizard what it came to."""
+
+from dataclasses import replace
+
+from PySide6.QtWidgets import QLabel
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import intents
+from caris_desktop.live.practice import STEPS
+from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.practice.training_record import practised
+from tests.ui.conftest import click, find
+from tests.ui.fake_console import FakeConsole
+
+
+def _status(now: int) -> PracticeStatus:
+    steps = tuple(
+        PracticeStepStatus(step.id, "done" if number < now else "now" if number == now else "open")
+        for number, step in enumerate(STEPS)
+    )
+    return PracticeStatus("running", steps, done=now)
+
+
+def _text(window: MainWindow, name: str) -> str:
+    label = find(window, name)
+    assert isinstance(label, QLabel)
+    return label.text()
+
+
+def test_it_leads_from_step_to_step_with_the_key_that_does_it(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    assert window.practice.isHidden()
+    window.wizards.choose("Ana")
+    window.practice.begin()
+    assert console.named("BeginPractice") == [intents.BeginPractice("Ana")]
+    console.state.practice.set(_status(2))
+    assert "3 of 10" in _text(window, "practice_title") and "F1" in _text(window, "practice_how")
+    click(qtbot, find(window, "practice_skip"))
+    click(qtbot, find(window, "practice_end"))
+    assert console.calls[-2][0] == "SkipPracticeStep" and console.calls[-1][0] == "EndPractice"
+
+
+def test_the_result_is_kept_once_for_the_wizard(window: MainWindow, console: FakeConsole) -> None:
+    window.wizards.choose("Ana")
+    for score in (70, 82):
+        console.state.practice.set(_status(9))
+        ended = replace(_status(10), state="ended", done=10, score=score, minutes=6.5)
+        console.state.practice.set(ended)
+        window.practice._show(ended)  # as when a key is changed meanwhile
+    assert [run.score for run in practised(window.wizards)] == [70, 82]
+    assert "82 of 100" in _text(window, "practice_title") and "70" in _text(window, "practice_how")
+    window.wizards.choose("Ben")
+    assert practised(window.wizards) == ()
+    console.state.practice.set(PracticeStatus())
+    assert window.practice.isHidden()

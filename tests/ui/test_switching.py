@@ -1,0 +1,77 @@
+"""Another scenario while everything runs: what it forbids is gone at once, and the panels come one at a time."""
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QTimer
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.scenario.model import PanelName
+from caris_desktop.ui.layout.tree import panels_in
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.panel_table import PANELS
+from tests.ui import samples
+from tests.ui.fake_console import FakeConsole
+
+STRICT = dataclasses.replace(
+    samples.TOUR,
+    permissions=dataclasses.replace(samples.MENTAL.permissions, driving=False, assistant=False, speech=False),
+    path=Path("/layouts/strict.yaml"),
+)
+
+
+def switch(console: FakeConsole, scenario: samples.Scenario) -> None:
+    console.scenario = scenario
+    console.state.scenario.set_anew(scenario)
+
+
+def test_what_the_next_scenario_forbids_is_gone_before_its_first_panel_stands(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    switch(console, STRICT)
+    assert window.board._panels == {}, "nothing of the one before can be pressed"
+    rows = {spec.id for spec in window.actions_table.all_specs}
+    assert rows.isdisjoint({"drive_forward", "phrase_1", "photo", "focus_speak", "suggestion_1"})
+    assert {"stop", "emergency_stop"} <= rows, "what stops the robot works all the while"
+    assert "Speak" not in {entry.text for entry in window.palette_entries()}
+
+
+def test_other_things_have_their_turn_between_two_panels(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    others, turns_before = QTimer(interval=0), []
+    ticks = itertools.count()
+    others.timeout.connect(lambda: next(ticks))
+    make = window.board._make
+
+    def noting(name: PanelName) -> Panel:
+        turns_before.append(next(ticks))
+        return make(name)
+
+    monkeypatch.setattr(window.board, "_make", noting)
+    others.start()
+    switch(console, samples.MENTAL)
+    qtbot.waitUntil(lambda: window.dock_host.tree is not None, timeout=60_000)
+    others.stop()
+    assert len(turns_before) == len(panels_in(samples.MENTAL.layout))
+    assert all(after - before >= 2 for before, after in itertools.pairwise(turns_before))
+
+
+def test_who_asks_for_a_panel_meanwhile_gets_it(window: MainWindow, console: FakeConsole) -> None:
+    switch(console, samples.MENTAL)
+    window.open_panel("diagnostics")
+    assert window.board.is_open("diagnostics")
+    assert set(window.panels) == {*panels_in(samples.MENTAL.layout), "diagnostics"}
+
+
+def test_the_one_that_was_chosen_last_counts(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+    switch(console, samples.MENTAL)
+    qtbot.waitUntil(lambda: bool(window.board._panels))
+    switch(console, STRICT)
+    allowed = {name for name in panels_in(STRICT.layout) if name not in ("drive", "assistant", "speak")}
+    qtbot.waitUntil(lambda: window.dock_host.tree is not None, timeout=60_000)
+    assert set(window.panels) == allowed
+    assert {type(panel) for panel in window.panels.values()} == {PANELS[name].load() for name in allowed}
