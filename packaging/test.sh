@@ -50,6 +50,8 @@ if [[ $(uname -s) == Linux ]]; then
   start_virtual_screen
 fi
 
+# Several times what the slowest of three runs takes on a slow machine.
+longest_run=25m
 unsteady=()
 failures=.pytest_cache/v/cache/lastfailed
 failed_tests() { .venv/bin/python -c 'import json, sys; print(*json.load(open(sys.argv[1])), sep="\n")' "$failures"; }
@@ -61,7 +63,9 @@ run_tests() {
   local status=0
   rm -f -- "$failures"
   # Files in the order of tests/conftest.py, which knows the long ones; by itself xdist begins with those of most tests.
-  .venv/bin/python -m pytest --dist loadfile --no-loadscope-reorder --durations 25 "$@" || status=$?
+  # A run that hangs is stopped as by Ctrl+C, which names what was under way.
+  timeout --foreground --signal INT --kill-after 60 "$longest_run" \
+    .venv/bin/python -m pytest --dist loadfile --no-loadscope-reorder --durations 25 "$@" || status=$?
   # 1 means that tests failed; anything else is no verdict on them, and is not mended by another try.
   ((status == 1)) || return "$status"
   mapfile -t first < <(failed_tests)

@@ -7,9 +7,11 @@ import shutil
 import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
+from xdist.workermanage import WorkerController
 
 from tests.support.examples import examples
 from tests.support.leftovers import (  # noqa: F401 - fixtures of every test
@@ -19,6 +21,7 @@ from tests.support.leftovers import (  # noqa: F401 - fixtures of every test
     remember_failure,
     use_private_folder,
 )
+from tests.support.workers import FilesOnce, UnderWay, end_of
 
 # Without a screen of its own a test run uses Qt's offscreen platform; tests that need a window manager start a
 # virtual screen themselves.
@@ -57,12 +60,24 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 
 def pytest_configure(config: pytest.Config) -> None:
     use_private_folder()
+    config.pluginmanager.register(UnderWay())
     if config.getoption("--long"):
         os.environ["CARIS_TEST_LONG"] = "1"
     else:
         # A change is judged by the same examples each time; new ones are looked for where there is time for it.
         settings.register_profile("same examples", derandomize=True, max_examples=examples(100))
         settings.load_profile("same examples")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesOnce | None:
+    return FilesOnce(config, log) if config.getoption("dist") == "loadfile" else None
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: WorkerController, error: object | None) -> None:
+    if error:
+        print(f"\n{node.gateway.id}: {end_of(node)}")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

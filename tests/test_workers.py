@@ -1,0 +1,97 @@
+"""Tests of tests/support/workers.py: a whole run in which a worker dies, and one that is stopped because it hangs."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+_REPOSITORY = Path(__file__).resolve().parents[1]
+_HOOKS = """
+import pytest
+from tests.support.workers import FilesOnce, UnderWay, end_of
+
+def pytest_configure(config):
+    config.pluginmanager.register(UnderWay())
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    return FilesOnce(config, log)
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node, error):
+    if error:
+        print("ended by", end_of(node))
+"""
+_SHORT = """
+import time
+import pytest
+
+@pytest.mark.parametrize("number", range(4))
+def test_short(number):
+    time.sleep(0.02)
+    open(f"short-{number}", "w").close()
+"""
+_FATAL = """
+import os
+import time
+
+def test_before():
+    time.sleep(0.5)  # until the other worker is through with most files, which are handed on to it when this one dies
+
+def test_fatal():
+    os.kill(os.getpid(), 9)
+
+def test_after():
+    pass
+"""
+_HANGING = """
+import os
+import time
+
+def test_hanging():
+    while not os.path.exists("short-3"):
+        time.sleep(0.02)
+    time.sleep(0.5)
+    open("hangs", "w").close()
+    time.sleep(100)
+"""
+
+
+def start(folder: Path, files: dict[str, str]) -> "subprocess.Popen[str]":
+    for name, text in {"conftest.py": _HOOKS, "pytest.ini": "[pytest]", **files}.items():
+        (folder / name).write_text(text)
+    return subprocess.Popen(
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-n", "2", "--dist", "loadfile"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(_REPOSITORY)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def test_a_worker_that_dies_costs_the_test_it_died_in_and_no_other(tmp_path: Path) -> None:
+    files = {f"test_{name}.py": _SHORT for name in "abcdefgh"}
+    run = start(tmp_path, {**files, "test_m.py": _FATAL, **{f"test_{name}.py": _SHORT for name in "nopq"}})
+    printed, _ = run.communicate(timeout=90)
+    assert run.returncode == pytest.ExitCode.TESTS_FAILED, printed
+    assert "1 failed, 50 passed" in printed
+    assert "crashed while running 'test_m.py::test_fatal'" in printed
+    assert "ended by signal 9" in printed
+
+
+def test_what_hangs_is_named_when_the_run_is_stopped(tmp_path: Path) -> None:
+    run = start(tmp_path, {"test_short.py": _SHORT, "test_long.py": _HANGING})
+    try:
+        while not (tmp_path / "hangs").exists():
+            assert run.poll() is None, run.communicate()
+        run.send_signal(signal.SIGINT)
+        printed, _ = run.communicate(timeout=90)
+    finally:
+        run.kill()
+    assert run.returncode == pytest.ExitCode.INTERRUPTED, printed
+    [under_way] = [part for part in printed.split("===") if "test_long.py::test_hanging" in part]
+    assert "test_short[0]" not in under_way
