@@ -113,6 +113,8 @@ def _serve() -> Any:
     params.n_parallel = SLOTS
     params.kv_unified = True
     params.n_gpu_layers = 0
+    # A model this small begins to say the same for ever; words that would go on with a repetition become unlikely.
+    params.sampling.dry_multiplier = 0.8
     for cpu in (params.cpuparams, params.cpuparams_batch):
         cpu.n_threads = threads_for(os.cpu_count() or 1)
         cpu.poll = 0

@@ -25,6 +25,7 @@ from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import resolve_endpoint
 from caris_desktop.conversation.models.listing import model_version
 from caris_desktop.conversation.preflight import probe_language_model
+from caris_desktop.conversation.suggestions.replies import LONGEST_REPLY, fit_to_say
 from caris_desktop.domain.events import ChatMessage
 from tests.support.polling import wait_for
 
@@ -64,9 +65,9 @@ def url(server: Server) -> str:
     return ready.url
 
 
-async def _answer(url: str, *, max_tokens: int) -> list[str]:
+async def _answer(url: str, *, max_tokens: int, asked: str = "What is a robot?") -> list[str]:
     endpoint = resolve_endpoint("embedded", embedded_url=url)
-    question = [ChatMessage("system", "Answer in one sentence."), ChatMessage("user", "What is a robot?")]
+    question = [ChatMessage("system", "Answer in one sentence."), ChatMessage("user", asked)]
     return [
         piece
         async for piece in stream_chat(endpoint, question, local_only=True, max_tokens=max_tokens, temperature=0.0)
@@ -77,6 +78,13 @@ def test_it_answers_piece_by_piece(url: str) -> None:
     pieces = asyncio.run(_answer(url, max_tokens=24))
     assert 5 <= len(pieces) <= 24
     assert "robot" in "".join(pieces).lower()
+
+
+def test_it_does_not_say_the_same_for_ever(url: str) -> None:
+    asked = "Count the sheep: one sheep, one sheep, one sheep, one sheep,"
+    answer = "".join(asyncio.run(_answer(url, max_tokens=60, asked=asked)))
+    assert len(answer.split()) > 5
+    assert fit_to_say(answer[:LONGEST_REPLY].rsplit(" ", 1)[0] + "."), answer
 
 
 def test_it_tells_which_weights_answer(url: str) -> None:

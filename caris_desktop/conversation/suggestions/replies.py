@@ -11,6 +11,8 @@ _SPOKEN_OF_ITSELF = re.compile(r"\b(language model|as an ai|i am an ai|i'm an ai
 _MARKUP = re.compile(r"<[^<>]*>|```\w*|[*_`#~|]+|\[[^\]]*\]\([^)]*\)|https?://\S+")
 # Where a grammar ended the sentence, and not the model.
 _CUT_OFF = re.compile(r"(?:[\s,;:]|,\w{1,2})[.!?]$")
+# Small models get caught in what they have just said. "No, no, no" is still something that a person says.
+_OVER_AND_OVER = re.compile(r"\b(\w+(?:\W+\w+){1,7})(?:\W+\1\b){2,}|\b(\w+)(?:\W+\2\b){3,}", re.IGNORECASE)
 _BEGINS = re.compile(
     r"^(?:[-•–>\s]+|\(?\d{1,2}[.):]\s+|(?:robot|reply|answer|assistant|guide)\s*\d?\s*:\s*)+", re.IGNORECASE
 )
@@ -80,6 +82,8 @@ def fit_to_say(text: str) -> str:
     text = _BEGINS.sub("", text).strip(" \"'“”„«»")
     if _SPOKEN_OF_ITSELF.search(text) or not re.search(r"\w", text) or set(text) & set("{}<>"):
         # Braces are gaps to be filled, which is the wizard's to do.
+        return ""
+    if _OVER_AND_OVER.search(text):
         return ""
     return text if len(text) <= LONGEST_REPLY else _whole_sentences(text)
 

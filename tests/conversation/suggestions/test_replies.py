@@ -52,9 +52,14 @@ def test_other_forms_of_an_answer_are_read_as_far_as_they_go(written: str, texts
         ("...", ""),
         ("It is safe, but you should always be .", ""),
         ("It can be a bit of a challenge, but it is very,v.", ""),
-        ("One. " * 60, ("One. " * 24).strip()),
+        (" ".join(f"It is {number}." for number in range(100, 160)), " ".join(f"It is {n}." for n in range(100, 112))),
         ("word " * 60, ""),
         ("\ud800Hello.", "Hello."),
+        ("I'm sorry, I'm sorry, I'm sorry, I'm so.", ""),
+        ("It is, it is, it is a robot.", ""),
+        ("Yes yes yes yes.", ""),
+        ("No, no, no, stay here!", "No, no, no, stay here!"),
+        ("Very well, very well, let us go.", "Very well, very well, let us go."),
     ],
 )
 def test_only_plain_whole_sentences_can_be_said(text: str, said: str) -> None:
