@@ -4,6 +4,7 @@ import gc
 import itertools
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -121,7 +122,22 @@ def own_settings(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """No test reads or writes the settings, data or documents of whoever runs it."""
     # With a short path, as sockets need.
     home = Path(tempfile.mkdtemp(prefix="home-"))
+    of_the_file = Path(os.environ["XDG_CONFIG_HOME"])
     for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "XDG_DOCUMENTS_DIR"):
         monkeypatch.setenv(name, str(home / name.lower()))
+    _keep_settings_in(home / "xdg_config_home")
     yield home
+    _keep_settings_in(of_the_file)
     shutil.rmtree(home)
+
+
+def _keep_settings_in(folder: Path) -> None:
+    """Qt looks at XDG_CONFIG_HOME once in a process: a file dialog would write into the home of whichever test had the
+    first settings, and so make anew what is gone.
+    """
+    if "PySide6.QtCore" not in sys.modules:
+        return
+    from PySide6.QtCore import QSettings
+
+    for form in (QSettings.Format.NativeFormat, QSettings.Format.IniFormat):
+        QSettings.setPath(form, QSettings.Scope.UserScope, str(folder))

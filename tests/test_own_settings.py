@@ -1,0 +1,17 @@
+"""Tests of the home that each test has for itself (tests/conftest.py)."""
+
+from pathlib import Path
+
+import pytest
+from PySide6.QtWidgets import QFileDialog
+from pytestqt.qtbot import QtBot
+
+
+@pytest.mark.parametrize("turn", ["first", "second"])
+def test_what_a_file_dialog_remembers_lies_in_the_home_of_its_own_test(
+    qtbot: QtBot, own_settings: Path, turn: str
+) -> None:
+    dialog = QFileDialog(None, turn, str(own_settings))
+    dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
+    del dialog  # it writes as it ends
+    assert (own_settings / "xdg_config_home" / "QtProject.conf").is_file()
