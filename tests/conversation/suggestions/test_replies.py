@@ -52,7 +52,7 @@ def test_other_forms_of_an_answer_are_read_as_far_as_they_go(written: str, texts
         ("...", ""),
         ("It is safe, but you should always be .", ""),
         ("It can be a bit of a challenge, but it is very,v.", ""),
-        (" ".join(f"It is {number}." for number in range(100, 160)), " ".join(f"It is {n}." for n in range(100, 112))),
+        (" ".join(f"It is {number}." for number in range(100, 160)), " ".join(f"It is {n}." for n in range(100, 111))),
         ("word " * 60, ""),
         ("\ud800Hello.", "Hello."),
         ("I'm sorry, I'm sorry, I'm sorry, I'm so.", ""),
