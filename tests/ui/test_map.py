@@ -1,12 +1,13 @@
 """The map: what it shows of what the robot tells, and how the wizard says where."""
 
 import dataclasses
+import itertools
 import math
 import time
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, QRect, Qt
+from PySide6.QtCore import QPoint, QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QImage, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
@@ -26,9 +27,11 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.live.status import MapStatus
 from caris_desktop.robot.profile import NavigationServer, RobotProfile
+from caris_desktop.scenario.model import Place
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.map_drawing import MapDrawing
 from caris_desktop.ui.widgets.map_layers import TRAIL_POINTS, Trail
 from caris_desktop.ui.widgets.map_raster import GridRaster
 from tests.support.yardstick import in_yardsticks
@@ -213,6 +216,29 @@ def test_people_stand_where_they_were_measured(panel: MapPanel, console: FakeCon
     spot = at(panel, 3.0, 2.0)
     assert changes(panel, before, QRect(spot.x() - 6, spot.y() - 6, 12, 12)) > 10
     assert panel.view.grab().toImage().pixelColor(spot) == panel.theme.color("green")
+
+
+@pytest.mark.parametrize("apart_m", [0.0, 0.4, 2.0])
+def test_names_of_people_and_places_never_lie_on_one_another(
+    panel: MapPanel, console: FakeConsole, monkeypatch: pytest.MonkeyPatch, apart_m: float
+) -> None:
+    labels: dict[str, QRectF] = {}
+    monkeypatch.setattr(
+        MapDrawing, "_paint_label", lambda _drawing, _painter, label, name, **_look: labels.update({name: label})
+    )
+    places = [Place(f"Place number {n}", Pose2D(1 + n * apart_m, 2.0, 0.0)) for n in range(3)]
+    console.state.places.set(tuple(places))
+    ids = ("p1", "p3")
+    people = [PersonPlace(person, 1 + n * apart_m, 2.2, 0.3, "lidar") for n, person in enumerate(ids)]
+    console.state.take(PeopleInMap(clock.now_ns(), tuple(people)))
+    panel.view.resize(900, 700)
+    panel.view.grab()
+    people_named = [name for name in labels if not name.startswith("Place")]
+    assert people_named, "nobody has a name on the map"
+    if apart_m == 2.0:
+        assert len(people_named) == len(ids) and len(labels) == len(ids) + 3
+    for one, other in itertools.combinations(labels, 2):
+        assert not labels[one].intersects(labels[other]), (one, other)
 
 
 def test_a_scan_that_has_no_place_is_drawn_nowhere(panel: MapPanel, console: FakeConsole) -> None:

@@ -34,6 +34,11 @@ from caris_desktop.ui.widgets.map_viewport import MapViewport
 _CHIP_COLORS = {"warning": "amber", "good": "green", "bad": "red", "hint": "text"}
 _CHIP_ICONS = {"warning": "warning", "good": "check", "bad": "warning-octagon", "hint": ""}
 
+# Where a label may stand: pixels from its mark to its left edge, how much of its width left of that, pixels to its top.
+_BESIDE_A_FLAG = ((11.0, 0.0, -10.0), (-11.0, 1.0, -10.0), (0.0, 0.5, -31.0), (0.0, 0.5, 11.0))
+_BESIDE_A_PERSON = ((10.0, 0.0, -10.0), (-10.0, 1.0, -10.0), (10.0, 0.0, 11.0), (10.0, 0.0, -31.0), (-10.0, 1.0, 11.0))
+_PeopleRects = list[tuple[QRectF, QRectF | None]]
+
 Tool = Literal["look", "goal", "pose", "place"]
 
 
@@ -96,8 +101,9 @@ class MapDrawing:
         self._paint_trail(painter)
         self._paint_scan(painter)
         self._paint_goal(painter)
-        self._paint_places(painter)
-        self._paint_people(painter)
+        people = self._people_rects()
+        self._paint_places(painter, people)
+        self._paint_people(painter, people)
         if self.shown.pose is not None and self.shown.pose_freshness != "none":
             self._paint_robot(painter, self.shown.pose)
         if self._grid.newest is None:
@@ -163,16 +169,17 @@ class MapDrawing:
             painter.drawLine(self._viewport.to_view(self.shown.pose.x_m, self.shown.pose.y_m), target)
         draw_arrow(painter, target, goal.heading_rad + self._viewport.turn_rad, color=color, length_px=30)
 
-    def _paint_places(self, painter: QPainter) -> None:
+    def _paint_places(self, painter: QPainter, people: _PeopleRects) -> None:
         font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
         metrics = QFontMetricsF(font)
         self.place_rects.clear()
         places = {place.name: place.pose_in_map for place in self.shown.places}
         marks = {name: self._viewport.to_view(pose.x_m, pose.y_m) for name, pose in places.items()}
         taken = [QRectF(at.x() - 9, at.y() - 9, 18, 18) for at in marks.values()]
-        if self.shown.pose is not None:
-            robot = self._viewport.to_view(self.shown.pose.x_m, self.shown.pose.y_m)
-            taken.append(QRectF(robot.x() - 13, robot.y() - 38, 26, 44))
+        taken += self._robot_rect()
+        # Who is there moves, and comes before what is always there.
+        for mark, label in people:
+            taken += [mark] if label is None else [mark, label]
         goal_place = self.shown.goal.place if self.shown.goal is not None else None
         # The goal and the place under the pointer get their words first; what finds no room keeps its flag.
         order = sorted(marks, key=lambda name: (name != goal_place, name != self.shown.hovered))
@@ -180,7 +187,7 @@ class MapDrawing:
             at, width = marks[name], metrics.horizontalAdvance(name) + 12
             going = name == goal_place
             hit = QRectF(at.x() - 11, at.y() - 11, 22, 22)
-            label = self._free_room(at, width, taken)
+            label = self._free_room(at, width, taken, _BESIDE_A_FLAG)
             if label is None and (going or name == self.shown.hovered):
                 label = QRectF(
                     min(max(4.0, at.x() - width / 2), self._view.width() - width - 4), at.y() - 32, width, 20
@@ -215,24 +222,45 @@ class MapDrawing:
 
         self.painted.draw(painter, label.topLeft(), label.size(), ("label", name, color, weight), paint)
 
-    def _free_room(self, at: QPointF, width: float, taken: list[QRectF]) -> QRectF | None:
-        """Room for a label right of, left of, above or below its flag that covers nothing."""
+    def _free_room(
+        self, at: QPointF, width: float, taken: list[QRectF], sides: tuple[tuple[float, float, float], ...]
+    ) -> QRectF | None:
+        """Room for a label on one of these sides of its mark that covers nothing, the first first."""
         room = QRectF(self._view.rect()).adjusted(2, 2, -2, -2)
-        for left, top in ((11, -10), (-11 - width, -10), (-width / 2, -31), (-width / 2, 11)):
-            label = QRectF(at.x() + left, at.y() + top, width, 20)
+        for left_px, share_of_width, top_px in sides:
+            label = QRectF(at.x() + left_px - share_of_width * width, at.y() + top_px, width, 20)
             if room.contains(label) and not any(label.intersects(other) for other in taken):
                 return label
         return None
 
-    def _paint_people(self, painter: QPainter) -> None:
+    def _robot_rect(self) -> list[QRectF]:
+        """Where the pin stands, once it does."""
+        if self.shown.pose is None:
+            return []
+        robot = self._viewport.to_view(self.shown.pose.x_m, self.shown.pose.y_m)
+        return [QRectF(robot.x() - 13, robot.y() - 38, 26, 44)]
+
+    def _people_rects(self) -> _PeopleRects:
+        """Mark and label of each person; where people stand close together, some have no room for a label."""
         if self.shown.people_freshness not in ("fresh", "stale"):
+            return []
+        metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
+        places = [self._viewport.to_view(person.x_m, person.y_m) for person, _, _ in self.shown.people]
+        marks = [QRectF(at.x() - 7, at.y() - 7, 14, 14) for at in places]
+        taken, labels = [*self._robot_rect(), *marks], []
+        for (_person, name, _named), at in zip(self.shown.people, places, strict=True):
+            label = self._free_room(at, metrics.horizontalAdvance(name) + 10, taken, _BESIDE_A_PERSON)
+            labels.append(label)
+            taken += [label] if label is not None else []
+        return list(zip(marks, labels, strict=True))
+
+    def _paint_people(self, painter: QPainter, rects: _PeopleRects) -> None:
+        if not rects:
             return
-        font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
-        metrics = QFontMetricsF(font)
         painter.save()
         if self.shown.people_freshness == "stale":
             painter.setOpacity(0.45)
-        for person, name, named in self.shown.people:
+        for (person, name, named), (_, label) in zip(self.shown.people, rects, strict=True):
             at = self._viewport.to_view(person.x_m, person.y_m)
             color = self._theme.color("green" if named else "text")
             ring = max(9.0, person.spread_m * self._viewport.scale)
@@ -248,9 +276,9 @@ class MapDrawing:
             painter.setPen(QPen(self._theme.color("panel") if named else color, 1.5))
             painter.setBrush(color if named else self._theme.color("panel"))
             painter.drawEllipse(at, 6, 6)
-            label = QRectF(at.x() + 10, at.y() - 10, metrics.horizontalAdvance(name) + 10, 20)
-            role = "green" if named else "text"
-            self._paint_label(painter, label, name, color=role, weight=tokens.WEIGHT_SEMIBOLD)
+            if label is not None:
+                role = "green" if named else "text"
+                self._paint_label(painter, label, name, color=role, weight=tokens.WEIGHT_SEMIBOLD)
         painter.restore()
 
     def _paint_robot(self, painter: QPainter, pose: Pose2D) -> None:
