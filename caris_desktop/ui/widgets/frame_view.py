@@ -18,6 +18,7 @@ from caris_desktop.ui.painted_once import PaintedOnce
 from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, ring_px
+from caris_desktop.ui.widgets.tag_places import tag_places
 
 BOXES_SOLID_S = 0.25
 BOXES_GONE_S = 0.8
@@ -344,6 +345,7 @@ class FrameView(QWidget):
             left, top = picture.left() + thing.left_px * scale_x, picture.top() + thing.top_px * scale_y
             area = QRectF(left, top, thing.width_px * scale_x, thing.height_px * scale_y)
             self._paint_thing(painter, area.intersected(picture.adjusted(2, 2, -2, -2)), thing.label)
+        rects, tags = [], []
         for box in people.boxes:
             label, named = self._words_for(box)
             label = " · ".join(part for part in (label, words.person_state(box)) if part)
@@ -357,8 +359,11 @@ class FrameView(QWidget):
             suggested = box.person_id in self._suggested
             role = "box_warning" if suggested else "box_named" if named else "box_unnamed"
             self._paint_box_edge(painter, rect, role, solid=named and not suggested)
-            top = rect.top() - 21 if rect.top() - 21 >= picture.top() else rect.top() + 1
-            self._paint_tag(painter, QPointF(rect.left() - 1, top), label, role)
+            rects.append(rect)
+            tags.append((label, role))
+        sizes = [self._tag_size(label).toTuple() for label, _role in tags]
+        for place, (label, role) in zip(tag_places(rects, sizes, picture), tags, strict=True):
+            self._paint_tag(painter, place, label, role)
         painter.setOpacity(1.0)
 
     def _paint_thing(self, painter: QPainter, rect: QRectF, label: str) -> None:

@@ -1,0 +1,43 @@
+"""Names over the picture of people who stand close together."""
+
+import itertools
+
+from hypothesis import given
+from hypothesis import strategies as st
+from PySide6.QtCore import QRectF
+
+from caris_desktop.ui.widgets.tag_places import tag_places
+
+PICTURE = QRectF(0, 0, 640, 480)
+TAG = (80.0, 21.0)
+
+
+def rects(boxes: list[QRectF], tags: list[tuple[float, float]]) -> list[QRectF]:
+    places = tag_places(boxes, tags, PICTURE)
+    return [QRectF(place.x(), place.y(), *tag) for place, tag in zip(places, tags, strict=True)]
+
+
+def test_one_alone_stands_on_its_box_or_within_it_where_the_picture_ends() -> None:
+    assert rects([QRectF(100, 100, 50, 200)], [TAG]) == [QRectF(99, 79, *TAG)]
+    assert rects([QRectF(100, 10, 50, 200)], [TAG]) == [QRectF(99, 11, *TAG)]
+
+
+def test_of_two_side_by_side_the_nearer_keeps_its_place_and_the_other_is_lifted() -> None:
+    far, near = QRectF(100, 100, 50, 150), QRectF(130, 100, 60, 220)
+    of_far, of_near = rects([far, near], [TAG, TAG])
+    assert of_near == QRectF(129, 79, *TAG)
+    assert of_far.bottom() < of_near.top() and of_far.left() == 99
+
+
+def test_four_in_a_group_can_all_be_read() -> None:
+    found = rects([QRectF(100 + 15 * number, 120, 60, 200) for number in range(4)], [TAG] * 4)
+    assert not any(one.intersects(other) for one, other in itertools.combinations(found, 2))
+
+
+BOX = st.builds(QRectF, st.integers(0, 600), st.integers(0, 440), st.integers(1, 300), st.integers(1, 300))
+
+
+@given(st.lists(BOX, max_size=8))
+def test_every_tag_begins_at_its_box_and_none_leaves_the_picture_above(boxes: list[QRectF]) -> None:
+    for box, tag in zip(boxes, rects(boxes, [TAG] * len(boxes)), strict=True):
+        assert tag.left() == box.left() - 1 and tag.top() >= PICTURE.top()
