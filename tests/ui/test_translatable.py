@@ -1,21 +1,27 @@
 """Texts can be translated: Qt's tool finds each of them, and none is glued from pieces."""
 
 import ast
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from typing import TypeGuard, cast
+
+import pytest
+
+from tests.support import untranslated
 
 PACKAGE = Path(__file__).parents[2] / "caris_desktop"
 MARKS = ("tr", "QT_TR_NOOP")
 
 
-def _sources() -> Iterator[tuple[Path, ast.Module]]:
-    for path in sorted(PACKAGE.rglob("*.py")):
-        text = path.read_text("utf-8")
-        if any(f"{mark}(" in text for mark in MARKS) and path.name != "translation.py":
-            yield path, ast.parse(text)
+@cache
+def _sources() -> tuple[tuple[Path, ast.Module], ...]:
+    files = ((path, path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py")) if path.name != "translation.py")
+    return tuple((path, ast.parse(text)) for path, text in files if any(f"{mark}(" in text for mark in MARKS))
 
 
 def _marked(tree: ast.AST) -> Iterator[ast.Call]:
@@ -51,3 +57,138 @@ def test_no_text_is_glued_from_pieces() -> None:
                 if any(isinstance(side.func, ast.Name) and side.func.id == "tr" for side in pieces):
                     glued.append(f"{path.relative_to(PACKAGE)}:{node.lineno} adds something to a translated text")
     assert glued == []
+
+
+_PLACED = re.compile(r"\{([^{}]*)\}")
+
+
+def test_nothing_is_translated_before_the_language_is_known() -> None:
+    """A module is read, and its classes are made, before the wizard's language is chosen."""
+    early = [
+        f"{path.relative_to(PACKAGE)}:{call.lineno} calls tr as it is imported: QT_TR_NOOP there, tr where it is shown"
+        for path, tree in _sources()
+        for call in _at_import(tree)
+    ]
+    assert early == []
+
+
+def test_what_is_filled_in_has_a_name_and_is_given() -> None:
+    wrong = []
+    for path, tree in _sources():
+        formatted = {id(node.func.value): node for node in ast.walk(tree) if _is_format(node)}
+        for call in _marked(tree):
+            if isinstance(call.args[0], ast.Constant):
+                wrong += [
+                    f"{path.relative_to(PACKAGE)}:{call.lineno} {flaw}"
+                    for flaw in _flaws(call, formatted.get(id(call)))
+                ]
+    assert wrong == []
+
+
+def test_every_text_of_the_window_can_be_translated() -> None:
+    """Until all go through tr, the list says how many do not, and can only become shorter."""
+    now, listed = untranslated.counted(), untranslated.left()
+    wrong = [
+        f"{file} has {now.get(file, 0)}, the list says {listed.get(file, 0)}"
+        for file in sorted(now.keys() | listed.keys())
+        if now.get(file, 0) != listed.get(file, 0)
+    ]
+    assert wrong == [], (
+        "Texts that do not go through tr: `python -m tests.support.untranslated ui/FILE` shows them. More than listed:"
+        " give them to tr (one whole sentence, {names} filled by format). Fewer: thank you,"
+        " `python -m tests.support.untranslated --write` makes the list shorter."
+    )
+
+
+def test_what_is_left_as_it_is_is_still_said() -> None:
+    assert untranslated.kept_in_vain() == []
+
+
+@pytest.mark.parametrize(
+    ("source", "texts"),
+    [
+        ('button = ActionButton(tr("Stop"), icon="hand-palm", look="ghost")', []),
+        ('button = ActionButton("Stop", icon="hand-palm")', ["Stop"]),
+        ('label.setText("moving")', ["moving"]),
+        ('label.setText(f"{count} people")', ["{} people"]),
+        ('label.setText(tr("{count} of {all}").format(count=f"{n} people", all=3))', ["{} people"]),
+        ('TABLE = {"Some key": "The robot is out of reach"}', ["The robot is out of reach"]),
+        ('raise ToldFailure("It stays.", *more)', ["It stays."]),
+        ('raise ValueError("that is out of bounds")', []),
+        ('_log.warning("the robot is %s", name)\nlogging.getLogger("x").error("no way out of it")', []),
+        ('def f(kind: Literal["Some kind of it"]) -> None:\n    """The docstring of it."""', []),
+        ('widget.setObjectName("some name of it")\nif word == "not this one":\n    keys = ("Ctrl+K", "Up", "Esc")', []),
+        ('widget.setStyleSheet(f"color: {color}; border: 1px solid {line};")', []),
+        ('label.setText(f"{speed:.1f} m/s, {size_mb} MB")', []),
+        ('match event:\n    case Happened(state="out of reach"):\n        return "Session", "The robot is lost"',
+         ["Session", "The robot is lost"]),
+        ('say(words if words else "no answer")', ["no answer"]),
+    ],
+)  # fmt: skip
+def test_what_reads_as_a_text(source: str, texts: list[str]) -> None:
+    assert [found.text for found in untranslated.texts_in(source)] == texts
+
+
+@pytest.mark.parametrize(
+    ("source", "early"),
+    [
+        ('TITLE = tr("Stop")', 1),
+        ('class Panel:\n    title = tr("Stop")', 1),
+        ('def shown(text=tr("Stop")):\n    return tr("Go")', 1),
+        ('def shown():\n    return tr("Stop")\n\n\nlater = lambda: tr("Go")\nTABLE = {1: QT_TR_NOOP("Go")}', 0),
+    ],
+)
+def test_what_is_translated_too_early_is_found(source: str, early: int) -> None:
+    assert len(list(_at_import(ast.parse(source)))) == early
+
+
+@pytest.mark.parametrize(
+    ("source", "flaws"),
+    [
+        ('tr("Go to {place}").format(place=name)', 0),
+        ('tr("Go to {place}").format(name=name)', 1),
+        ('tr("Go to {}").format(name)', 2),
+        ('tr("%n people", "", count)', 0),
+        ('tr("%n people")', 1),
+        ('tr("People", "", count)', 1),
+    ],
+)
+def test_what_is_filled_in_wrongly_is_found(source: str, flaws: int) -> None:
+    tree = ast.parse(source)
+    formatted = next((node for node in ast.walk(tree) if _is_format(node)), None)
+    assert len([flaw for call in _marked(tree) for flaw in _flaws(call, formatted)]) == flaws
+
+
+def _at_import(tree: ast.Module) -> Iterator[ast.Call]:
+    """Calls of tr that are made as the module is imported: a function's body runs later, its defaults do not."""
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "tr":
+            yield node
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            waiting += [*node.decorator_list, node.args]
+        elif not isinstance(node, ast.Lambda):
+            waiting += ast.iter_child_nodes(node)
+
+
+def _is_format(node: ast.AST) -> TypeGuard[ast.Call]:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "format"
+
+
+def _flaws(call: ast.Call, formatted: ast.Call | None) -> Iterator[str]:
+    """Of one text: names of what is filled in, and the number that decides between one and many."""
+    marked = cast(ast.Name, call.func).id
+    text = str(cast(ast.Constant, call.args[0]).value)
+    names = {
+        name.partition(":")[0].partition("!")[0] for name in _PLACED.findall(text.replace("{{", "").replace("}}", ""))
+    }
+    if marked == "tr" and ("%n" in text) != (len(call.args) > 2):
+        yield f"has %n without a number, or a number without %n: {text!r}"
+    if formatted is None:
+        return
+    if not all(name.isidentifier() for name in names):
+        yield f"fills in what has no name: {text!r}"
+    given = {keyword.arg for keyword in formatted.keywords}
+    if None not in given and (formatted.args or given != names):
+        yield f"is given {sorted(map(str, given))} and has places for {sorted(names)}: {text!r}"

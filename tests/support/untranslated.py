@@ -1,0 +1,280 @@
+"""Texts in the window's source that nobody could translate: what people read, and does not go through ``tr``.
+
+``python -m tests.support.untranslated`` counts them by file, ``python -m tests.support.untranslated ui/words.py`` shows
+those of the files whose path begins so, and with ``--write`` the list of what is left becomes shorter, never longer.
+"""
+
+import argparse
+import ast
+import re
+import sys
+from collections import Counter
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import get_args
+
+from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.widgets.buttons import Look
+
+PACKAGE = Path(__file__).parents[2] / "caris_desktop"
+ROOMS = ("live", "ui")
+LEFT = Path(__file__).with_suffix(".txt")
+
+_A_STATE = "a state by its name in the record and in code; it is shown by words of its own"
+_PROMPT = "goes to the language model, not to the wizard"
+_GUIDE = "written into the guide, which is English"
+_BROWSER = "for whoever types an address of the page by hand"
+AS_IT_IS: dict[str, dict[str, str]] = {
+    "": {"not checked": _A_STATE},
+    "live/assistant_context.py": {"*": _PROMPT},
+    "live/face_page.py": {"There is nothing here.\n": _BROWSER, "Too many pages are open.\n": _BROWSER},
+    "ui/scenario_editor/reference.py": {"*": _GUIDE},
+    "ui/shortcuts/reference.py": {"*": _GUIDE},
+}
+"""What is shown as it is in every language: for each file, or for all (""), its texts ("*": all) with the reason."""
+
+_MARKS = ("tr", "QT_TR_NOOP")
+_LOGGED = ("critical", "debug", "error", "exception", "info", "log", "warning")
+_TOLD_ERRORS = ("MappingError", "ToldFailure")
+"""Raised with the sentence that the wizard reads; what other errors say stands in the log."""
+
+_UNREAD = {
+    "Event", "Literal", "NewType", "Path", "Property", "QByteArray", "QKeySequence", "QSettings", "Signal", "Thread",
+    "TypeVar", "addFont", "cast", "compile", "decode", "encode", "endswith", "execute", "fetch", "find", "findChild",
+    "findChildren", "finditer", "fullmatch", "getLogger", "getattr", "get_context", "hasattr", "import_module", "index",
+    "insertRule", "match", "open", "partition", "removeprefix", "removesuffix", "search", "setObjectName",
+    "setProperty", "setStyleSheet", "setThreadName", "setValue", "setattr", "split", "startswith", "strftime",
+    "strptime", "value", "invokeMethod",
+}  # fmt: skip
+"""Functions whose arguments nobody reads."""
+
+_UNREAD_NAMED = {"name", "object_name", "objectName", "key", "role", "encoding", "errors", "mode", "thread_name"}
+"""Arguments by name, likewise; of ``name`` what has no blank."""
+
+_SHOWN = {
+    "addAction", "addItem", "addMenu", "addTab", "drawText", "insertItem", "setAccessibleDescription",
+    "setAccessibleName", "setPlaceholderText", "setStatusTip", "setTabText", "setText", "setTitle", "setToolTip",
+    "setWhatsThis", "setWindowTitle", "QLabel", "QPushButton", "QToolButton", "QCheckBox", "QRadioButton", "QGroupBox",
+    "ActionButton", "CutLabel",
+}  # fmt: skip
+"""Functions that show their arguments: here a single small word is a text too."""
+
+_NO_WORDS = {*get_args(Look), *icon_names()}
+_UNITS = re.compile(r"(?<=\x00)[ \u202f]?(?:ms|s|min|h|Hz|kHz|[kMG]?B(?:/s)?|m|m/s|rad|px|dB|fps)\b")
+_ONE_KEY = (
+    r"(?:[A-Z\d]|F\d+|Up|Down|Left|Right|Esc|Pause|Backspace|Del|Ins|Home|End|Tab|Space|Return|Enter|PgUp|PgDown)"
+)
+_KEY = re.compile(rf"(?:(?:Ctrl|Alt|Shift|Meta)\+)*{_ONE_KEY}(?:, {_ONE_KEY})*")
+_WORD = r"[A-Za-z]{2,}"
+_PROSE = re.compile(rf"(?:^|[\s“(\"\x00])(?:{_WORD}(?:['’-][A-Za-z]+)*)[,.:;!?…”)]*\s+[“(]?[a-zA-Z\x00\d]")
+_AFTER_A_VALUE = re.compile(rf"\x00[\s:,]+[“(]?{_WORD}\b")
+_LABEL = re.compile(r"^[A-Z][a-z]+(?:[-/][A-Za-z]+)?[.…:!?]*$")
+_CODE = re.compile(
+    r"[{};]\s*$|\b(?:px|rgba?)\b.*[;}]|^[\w.]+\(|^[A-Z]+ [A-Z]+|^<[^<>]+>$|^\s*--|://|^[\w/.*-]+$|#[0-9a-f]{6}|\w-src "
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A text that is not translated: in which file below ``caris_desktop``, in which line, with {} for what varies."""
+
+    file: str
+    line: int
+    text: str
+
+
+def untranslated() -> list[Found]:
+    return [found for found in _all() if not _kept(found)]
+
+
+def counted() -> dict[str, int]:
+    """By file, in order."""
+    return dict(sorted(Counter(found.file for found in untranslated()).items()))
+
+
+def left() -> dict[str, int]:
+    """What the list says of each file that still has some."""
+    lines = (line.split() for line in LEFT.read_text("utf-8").splitlines() if line and not line.startswith("#"))
+    return {file: int(count) for file, count in lines}
+
+
+def texts_in(source: str, file: str = "") -> list[Found]:
+    """Every text of a source that does not go through ``tr``."""
+    finder = _Finder(file)
+    finder.visit(ast.parse(source))
+    return finder.found
+
+
+def kept_in_vain() -> list[str]:
+    """What the table of texts to be left as they are names, and no file says any more."""
+    said = {(file, text) for one in _all() for file in (one.file, "") for text in (one.text, "*")}
+    return [f"{file}: {text!r}" for file, texts in AS_IT_IS.items() for text in texts if (file, text) not in said]
+
+
+def _kept(found: Found) -> bool:
+    return any(text in AS_IT_IS.get(file, {}) for file in (found.file, "") for text in (found.text, "*"))
+
+
+@cache
+def _all() -> tuple[Found, ...]:
+    files = sorted(path for room in ROOMS for path in (PACKAGE / room).rglob("*.py"))
+    named = ((path.read_text("utf-8"), path.relative_to(PACKAGE).as_posix()) for path in files)
+    return tuple(found for source, file in named for found in texts_in(source, file))
+
+
+class _Finder(ast.NodeVisitor):
+    """Goes to every string that may be read by people, past those that are not."""
+
+    def __init__(self, file: str) -> None:
+        self.found: list[Found] = []
+        self._file = file
+        self._shown = False
+
+    def visit_Constant(self, node: ast.Constant) -> None:
+        if isinstance(node.value, str):
+            self._judge(node, node.value)
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
+        pieces = [piece.value if isinstance(piece, ast.Constant) else "\0" for piece in node.values]
+        self._judge(node, "".join(str(piece) for piece in pieces))
+        for piece in node.values:
+            if isinstance(piece, ast.FormattedValue):
+                self.visit(piece.value)
+
+    def visit_Call(self, node: ast.Call) -> None:
+        name = _name_of(node.func)
+        if name in _MARKS:
+            return
+        logged = name in _LOGGED and "log" in _name_of(getattr(node.func, "value", None)).lower()
+        if logged or name in _UNREAD or (_raises(name) and name not in _TOLD_ERRORS):
+            self.visit(node.func)  # a chain: "...".join(...).encode("...")
+            for argument in node.args:
+                if not isinstance(argument, (ast.Constant, ast.JoinedStr)):
+                    self.visit(argument)
+            return
+        self.visit(node.func)
+        before, self._shown = self._shown, name in _SHOWN
+        for argument in node.args:
+            self.visit(argument)
+        for keyword in node.keywords:
+            if keyword.arg not in _UNREAD_NAMED:
+                self.visit(keyword.value)
+        self._shown = before
+
+    def visit_Dict(self, node: ast.Dict) -> None:
+        for key, value in zip(node.keys, node.values, strict=True):
+            if key is not None and not isinstance(key, ast.Constant):
+                self.visit(key)
+            self.visit(value)
+
+    def visit_Subscript(self, node: ast.Subscript) -> None:
+        self.visit(node.value)
+
+    def visit_Compare(self, node: ast.Compare) -> None:
+        for side in (node.left, *node.comparators):
+            if not isinstance(side, (ast.Constant, ast.Tuple, ast.Set, ast.List)):
+                self.visit(side)
+
+    def visit_Tuple(self, node: ast.Tuple) -> None:
+        self._visit_all(node.elts)
+
+    def visit_List(self, node: ast.List) -> None:
+        self._visit_all(node.elts)
+
+    def visit_Set(self, node: ast.Set) -> None:
+        self._visit_all(node.elts)
+
+    def _visit_all(self, elements: list[ast.expr]) -> None:
+        if not all(isinstance(one, ast.Constant) and _KEY.fullmatch(str(one.value)) for one in elements):
+            for element in elements:
+                self.visit(element)
+
+    def visit_Expr(self, node: ast.Expr) -> None:
+        if not isinstance(node.value, ast.Constant):
+            self.generic_visit(node)
+
+    def visit_Assert(self, _node: ast.Assert) -> None:
+        return
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
+        if node.value is not None:
+            self.visit(node.value)
+
+    def visit_Assign(self, node: ast.Assign) -> None:
+        if not any(isinstance(target, ast.Name) and target.id in ("__all__", "__slots__") for target in node.targets):
+            self.visit(node.value)
+
+    def visit_arg(self, _node: ast.arg) -> None:
+        return
+
+    def visit_match_case(self, node: ast.match_case) -> None:
+        if node.guard is not None:
+            self.visit(node.guard)
+        for each in node.body:
+            self.visit(each)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
+        for each in (*node.decorator_list, node.args, *node.body):
+            self.visit(each)
+
+    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> None:
+        for each in (*node.decorator_list, node.args, *node.body):
+            self.visit(each)
+
+    def _judge(self, node: ast.expr, text: str) -> None:
+        word = self._shown and re.search(rf"(?<![\w#./-]){_WORD}", _UNITS.sub("", text)) and text not in _NO_WORDS
+        if word or reads_as_text(text):
+            self.found.append(Found(self._file, node.lineno, text.replace("\0", "{}")))
+
+
+def reads_as_text(text: str) -> bool:
+    """Whether people would read it, as it looks; \\0 stands for a value that is put in."""
+    bare = _UNITS.sub("", re.sub(r"</?[a-z][^<>]*>", " ", text)).strip()
+    if not re.search(_WORD, bare) or (_CODE.search(bare) and not _LABEL.match(bare)):
+        return False
+    return bool(_LABEL.match(bare) or _PROSE.search(bare) or _AFTER_A_VALUE.search(bare))
+
+
+def _name_of(node: ast.AST | None) -> str:
+    if isinstance(node, ast.Call):
+        return _name_of(node.func)
+    return node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
+
+
+def _raises(name: str) -> bool:
+    return name.endswith(("Error", "Exception")) or name in _TOLD_ERRORS
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("file", nargs="?", default="", help="of which the texts are shown, or a folder")
+    parser.add_argument("--write", action="store_true", help="write the list of what is left")
+    arguments = parser.parse_args()
+    now = counted()
+    if arguments.write:
+        before = left() if LEFT.exists() else now
+        more = [file for file, count in now.items() if count > before.get(file, 0)]
+        for file in more:
+            print(f"{file} has {now[file]}, {before.get(file, 0)} are on the list: those are to go through tr")
+        kept = {file: min(count, before.get(file, 0)) for file, count in now.items() if before.get(file, 0)}
+        heading = (
+            "# Texts that do not go through tr yet, by file. Written by python -m tests.support.untranslated --write"
+        )
+        LEFT.write_text("\n".join([heading, *(f"{file} {count}" for file, count in kept.items()), ""]), "utf-8")
+        return 1 if more else 0
+    for found in untranslated() if arguments.file else ():
+        if found.file.startswith(arguments.file):
+            print(f"{found.file}:{found.line}: {found.text!r}")
+    if not arguments.file:
+        for file, count in now.items():
+            print(f"{count:4} {file}")
+        folders = Counter[str]()
+        for file, count in now.items():
+            folders["/".join(file.split("/")[:-1])] += count
+        print(*(f"{count:4} {folder}/" for folder, count in folders.most_common()), sep="\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
