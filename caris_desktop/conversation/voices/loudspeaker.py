@@ -15,6 +15,9 @@ _BLOCK_FRAMES = 512
 # An idle sink may first play out two seconds of its own silence.
 _STALL_S = 4.0
 _HEARTBEAT_S = 0.5
+# As it starts, a device asks for all that it can hold, which may be more than is made by then.
+_LEAST_AHEAD_S = 0.05
+_LOOK_S = 0.003
 # Added to the computed end, which some drivers report a little early.
 _TAIL_S = 0.03
 _AWAKE_LATENCY_S = 0.5
@@ -32,15 +35,26 @@ class DeviceTroubleError(Exception):
 
 
 class _Playback:
-    """What the PortAudio callback does; it runs in PortAudio's thread, so it only copies and notes times.
+    """What the PortAudio callback does; it runs in PortAudio's thread, so it copies, notes times, and waits only for
+    what is being made and can still be heard without a gap.
 
     Times are those at the loudspeaker: PortAudio tells how long what it takes now waits in the device's buffer.
     """
 
-    def __init__(self, sound: GrowingSound, silenced: threading.Event, woken: threading.Event) -> None:
+    def __init__(
+        self,
+        sound: GrowingSound,
+        silenced: threading.Event,
+        woken: threading.Event,
+        *,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
         self._sound = sound
         self._silenced = silenced
         self._woken = woken
+        self._now_ns = now_ns
+        self._asked_ns: int | None = None
+        self._waiting = threading.Lock()
         self.started_ns: int | None = None
         self.ends_ns: int | None = None
         self.stream_ended = False
@@ -63,13 +77,33 @@ class _Playback:
         if self._silenced.is_set():
             out[:] = bytes(len(out))
             return
+        if self._asked_ns is None:
+            self._asked_ns = self._now_ns()
+        with self._waiting:
+            while self._may_wait(frames, self._asked_ns):
+                time.sleep(_LOOK_S)
         out[:] = self._sound.take(frames).tobytes()
         if self.started_ns is None:
-            self.started_ns = time.monotonic_ns() + int(buffered_s * 1e9)
+            self.started_ns = self._now_ns() + int(buffered_s * 1e9)
             self._woken.set()
         if self.ends_ns is None and self._sound.over:
             self.ends_ns = self.started_ns + self._sound.end * 1_000_000_000 // self._sound.rate_hz
             self._woken.set()
+
+    def _may_wait(self, frames: int, asked_ns: int) -> bool:
+        """Whether these are not made yet, and what the device has taken lasts for a while: silence among them would be
+        heard as a gap.
+        """
+        sound = self._sound
+        if sound.complete or self._silenced.is_set() or sound.end >= sound.position + frames:
+            return False
+        ahead_s = sound.position / sound.rate_hz - (self._now_ns() - asked_ns) / 1e9
+        return ahead_s > _LEAST_AHEAD_S
+
+    def leave(self) -> None:
+        """It is silenced: returns when nothing is waited for. Aborting a stream may end its thread wherever that is."""
+        with self._waiting:
+            pass
 
     def on_stream_ended(self) -> None:
         self.stream_ended = True
@@ -166,6 +200,7 @@ class Loudspeaker:
                 told_start = True
                 tell("started", playback.started_ns)
             if silenced.is_set():
+                playback.leave()
                 stream.abort()
                 ended_ns = time.monotonic_ns()
                 stream.close()

@@ -104,7 +104,8 @@ class PiperVoice:
             sound = self._run(sounding, {**asked, shaping.get_outputs()[0].name: piece}, stop)[0]
             per_frame = sound.shape[-1] // (inner.stop - inner.start)
             yield self._pcm(sound[..., (first - inner.start) * per_frame : (end - inner.start) * per_frame])
-            first, length = end, min(_LONGEST_PIECE_FRAMES, 2 * length)
+            # The second is as short as the first, which is all that is heard until it is there.
+            first, length = end, min(_LONGEST_PIECE_FRAMES, max(_FIRST_PIECE_FRAMES, end))
 
     def _run(self, session: Any, given: dict[str, Any], stop: Stop) -> list[NDArray[np.float32]]:
         stop.check()

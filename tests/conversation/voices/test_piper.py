@@ -48,6 +48,7 @@ def test_its_pieces_are_the_sound_of_the_whole(voice: PiperVoice, monkeypatch: p
     (whole,) = voice.parts(SENTENCE, Stop())
     assert len(pieces) > 3
     assert len(pieces[0]) < voice.rate_hz // 4, "the first of them is short"
+    assert len(pieces[1]) == len(pieces[0]), "and nothing else is heard until the second is there"
     joined = np.concatenate(pieces)
     assert joined.shape == whole.shape
     assert np.abs(joined.astype(int) - whole.astype(int)).max() <= 2
