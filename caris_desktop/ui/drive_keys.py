@@ -31,6 +31,7 @@ from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, KeyboardGrabs, PhysicalKeys
 
 DOUBLE_STOP_S = 0.6
+_NEVER = float("-inf"), 0
 
 KeyOwner = Literal["driving", "typing", "window", "dialog", "menu", "elsewhere", "off"]
 """Who gets a key now: driving (bare keys drive), typing or another part of the window (Alt drives), a dialog, a menu,
@@ -81,7 +82,7 @@ class HoldToDrive(QObject):
         """While there is one, it gets every key but Esc and Pause, which does nothing else."""
         self._owned: dict[int, Hold | None] = {}
         self._key_owner: KeyOwner = "elsewhere"
-        self._last_escape_s = float("-inf")
+        self._last_escape = _NEVER
         self._keys = PhysicalKeys()
         app = QApplication.instance()
         assert isinstance(app, QApplication)  # noqa: S101 (a widget exists, so the application does)
@@ -251,7 +252,7 @@ class HoldToDrive(QObject):
             if event.type() == QEvent.Type.KeyRelease:
                 self._keys.released(event)
             elif not self._keys.repeated(event) and event.type() == QEvent.Type.KeyPress:
-                self._on_stop_key(Qt.Key(key))
+                self._on_stop_key(Qt.Key(key), pressed_ms=int(event.timestamp()))
             return True
         code = key_code(sys.platform, scan_code=event.nativeScanCode(), virtual_key=event.nativeVirtualKey())
         identity = key if code is None else code
@@ -408,13 +409,17 @@ class HoldToDrive(QObject):
 
     # ---- stops
 
-    def _on_stop_key(self, key: Qt.Key) -> None:
-        now_s = time.monotonic()
-        if key == Qt.Key.Key_Pause or now_s - self._last_escape_s <= DOUBLE_STOP_S:
-            self._last_escape_s = float("-inf")
+    def _on_stop_key(self, key: Qt.Key, *, pressed_ms: int = 0) -> None:
+        """``pressed_ms`` by the system's clock, 0 where it does not tell: between two presses this thread may be late."""
+        now_s, (last_s, last_ms) = time.monotonic(), self._last_escape
+        twice = now_s - last_s <= DOUBLE_STOP_S
+        if pressed_ms and last_ms:
+            twice = twice or 0 <= pressed_ms - last_ms <= DOUBLE_STOP_S * 1000
+        if key == Qt.Key.Key_Pause or twice:
+            self._last_escape = _NEVER
             self._emergency_stop()
         else:
-            self._last_escape_s = now_s
+            self._last_escape = now_s, pressed_ms
             self._stop()
         if key == Qt.Key.Key_Escape:
             self._close_what_escape_closes()
@@ -442,7 +447,7 @@ class HoldToDrive(QObject):
         # A dialog that is not modal closes while it is in front: who stops from the main window keeps it.
         dialog = self._app.activeModalWidget() or self._app.activeWindow()
         if popup is not None:
-            popup.close()
+            popup.hide()  # closed, its native window would be gone, and with it the next Esc that was on its way there
         elif isinstance(dialog, QDialog):
             dialog.reject()
         else:

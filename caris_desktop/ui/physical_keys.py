@@ -7,7 +7,6 @@ would be typed. Asking the X server for releases of the finger alone ends that a
 
 import ctypes
 import logging
-import time
 from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QAbstractNativeEventFilter, QByteArray, Qt
@@ -22,6 +21,7 @@ _FUNCTION_KEYS = {_XK_F1 + number: int(Qt.Key.Key_F1) + number for number in ran
 
 LONGEST_REPEAT_GAP_S = 1.2
 """A held key repeats sooner than this; a later press is a new one whose release went elsewhere."""
+_LONGEST_REPEAT_GAP_MS = int(LONGEST_REPEAT_GAP_S * 1000)
 
 
 class _XkbState(ctypes.Structure):
@@ -58,7 +58,8 @@ class PhysicalKeys:
         self._x11: ctypes.CDLL | None = None
         self._xkbcommon: ctypes.CDLL | None = None
         self._display = 0
-        self._down: dict[int, tuple[float, int, bool]] = {}
+        self._down: dict[int, tuple[int, bool]] = {}
+        """By key code: when it was pressed last, in ms of the X server, and whether that was a repeat."""
         self._ask_x_server()
 
     @property
@@ -95,19 +96,21 @@ class PhysicalKeys:
         scan_code = int(event.nativeScanCode())
         if self._x11 is None or not scan_code:
             return event.isAutoRepeat()
-        now_s, stamp = time.monotonic(), int(event.timestamp())
+        stamp_ms = int(event.timestamp())
         known = self._down.get(scan_code)
-        if known is not None and known[1] == stamp:
+        if known is not None and known[0] == stamp_ms:
             # The same press on its way from shortcut to window to widget.
-            return known[2]
-        again = event.isAutoRepeat() or (known is not None and now_s - known[0] < LONGEST_REPEAT_GAP_S)
-        self._down[scan_code] = (now_s, stamp, again)
+            return known[1]
+        # Not by Qt's own word: it takes a release and a press of one millisecond for a repeat, as they come from a server
+        # that was kept waiting. Nor by our clock: we may have been kept waiting while the key was held.
+        again = known is not None and 0 <= stamp_ms - known[0] < _LONGEST_REPEAT_GAP_MS
+        self._down[scan_code] = (stamp_ms, again)
         return again
 
     def released(self, event: QKeyEvent) -> bool:
         """Take note of a release; False where it is only a part of a repeat."""
         self._down.pop(int(event.nativeScanCode()), None)
-        return not event.isAutoRepeat()
+        return self.exact or not event.isAutoRepeat()
 
     def still_down(self, scan_codes: set[int]) -> set[int]:
         """Those of ``scan_codes`` whose keys are down at this moment; none where that cannot be known."""

@@ -52,6 +52,10 @@ class Desktop:
         for line in lines:
             self.at = self._desktop.wait_for(line, after=self.at, timeout_s=timeout_s)
 
+    def expect_all(self, *lines: str) -> None:
+        """These lines in any order."""
+        self.at = max(self._desktop.wait_for(line, after=self.at) for line in lines)
+
     def since(self, start: int | None = None) -> list[str]:
         return self._desktop.lines()[self.began if start is None else start :]
 
@@ -228,7 +232,7 @@ def _nothing(_desktop: Desktop) -> None:
 
 def _dialog(desktop: Desktop) -> None:
     desktop.say("dialog")
-    desktop.expect("DIALOG True", "KEYS dialog")
+    desktop.expect_all("DIALOG True", "ACTIVE StartDialog", "KEYS dialog")
 
 
 def _combo(desktop: Desktop) -> None:
@@ -271,8 +275,16 @@ def test_every_stop_works(desktop: Desktop, whole_desktop: VirtualDesktop, situa
     desktop.do("keydown", "alt", "keydown", "shift", "key", "Escape", "keyup", "shift", "keyup", "alt")
     desktop.expect("stop")
     desktop = fresh()
-    desktop.do("key", "--delay", "60", "Escape", "Escape")
-    desktop.expect("stop", "emergency_stop")
+    if situation == "dialog":
+        # Until the window manager has given the keys to the window behind it, nobody gets them.
+        desktop.do("key", "Escape")
+        desktop.expect("stop")
+        desktop.expect_all("ACTIVE MainWindow", "KEYS driving")
+        desktop.do("key", "Escape")
+        desktop.expect("emergency_stop")
+    else:
+        desktop.do("key", "--delay", "60", "Escape", "Escape")
+        desktop.expect("stop", "emergency_stop")
     desktop = fresh()
     desktop.do("keydown", "alt", "keydown", "shift", "key", "Pause", "keyup", "shift", "keyup", "alt")
     desktop.expect("emergency_stop")
@@ -280,6 +292,14 @@ def test_every_stop_works(desktop: Desktop, whole_desktop: VirtualDesktop, situa
     desktop.click("emergency_stop_copy" if situation == "dialog" else "emergency_stop")
     desktop.expect("emergency_stop")
     assert len(desktop.intents("emergency_stop")) == 1
+
+
+def test_an_escape_on_its_way_to_what_the_first_one_closes_is_not_lost(whole_desktop: VirtualDesktop) -> None:
+    for _ in range(5):  # with one in three it went to the window that was gone, or passed for a repeat of the first
+        desktop = Desktop(whole_desktop)
+        _completion(desktop)
+        desktop.do("key", "--delay", "0", "Escape", "Escape")
+        desktop.expect("stop", "emergency_stop")
 
 
 def test_the_gamepad_drives_stops_and_speaks(desktop: Desktop, whole_desktop: VirtualDesktop) -> None:

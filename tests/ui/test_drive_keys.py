@@ -200,7 +200,10 @@ def test_escape_stops_from_anywhere(window: MainWindow, console: FakeConsole, mo
             assert console.calls == [("stop", None)]
 
 
-def test_escape_twice_latches_the_emergency_stop(view: QWidget, console: FakeConsole) -> None:
+def test_escape_twice_latches_the_emergency_stop(
+    view: QWidget, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("caris_desktop.ui.drive_keys.time.monotonic", lambda: 100.0)
     QTest.keyClick(view, Qt.Key.Key_Escape)
     QTest.keyClick(view, Qt.Key.Key_Escape)
     assert [name for name, _ in console.calls] == ["stop", "emergency_stop"]
@@ -213,6 +216,20 @@ def test_slow_escapes_are_two_stops(view: QWidget, console: FakeConsole, monkeyp
     now_s[0] += 0.7
     QTest.keyClick(view, Qt.Key.Key_Escape)
     assert [name for name, _ in console.calls] == ["stop", "stop"]
+
+
+@pytest.mark.parametrize(("apart_ms", "second"), [(600, "emergency_stop"), (700, "stop")])
+def test_escapes_are_twice_by_when_they_were_pressed_however_late_they_are_seen(
+    view: QWidget, console: FakeConsole, monkeypatch: pytest.MonkeyPatch, apart_ms: int, second: str
+) -> None:
+    now_s = [100.0]
+    monkeypatch.setattr("caris_desktop.ui.drive_keys.time.monotonic", lambda: now_s[0])
+    for pressed_ms in (5000, 5000 + apart_ms):
+        press = QKeyEvent(QEvent.Type.KeyPress, Qt.Key.Key_Escape, BARE)
+        press.setTimestamp(pressed_ms)
+        QApplication.sendEvent(view, press)
+        now_s[0] += 3.0
+    assert [name for name, _ in console.calls] == ["stop", second]
 
 
 def test_pause_latches_the_emergency_stop(window: MainWindow, console: FakeConsole) -> None:
