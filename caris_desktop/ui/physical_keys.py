@@ -101,8 +101,8 @@ class PhysicalKeys:
         if known is not None and known[0] == stamp_ms:
             # The same press on its way from shortcut to window to widget.
             return known[1]
-        # Not by Qt's own word: it takes a release and a press of one millisecond for a repeat, as they come from a server
-        # that was kept waiting. Nor by our clock: we may have been kept waiting while the key was held.
+        # Not by Qt's own word: a release and a press of one millisecond, as they come from a server that was kept
+        # waiting, it takes for a repeat. Nor by our clock: we may have been kept waiting while the key was held.
         again = known is not None and 0 <= stamp_ms - known[0] < _LONGEST_REPEAT_GAP_MS
         self._down[scan_code] = (stamp_ms, again)
         return again
