@@ -410,7 +410,7 @@ class HoldToDrive(QObject):
     # ---- stops
 
     def _on_stop_key(self, key: Qt.Key, *, pressed_ms: int = 0) -> None:
-        """``pressed_ms``: by the system's clock, 0 where it does not tell. This thread may be late between two presses."""
+        """``pressed_ms``: by the system's clock, 0 where it does not tell. This thread may be late between two."""
         now_s, (last_s, last_ms) = time.monotonic(), self._last_escape
         twice = now_s - last_s <= DOUBLE_STOP_S
         if pressed_ms and last_ms:

@@ -21,7 +21,7 @@ from tests.support.virtual_gamepad import VirtualGamepad
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 
-# How near to each other two Esc have to be is tried in test_drive_keys, by a clock of its own; this machine may be slow.
+# How near to each other two Esc have to be is tried in test_drive_keys by a clock of its own; this machine may be slow.
 drive_keys.DOUBLE_STOP_S = 60.0
 
 
