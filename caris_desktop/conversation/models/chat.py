@@ -7,7 +7,7 @@ import random
 import time
 from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import aclosing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +58,10 @@ class Retries:
         # Not all consoles of a lab at the same moment.
         backed_off_s: float = min(self.first_s * 2.0 ** (tried - 1), self.most_s) * random.uniform(0.8, 1.2)  # noqa: S311
         return max(told_s or 0.0, backed_off_s)
+
+
+class _OtherSchemaError(Exception):
+    """The server wants to be told of the schema in the other way."""
 
 
 class _TryAgainError(Exception):
@@ -116,6 +120,10 @@ async def stream_chat(
             async with aclosing(answer) as pieces:
                 async for piece in pieces:
                     yield piece
+        except _OtherSchemaError:
+            question = replace(question, schema_in_object=True)
+            request = _DIALECTS[endpoint.provider].request(endpoint, question)
+            tried -= 1
         except _TryAgainError as again:
             wait_s = retries.wait_s(tried, again.told_s)
             if wait_s is None or asyncio.get_running_loop().time() + wait_s >= give_up_s:
@@ -151,7 +159,7 @@ async def _one_try(
 
     loop = asyncio.get_running_loop()
     limits = httpx.Timeout(connect=timeouts.connect_s, read=None, write=timeouts.connect_s, pool=timeouts.connect_s)
-    began = ended = False
+    began = ended = unfinished = closed = False
     characters = 0
     version = ""
     try:
@@ -163,17 +171,20 @@ async def _one_try(
             try:
                 if response.status_code != 200:
                     async with asyncio.timeout_at(deadline_s):
-                        await _raise_status(endpoint, response, key)
+                        await _raise_status(endpoint, request, response, key)
                 check_type(endpoint, response)
                 async with aclosing(documents(endpoint, response)) as messages:
-                    while not ended:
+                    while not (ended or closed):
                         try:
                             async with asyncio.timeout_at(deadline_s):
                                 document = await anext(messages)
                         except StopAsyncIteration:
                             break
                         chunk: Chunk = _DIALECTS[endpoint.provider].parse(endpoint, document, key)
-                        ended = chunk.ended
+                        closed = chunk.closed
+                        unfinished = unfinished or chunk.unfinished
+                        # A server that tells when an answer is finished did not finish one that it only closes.
+                        ended = chunk.ended or (closed and not unfinished)
                         if chunk.version and chunk.version != version:
                             version = chunk.version
                             told_version(version)
@@ -199,6 +210,8 @@ async def _one_try(
     except TimeoutError as error:
         waited_s = timeouts.between_tokens_s if began else timeouts.first_token_s
         raise failures.too_slow(endpoint, seconds=waited_s, answer_started=began) from error
+    if not characters:
+        raise failures.nothing(endpoint)
     if not ended:
         raise failures.broke_off(endpoint)
 
@@ -209,9 +222,12 @@ def _key_header(endpoint: ModelEndpoint, key: str | None) -> dict[str, str]:
     return {"x-goog-api-key": key} if endpoint.provider == "gemini" else {"Authorization": f"Bearer {key}"}
 
 
-async def _raise_status(endpoint: ModelEndpoint, response: "httpx.Response", key: str | None) -> None:
+async def _raise_status(endpoint: ModelEndpoint, request: Request, response: "httpx.Response", key: str | None) -> None:
     body = await small_object(response, _MAX_ERROR_BODY_BYTES)
     detail = without(key, failures.error_in(body)) if body else ""
+    if openai.refuses_schema(request, response.status_code, str(body)):
+        _log.info("%s is asked for a JSON object in the other way", endpoint.place)
+        raise _OtherSchemaError
     failure = failures.of_status(endpoint, response.status_code, detail)
     if response.status_code in _BUSY:
         raise _TryAgainError(failure, _told_wait_s(response.headers.get("retry-after", ""), body))

@@ -37,6 +37,15 @@ def broke_off(endpoint: ModelEndpoint) -> LanguageModelError:
     )
 
 
+def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
+    """Servers end the stream like this for a question beyond the model's context, and for one dropped for the next."""
+    return LanguageModelError(
+        f"{endpoint.place} ended its answer before the first word.",
+        _NO_ANSWER,
+        "Ask again when no other question is under way; if it happens again, shorten the question or what goes along.",
+    )
+
+
 def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -> LanguageModelError:
     if answer_started:
         return LanguageModelError(

@@ -41,7 +41,10 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
     }
     if question.seed is not None and endpoint.takes_seed:
         body["seed"] = question.seed
-    if question.schema is not None:
+    if question.schema is not None and question.schema_in_object:
+        # https://github.com/abetlen/llama-cpp-python#json-schema-mode
+        body["response_format"] = {"type": "json_object", "schema": question.schema}
+    elif question.schema is not None:
         body["response_format"] = {
             "type": "json_schema",
             "json_schema": {"name": "answer", "strict": _is_closed(question.schema), "schema": question.schema},
@@ -55,7 +58,7 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
 def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
     """One message of the stream. Raises LanguageModelError."""
     if document.strip() == "[DONE]":
-        return Chunk(ended=True)
+        return Chunk(closed=True)
     message = json_object(endpoint, document)
     raise_error_object(endpoint, message, key)
     choices = message.get("choices")
@@ -74,7 +77,18 @@ def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
     if isinstance(refusal := delta.get("refusal"), str) and refusal:
         raise blocked(endpoint, refusal)
     alive = bool(delta.get("reasoning_content") or delta.get("reasoning"))
-    return Chunk(text=text, alive=alive, ended=bool(choice.get("finish_reason")), version=version)
+    ended = bool(choice.get("finish_reason"))
+    unfinished = "finish_reason" in choice and not ended
+    return Chunk(text=text, alive=alive, ended=ended, unfinished=unfinished, version=version)
+
+
+def refuses_schema(request: Request, status: int, said: str) -> bool:
+    """Whether the server did not answer because it does not know the usual way to ask it to follow a schema."""
+    return (
+        "json_schema" in request.body.get("response_format", ())
+        and status in (400, 422, 500, 501)
+        and ("response_format" in said or "json_schema" in said)
+    )
 
 
 def told_name(endpoint: ModelEndpoint, told: object, key: str | None = None) -> str:

@@ -15,7 +15,8 @@ Schema = dict[str, Any]
 @dataclass(frozen=True, slots=True)
 class Question:
     """One question. ``seed`` makes the same model answer alike. ``jpegs`` are pictures that go with the last message.
-    ``schema`` is the JSON schema that the answer has to follow.
+    ``schema`` is the JSON schema that the answer has to follow; with ``schema_in_object`` it is asked for as servers do
+    that know a JSON object only.
     """
 
     messages: Sequence[ChatMessage]
@@ -24,6 +25,7 @@ class Question:
     seed: int | None = None
     jpegs: Sequence[bytes] = ()
     schema: Schema | None = None
+    schema_in_object: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +38,16 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """What one message of the stream said. ``alive`` is True for text the wizard does not see (a model's reasoning)."""
+    """What one message of the stream said. ``alive`` is True for text the wizard does not see (a model's reasoning),
+    ``unfinished`` where it says itself that more follows, ``closed`` where the stream is over, whether or not the
+    answer is.
+    """
 
     text: str = ""
     alive: bool = False
     ended: bool = False
+    unfinished: bool = False
+    closed: bool = False
     version: str = ""
 
 

@@ -106,7 +106,7 @@ def test_ollama_answer_arrives_piece_by_piece() -> None:
 
 
 def told_versions(*told: dict[str, object], key_env: str | None = None) -> list[str]:
-    choice = {"index": 0, "delta": {"content": "Yes."}, "finish_reason": None}
+    choice = {"index": 0, "delta": {"content": "Yes."}}
     messages = [b"data: " + json.dumps({"choices": [choice], **one}).encode() + b"\n\n" for one in told]
 
     async def run() -> list[str]:
@@ -199,7 +199,7 @@ def test_a_server_that_is_not_there_tells_no_version() -> None:
 
 
 def test_bytes_may_be_cut_anywhere() -> None:
-    stream = SSE_HEAD + (delta("Grüße ") + delta("你好")).replace(b"\n", b"\r\n") + b"data: [DONE]\n\n"
+    stream = SSE_HEAD + (delta("Grüße ") + delta("你好", "stop")).replace(b"\n", b"\r\n") + b"data: [DONE]\n\n"
     pieces, _ = ask(sends(*(stream[at : at + 1] for at in range(len(stream)))))
     assert pieces == ["Grüße ", "你好"]
 
@@ -289,7 +289,10 @@ def status(line: str, body: bytes = b"") -> bytes:
         ("ollama", LINES_HEAD + b"x" * 10_000_000, "over a megabyte"),
         ("openai", b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\n\r\n<html>Log in", "it is a web page"),
         ("ollama", b"HTTP/1.1 200 OK\r\nContent-Type: image/png\r\n\r\n\x89PNG", "it is image/png"),
-        ("openai", SSE_HEAD, "broke off"),
+        ("openai", SSE_HEAD, "ended its answer before the first word"),
+        ("openai", SSE_HEAD + delta("", "stop"), "ended its answer before the first word"),
+        ("openai", SSE_HEAD + delta("Half an") + b"data: [DONE]\n\n", "broke off"),
+        ("ollama", LINES_HEAD + ollama_line("", done=True), "ended its answer before the first word"),
         ("openai", SSE_HEAD + delta("Half an"), "broke off"),
         ("ollama", LINES_HEAD + ollama_line("Half an"), "broke off"),
         ("openai", b"HTTP/1.1 200 OK\r\nContent-Length: 9999\r\n\r\n" + delta("Half an"), "broke off"),
