@@ -35,7 +35,7 @@ class Painted:
 
 def flaws(window: QWidget) -> list[str]:
     """One line for each text that is cut off or lies on another one; empty for a window that can be read."""
-    painted = [(widget, _painted_by(widget)) for widget in _shown(window)]
+    painted = [(widget, painted_by(widget)) for widget in _shown(window)]
     beyond = [
         f"{_name(widget)} paints {text.text!r} beyond its edge"
         for widget, texts in painted
@@ -69,7 +69,7 @@ def on_one_another(texts: list[Painted]) -> list[str]:
 
 def painted_texts(window: QWidget) -> list[Painted]:
     """Everything that the window's widgets paint as text, as far as it can be seen."""
-    return _in_view(((widget, _painted_by(widget)) for widget in _shown(window)), window)
+    return _in_view(((widget, painted_by(widget)) for widget in _shown(window)), window)
 
 
 def _in_view(painted: Iterable[tuple[QWidget, list[Painted]]], window: QWidget) -> list[Painted]:
@@ -85,7 +85,7 @@ def _in_view(painted: Iterable[tuple[QWidget, list[Painted]]], window: QWidget) 
     return texts
 
 
-def _painted_by(widget: QWidget) -> list[Painted]:
+def painted_by(widget: QWidget) -> list[Painted]:
     """In the widget's own coordinates, wherever it lies."""
     if type(widget) is QWidget or widget.width() < 1 or widget.height() < 1:
         return []
