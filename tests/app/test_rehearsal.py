@@ -126,7 +126,9 @@ def _is_whole_conversation(session: Path, said: tuple[str, ...]) -> None:
     messages = _messages(session)
     utterances = messages["/event/utterance_changed"]
     heard = [each for each in utterances if each["speaker"] == "participant" and each["state"] == "finished"]
-    assert jiwer.wer(_plain(" ".join(said)), _plain(" ".join(each["text"] for each in heard))) <= 0.3, heard
+    assert heard
+    wrong = jiwer.wer(_plain(" ".join(said)), _plain(" ".join(each["text"] for each in heard)))
+    assert wrong <= 0.3 or _tells_of_lost_sound(messages), heard
     began = {each["utterance_id"]: each for each in utterances if each["state"] == "started"}
     ended = Counter(
         each["utterance_id"] for each in utterances if each["state"] in ("finished", "interrupted", "failed")
@@ -144,6 +146,12 @@ def _is_whole_conversation(session: Path, said: tuple[str, ...]) -> None:
     assert fates == Counter(each["suggestion_id"] for each in displayed), "exactly one fate"
     texts = (session / "speech.txt").read_text("utf-8")
     assert all(f"participant: {each['text']}" in texts for each in heard)
+
+
+def _tells_of_lost_sound(messages: dict[str, list[dict[str, Any]]]) -> bool:
+    """On a computer that is too busy for sound in real time words are lost, and the session says so."""
+    broke_off = any(each["cause"] == "missing sound" for each in messages.get("/event/problem", ()))
+    return broke_off or any(each["stream"] == "transcription" for each in messages.get("/event/gap", ()))
 
 
 def _plain(text: str) -> str:
