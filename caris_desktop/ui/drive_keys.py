@@ -5,8 +5,16 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Literal
 
-from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QMouseEvent
+from PySide6.QtCore import QChildEvent, QDynamicPropertyChangeEvent, QEvent, QObject, Qt, QTimer, QTimerEvent, Signal
+from PySide6.QtGui import (
+    QActionEvent,
+    QCloseEvent,
+    QKeyEvent,
+    QMouseEvent,
+    QMoveEvent,
+    QPaintEvent,
+    QResizeEvent,
+)
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QAbstractSpinBox,
@@ -32,6 +40,9 @@ from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, KeyboardGrabs, 
 
 DOUBLE_STOP_S = 0.6
 _NEVER = float("-inf"), 0
+_OF_NO_CONCERN = frozenset(
+    (QChildEvent, QDynamicPropertyChangeEvent, QMoveEvent, QResizeEvent, QPaintEvent, QTimerEvent, QActionEvent)
+)
 
 KeyOwner = Literal["driving", "typing", "window", "dialog", "menu", "elsewhere", "off"]
 """Who gets a key now: driving (bare keys drive), typing or another part of the window (Alt drives), a dialog, a menu,
@@ -87,7 +98,6 @@ class HoldToDrive(QObject):
         app = QApplication.instance()
         assert isinstance(app, QApplication)  # noqa: S101 (a widget exists, so the application does)
         self._app = app
-        app.installEventFilter(self)
         self._grabs = KeyboardGrabs(self._on_keyboard_taken)
         if self._keys.exact:
             app.installNativeEventFilter(self._grabs)
@@ -99,6 +109,10 @@ class HoldToDrive(QObject):
         console.state.drive.changed.connect(self._on_drive_changed)
         console.state.event_happened.connect(self._on_event)
         self._bindings.take(actions.all_specs)
+
+    def listen(self) -> None:
+        """From now on keys drive: what a window goes through while it is built concerns nobody, and is much."""
+        self._app.installEventFilter(self)
 
     def close(self) -> None:
         """Stop listening; anything held is released."""
@@ -175,6 +189,9 @@ class HoldToDrive(QObject):
         self._update_key_owner()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        # To ask each of ten thousand for its type costs more than all the rest.
+        if type(event) in _OF_NO_CONCERN:
+            return False
         kind = event.type()
         if kind in (QEvent.Type.KeyPress, QEvent.Type.KeyRelease, QEvent.Type.ShortcutOverride):
             return isinstance(event, QKeyEvent) and self._filter_key(event)
