@@ -66,6 +66,9 @@ class HoldToDrive(QObject):
     held any more, and at once when the application or its windows are deactivated, a dialog or menu opens, or the
     driving focus is lost; then a key has to be pressed anew, and a stick to be let go first.
 
+    Whoever makes this installs it as an event filter of the application once the window stands: what a window goes
+    through while it is built is much, and concerns no key.
+
     While something drives, or a finger is still on its key, no window closes: with Alt held to drive, F4 is a phrase.
     """
 
@@ -109,10 +112,6 @@ class HoldToDrive(QObject):
         console.state.drive.changed.connect(self._on_drive_changed)
         console.state.event_happened.connect(self._on_event)
         self._bindings.take(actions.all_specs)
-
-    def listen(self) -> None:
-        """From now on keys drive: what a window goes through while it is built concerns nobody, and is much."""
-        self._app.installEventFilter(self)
 
     def close(self) -> None:
         """Stop listening; anything held is released."""

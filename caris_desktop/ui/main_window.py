@@ -175,7 +175,7 @@ class MainWindow(QWidget):
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
         ActionConditions(self.actions_table, console.state)
         self.show_scenario(console.scenario)
-        self.hold.listen()
+        app.installEventFilter(self.hold)
         self._late = LateImports(lambda: self.hold.motion.moving, self)
         self._place = WindowPlace(self, settings)
         self._place.restore()
