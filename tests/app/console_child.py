@@ -142,13 +142,14 @@ def _simulated_at(address: str, folder: Path) -> str:
     return str(path)
 
 
-def main(address: str, study: Path, driver_type: type[Driver] = Driver) -> int:
-    """Run until the window is closed; ``driver_type`` understands the lines."""
+def main(address: str, study: Path, driver_type: type[Driver] = Driver, *, scenario: str = "") -> int:
+    """Run until the window is closed; ``driver_type`` understands the lines. ``scenario``: a file, or else the tour."""
     settings = QSettings(str(study.parent / "settings.ini"), QSettings.Format.IniFormat)
     camera = os.environ.get("CARIS_TEST_CAMERA")
     robot = _simulated_at(address, study.parent) if "://" in address else address
-    scenario = "tour-guide"
-    if "CARIS_TEST_WHOLE" not in os.environ:
+    if not scenario and "CARIS_TEST_WHOLE" in os.environ:
+        scenario = "tour-guide"
+    elif not scenario:
         scenario = str(without_models(layouts_dir() / "tour-guide.yaml", study.parent))
     run = ConsoleRun(
         default_arguments(scenario=scenario, robot=robot, study=study, camera=camera and [camera]),

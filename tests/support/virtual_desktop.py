@@ -30,7 +30,14 @@ _OPENBOX = """<?xml version="1.0" encoding="UTF-8"?>
 class VirtualDesktop:
     """``python -m MODULE`` on a screen of its own; what it prints is in ``lines()``."""
 
-    def __init__(self, folder: Path, module: str, *arguments: str, size: str = "1400x900") -> None:
+    def __init__(
+        self,
+        folder: Path,
+        module: str,
+        *arguments: str,
+        size: str = "1400x900",
+        environment: dict[str, str] | None = None,
+    ) -> None:
         read_end, write_end = os.pipe()
         self._screen = subprocess.Popen(
             ["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{size}x24"],
@@ -40,7 +47,13 @@ class VirtualDesktop:
         os.close(write_end)
         with os.fdopen(read_end) as pipe:
             number = pipe.readline().strip()
-        self.environment = {**os.environ, "DISPLAY": f":{number}", "QT_QPA_PLATFORM": "xcb", "HOME": str(folder)}
+        self.environment = {
+            **os.environ,
+            **(environment or {}),
+            "DISPLAY": f":{number}",
+            "QT_QPA_PLATFORM": "xcb",
+            "HOME": str(folder),
+        }
         (folder / "rc.xml").write_text(_OPENBOX)
         self._manager = subprocess.Popen(
             ["openbox", "--config-file", str(folder / "rc.xml")], env=self.environment, stderr=subprocess.DEVNULL
