@@ -142,8 +142,8 @@ class Ear:
             if turn is None or turn.turn_id != stretch.turn_id:
                 continue
             changed = turn.take(stretch, heard)
+            changed |= self._leave_out_the_robot(turn)
             if not turn.told:
-                self._leave_out_the_robot(turn)
                 if turn.own_words and not self._is_robots(turn):
                     self._tell_beginning(turn)
             if not turn.over:
@@ -189,7 +189,11 @@ class Ear:
         turn = self._turn = HeardTurn(turn_id, sound_from_ns, self._turns.started_ns, lead)
         turn.voice_ended_ns = self._until_ns
         self._turns.turn = turn_id
-        robot_heard = self._robot_speaks or turn.voice_began_ns <= self._robot_until_ns + _ROBOT_RINGS_NS
+        robot_heard = (
+            self._robot_speaks
+            or turn.voice_began_ns <= self._robot_until_ns + _ROBOT_RINGS_NS
+            or self._own_words.may_be_heard(turn.voice_began_ns, _ROBOT_RINGS_NS)
+        )
         if self._of_wizard or not robot_heard:
             self._tell_beginning(turn)
 
@@ -220,6 +224,12 @@ class Ear:
             self._ending.remove(turn)
         turn.commit_all()
         text, _none = turn.texts
+        robots = not self._of_wizard and self._is_robots(turn)
+        if robots or turn.robots_words:
+            own = text if robots else ""
+            began_ns = turn.sound_began_ns
+            words = " ".join(word.text for word in turn.words.words[: turn.robots_words])
+            self._own_words.was_heard(f"{words} {own}", began_ns, turn.voice_ended_ns if robots else turn.voice_began_ns)
         if not turn.told:
             return
         if self._of_wizard:
@@ -229,24 +239,32 @@ class Ear:
             return
         if not text:
             self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail="no words were made out in it")
-        elif self._is_robots(turn):
+        elif robots:
             self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail="it was the robot's own voice")
         else:
             self._tell_utterance(turn, "finished", turn.voice_ended_ns, text)
         if self._turn is None:
             self._tell(Hearing(self._until_ns, self.source, speaking=False, revision=turn.revision + 1))
 
-    def _leave_out_the_robot(self, turn: HeardTurn) -> None:
-        """Who answers at once, before the room is silent, begins in a turn that the robot's own voice has begun."""
+    def _leave_out_the_robot(self, turn: HeardTurn) -> bool:
+        """Who answers at once, before the room is silent, begins in a turn that the robot's own voice has begun. Gives
+        whether more of its words are the robot's than were known to be.
+        """
+        if self._of_wizard:
+            return False
         words = [(word.text, turn.moment_of(word.end_s)) for word in turn.words.words]
-        share = self.canceller.share_between(turn.voice_began_ns, turn.voice_ended_ns)
-        count = self._own_words.robots_beginning(words, turn.voice_began_ns, share)
-        if count > turn.robots_words:
-            turn.robots_words = count
-            turn.voice_began_ns = min(turn.moment_of(turn.own_words[0].start_s), turn.voice_ended_ns)
+        share = self.canceller.share_between(turn.sound_began_ns, turn.voice_ended_ns)
+        count = self._own_words.robots_beginning(words, turn.sound_began_ns, share)
+        if count <= turn.robots_words:
+            return False
+        turn.robots_words = count
+        turn.revision += 1
+        turn.voice_began_ns = min(turn.moment_of(turn.own_words[0].start_s), turn.voice_ended_ns)
+        return True
 
     def _is_robots(self, turn: HeardTurn) -> bool:
         text = " ".join(turn.texts)
+        self._own_words.was_heard_on_time(self.canceller.share_between)
         share = self.canceller.share_between(turn.voice_began_ns, turn.voice_ended_ns)
         return self._own_words.is_robots(text, turn.voice_began_ns, turn.voice_ended_ns, share) >= _ROBOTS_WORDS
 

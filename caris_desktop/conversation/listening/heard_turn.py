@@ -40,6 +40,8 @@ class HeardTurn:
 
     def __init__(self, turn_id: str, sound_from_ns: int, voice_began_ns: int, sound: list[NDArray[np.float32]]) -> None:
         self.turn_id = turn_id
+        self.sound_began_ns = voice_began_ns
+        """Where the voice began, also where that was the robot's."""
         self.voice_began_ns = voice_began_ns
         self.voice_ended_ns = voice_began_ns
         self.words = Agreement()

@@ -3,12 +3,16 @@
 What was made out is laid along what the robot says, word for word and in order, by how the words sound; and it counts
 as the robot's where it also comes when the robot says it. Whoever answers "the kitchen" to "the kitchen or the lab?"
 says the same words, but later.
+
+On a busy machine sound and what is told of it may be seconds apart. So moments alone decide only where they agree: what
+the robot says is heard once, and words of it that were not heard yet are its own though they come late. How late it is
+heard is learnt from whole sentences of it.
 """
 
 import re
 import unicodedata
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from statistics import median
@@ -30,6 +34,14 @@ _SECONDS_A_LETTER = 0.07
 _LEAST_ALIKE = 0.6
 _STARTS_AFTER_NS = 300_000_000
 _RINGS_NS, _RINGS_ABOUT_NS = 600_000_000, 2_500_000_000
+_WHOLE_LATE_S, _PART_LATE_S, _EARLY_S = 4.0, 1.5, 1.5
+"""So much later than told the robot may be heard on a busy machine: a whole sentence, and some words of one. And earlier,
+where it is told late."""
+_WHOLE, _WHOLE_WORDS, _NOTHING_ELSE = 0.8, 3, 0.8
+_LEARNT_FROM_LETTERS = 12
+_HEARD_SHARE = 0.6
+_LATE_BY_SHARE = 0.3
+"""Where the canceller found less of the robot than this, some words of its sentence are somebody else's."""
 """So long after its end the robot's last word may be made out: where the end is told, and where it is reckoned."""
 _BEGINNING_IS_ROBOTS, _ALL_OF_IT, _NEAR_ITS_END = 0.8, 0.95, 0.7
 _GAP = re.compile(r"\{[^}]*\}")
@@ -56,6 +68,8 @@ class _Saying:
     started_ns: int
     ended_ns: int | None
     exactly: bool
+    heard: frozenset[int] = frozenset()
+    """The places of its words that a microphone has heard."""
 
     @property
     def end_ns(self) -> int:
@@ -65,10 +79,14 @@ class _Saying:
 
 
 class OwnWords:
-    """Knows what the robot says, from the events that tell of it."""
+    """Knows what the robot says, from the events that tell of it, and what of that one microphone has heard."""
 
     def __init__(self) -> None:
         self._sayings: deque[_Saying] = deque(maxlen=_KEPT)
+        self._late_s = 0.0
+        """How much later than told it was heard last."""
+        self._heard_ever = False
+        """Whether the robot is heard at this microphone at all."""
 
     def robot_says(self, utterance: UtteranceChanged) -> None:
         """The robot is about to say this, says it, or has said it."""
@@ -107,7 +125,8 @@ class OwnWords:
         if echo_share is not None and letters <= _LETTERS_OF_WHAT_IS_LEFT * (echo_share - 0.5):
             return 1.0
         if ended_ns - started_ns < _LEAST_BESIDE_ROBOT_NS and any(
-            saying.started_ns - _LEAST_BESIDE_ROBOT_NS <= started_ns <= saying.end_ns for saying in self._sayings
+            saying.started_ns - _LEAST_BESIDE_ROBOT_NS <= started_ns <= saying.end_ns + round(self._late_s * 1e9)
+            for saying in self._sayings
         ):
             return 1.0
         if (echo_share or 0.0) >= 0.3 and letters > _LETTERS_A_SECOND * (ended_ns - started_ns) / 1e9:
@@ -116,7 +135,8 @@ class OwnWords:
         slack_s, slack_of_length = (0.7, 0.15) if echo_share is None else (0.4, 0.1)
         most = 0.0
         for sayings in self._around(started_ns, ended_ns):
-            aligned = _aligned(heard, [word for saying in sayings for word in saying.words])
+            said = [word for saying in sayings for word in saying.words]
+            aligned = _aligned(heard, said)
             if (
                 aligned.letters <= _SHORT_ANSWER_LETTERS
                 and echo_share is not None
@@ -128,9 +148,78 @@ class OwnWords:
             allowed_s = slack_s + slack_of_length * length_s
             if not all(saying.exactly for saying in sayings):
                 allowed_s += 2.0
-            if abs(late_s) <= allowed_s:
-                most = max(most, aligned.letters / letters)
+            share = aligned.letters / letters
+            if abs(late_s) <= allowed_s or (
+                share >= _NOTHING_ELSE and self._may_be_as_late(late_s, aligned, sayings, started_ns, echo_share)
+            ):
+                most = max(most, share)
         return most
+
+    def _may_be_as_late(
+        self,
+        late_s: float,
+        aligned: "_Aligned",
+        sayings: Sequence[_Saying],
+        started_ns: int,
+        echo_share: float | None,
+    ) -> bool:
+        """Whether what is hardly anything but the robot's words comes at a time at which it may still be heard."""
+        said = [word for saying in sayings for word in saying.words]
+        heard_before = [place in saying.heard for saying in sayings for place in range(len(saying.words))]
+        new = [place for _at, place in aligned.pairs if not heard_before[place]]
+        if len(new) < _HEARD_SHARE * len(aligned.pairs) or late_s < -_EARLY_S:
+            return False
+        left = sum(len(word) for word, before in zip(said, heard_before, strict=True) if not before)
+        whole = aligned.letters >= _WHOLE * left and (
+            len(new) >= _WHOLE_WORDS or aligned.letters > _SHORT_ANSWER_LETTERS
+        )
+        # Nobody else begins with what the robot has only begun to say.
+        begins = heard_before[: new[0]].count(False) <= 1 and started_ns <= sayings[-1].end_ns
+        if whole or begins:
+            return late_s <= _WHOLE_LATE_S + self._late_s
+        if echo_share is not None and echo_share < _LATE_BY_SHARE:
+            return False
+        if not self._heard_ever and started_ns > sayings[-1].end_ns:
+            return False
+        return late_s <= max(_PART_LATE_S, self._late_s + 0.7)
+
+    def was_heard(self, text: str, started_ns: int, ended_ns: int) -> None:
+        """These words, made out in that time, were the robot's: whoever says them once more is somebody else."""
+        heard = _without_loops(_words(text))
+        whole = sum(map(len, heard))
+        for saying in self._near(started_ns, ended_ns):
+            aligned = _aligned(heard, saying.words)
+            if not aligned.pairs or aligned.letters < _HEARD_SHARE * min(whole, sum(map(len, saying.words))):
+                continue
+            late_s = _late_s(aligned, heard, (started_ns, ended_ns), [saying])
+            if not -_EARLY_S <= late_s <= _WHOLE_LATE_S + self._late_s:
+                continue
+            if saying.exactly and aligned.letters >= max(_LEARNT_FROM_LETTERS, _HEARD_SHARE * whole):
+                self._late_s = max(0.0, late_s)
+            places = frozenset(place for _at, place in aligned.pairs)
+            # What lies between words that were heard was heard, too; and so was what came before them.
+            self._note_heard(saying, frozenset(range(max(places) + 1)))
+
+    def was_heard_on_time(self, share_between: Callable[[int, int], float | None]) -> None:
+        """Whatever the echo canceller has found when it was told to be there is heard no second time.
+
+        ``share_between``: how much of what was heard in some time was the robot, None where that is not known.
+        """
+        for saying in tuple(self._sayings):
+            if saying.ended_ns is None or not saying.exactly or len(saying.heard) == len(saying.words):
+                continue
+            share = share_between(saying.started_ns, saying.ended_ns)
+            if share is not None and share >= _HEARD_SHARE:
+                self._note_heard(saying, frozenset(range(len(saying.words))))
+
+    def may_be_heard(self, moment_ns: int, rings_ns: int) -> bool:
+        """Whether a voice that begins then may be the robot's, by when it says something and how late it is heard."""
+        until_ns = rings_ns + round(self._late_s * 1e9)
+        return any(saying.started_ns - rings_ns <= moment_ns <= saying.end_ns + until_ns for saying in self._sayings)
+
+    def _note_heard(self, saying: _Saying, places: frozenset[int]) -> None:
+        self._heard_ever = True
+        self._sayings[self._sayings.index(saying)] = replace(saying, heard=saying.heard | places)
 
     def robots_beginning(
         self, words: Sequence[tuple[str, int]], started_ns: int, echo_share: float | None = None
@@ -143,10 +232,13 @@ class OwnWords:
         for sayings in self._around(started_ns, words[-1][1]) if words else ():
             said = [word for saying in sayings for word in saying.words]
             ends_ns = sayings[-1].end_ns + (_RINGS_NS if sayings[-1].exactly else _RINGS_ABOUT_NS)
+            ends_ns += round((_WHOLE_LATE_S + self._late_s) * 1e9)
+            # By where a word begins: before a silence recognisers tell a word's end by seconds too late.
+            begin_ns = [started_ns, *(end_ns for _text, end_ns in words)]
             beginnings = [
                 (count, _aligned(_words(" ".join(text for text, _end_ns in words[:count])), said))
-                for count, (_text, until_ns) in enumerate(words[:-1], 1)
-                if until_ns <= ends_ns
+                for count in range(1, len(words))
+                if begin_ns[count - 1] <= ends_ns
             ]
             whole = max((aligned.letters for _count, aligned in beginnings), default=0.0)
             for count, aligned in beginnings:
@@ -161,14 +253,21 @@ class OwnWords:
                 break
         return most
 
-    def _around(self, started_ns: int, ended_ns: int) -> list[list[_Saying]]:
-        """What the robot said about then: each by itself, and all of it together."""
+    def _near(self, started_ns: int, ended_ns: int) -> list[_Saying]:
+        """What the robot said about then, in that order."""
+        late_ns = (_WHOLE_LATE_S + self._late_s) * 1e9
         near = [
             saying
             for saying in self._sayings
-            if saying.words and saying.started_ns - 1e9 <= ended_ns and started_ns <= saying.end_ns + 3e9
+            if saying.words
+            and saying.started_ns - _EARLY_S * 1e9 <= ended_ns
+            and started_ns <= saying.end_ns + late_ns
         ]
-        near.sort(key=lambda saying: saying.started_ns)
+        return sorted(near, key=lambda saying: saying.started_ns)
+
+    def _around(self, started_ns: int, ended_ns: int) -> list[list[_Saying]]:
+        """The same: each by itself, and all of it together."""
+        near = self._near(started_ns, ended_ns)
         return [[saying] for saying in near] + ([near] if len(near) > 1 else [])
 
 

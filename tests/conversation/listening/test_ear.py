@@ -16,7 +16,7 @@ from caris_desktop.conversation.listening.heard_turn import Stretch
 from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
 from caris_desktop.conversation.listening.own_words import OwnWords
 from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
-from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.events import UtteranceChanged, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_MICROPHONE, WIZARD_MICROPHONE, Hearing
 
@@ -49,6 +49,8 @@ class Known(OwnWords):
 
     words = ""
 
+    def was_heard(self, text: str, started_ns: int, ended_ns: int) -> None: ...
+
     def is_robots(self, text: str, started_ns: int, ended_ns: int, echo_share: float | None = None) -> float:
         return float(text.strip() in self.words and bool(text.strip()))
 
@@ -60,9 +62,11 @@ def _word(number: int) -> str:
 class Bench:
     """An ear whose recogniser hears two words in a second of voice: w0, w1, ... of each turn, five a sentence."""
 
-    def __init__(self, source: str = ROBOT_MICROPHONE, turn_over: float = 0.95) -> None:
+    def __init__(
+        self, source: str = ROBOT_MICROPHONE, turn_over: float = 0.95, own_words: OwnWords | None = None
+    ) -> None:
         self.canceller = Plain()
-        self.own_words = Known()
+        self.own_words: Any = own_words or Known()
         self.told: list[Any] = []
         self.now_s = 10.0
         self.asked: list[Stretch] = []
@@ -188,6 +192,54 @@ def test_while_the_robot_speaks_nobody_is_told_of_a_voice_that_turns_out_to_be_i
     bench.say(2.2).ear.another_ended(round(bench.now_s * 1e9))
     bench.hear(2)
     assert bench.told == []
+
+
+ROBOT_SAYS = "Hello! Welcome to our lab."
+PARTICIPANT_SAYS = "Thank you. What is there to see?"
+
+
+def _said(sound: NDArray[np.float32], texts: dict[int, str]) -> HeardText:
+    """The words of each loud stretch: which text it is, is in its level."""
+    words: list[HeardWord] = []
+    for level, text in texts.items():
+        at = np.flatnonzero(np.abs(np.abs(sound) - level / 32768) < 1e-3) / RATE_HZ
+        if len(at):
+            each_s = (at[-1] - at[0]) / len(text.split())
+            words += [
+                HeardWord(word, at[0] + number * each_s, at[0] + (number + 1) * each_s)
+                for number, word in enumerate(text.split())
+            ]
+    return HeardText(tuple(words), "en")
+
+
+@pytest.mark.parametrize("between_s", [0.1, 1.2], ids=["at once", "after a pause"])
+@pytest.mark.parametrize("late_s", [-1.0, 0.0, 0.8, 1.6, 2.4, 3.2])
+def test_the_robots_words_are_not_the_participants_however_late_they_are_heard(late_s: float, between_s: float) -> None:
+    """A robot with a voice of its own, on a busy machine: its sound comes ``late_s`` after what is told of it."""
+    own_words = OwnWords()
+    bench = Bench(own_words=own_words)
+    bench.answer = lambda stretch: _said(stretch.sound, {7000: ROBOT_SAYS, 9000: PARTICIPANT_SAYS})
+    bench.hear(2)
+    started_ns = round((bench.now_s - late_s) * 1e9)
+
+    def tell(state: UtteranceState, after_s: float) -> None:
+        told = UtteranceChanged(started_ns + round(after_s * 1e9), "u-1", "robot", ROBOT_SAYS, "typed", state)
+        own_words.robot_says(told)
+        if state == "started":
+            bench.ear.another_spoke()
+        elif state == "finished":
+            bench.ear.another_ended(told.stamp_ns)
+
+    tell("requested", -0.4)
+    tell("started", 0.0)
+    if late_s > 1.8:
+        tell("finished", 1.8)
+    bench.hear(1.8, 7000)
+    if late_s <= 1.8:
+        tell("finished", 1.8)
+    bench.hear(between_s).hear(2.4, 9000).hear(3)
+    finished = [each.text for each in bench.utterances if each.state == "finished"]
+    assert finished == [PARTICIPANT_SAYS]
 
 
 def test_who_speaks_over_the_robot_is_told_of_with_their_first_words_and_when_they_began() -> None:

@@ -11,16 +11,18 @@ def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _told(state: UtteranceState, at_s: float, text: str = _SAYS, *, estimated: bool = False) -> UtteranceChanged:
-    return UtteranceChanged(_ns(at_s), "u-1", "robot", text, "typed", state, estimated=estimated)
+def _told(
+    state: UtteranceState, at_s: float, text: str = _SAYS, *, estimated: bool = False, utterance_id: str = "u-1"
+) -> UtteranceChanged:
+    return UtteranceChanged(_ns(at_s), utterance_id, "robot", text, "typed", state, estimated=estimated)
 
 
-def _robot(text: str = _SAYS, *, ended: bool = True, estimated: bool = False) -> OwnWords:
+def _robot(text: str = _SAYS, *, ended: bool = True, estimated: bool = False, ends_s: float = _ENDS_S) -> OwnWords:
     words = OwnWords()
     words.robot_says(_told("requested", _STARTS_S - 0.3, text))
     words.robot_says(_told("started", _STARTS_S, text, estimated=estimated))
     if ended:
-        words.robot_says(_told("finished", _ENDS_S, text, estimated=estimated))
+        words.robot_says(_told("finished", ends_s, text, estimated=estimated))
     return words
 
 
@@ -87,10 +89,55 @@ def test_a_whole_sentence_of_the_robots_is_its_own_though_the_canceller_did_not_
     assert _robot().is_robots(_SAYS, _ns(10.2), _ns(13.2), 0.1) > 0.6
 
 
-def test_a_robot_that_does_not_tell_when_it_speaks_may_speak_later() -> None:
-    late = _ns(11.8), _ns(14.8)
-    assert _robot(estimated=True).is_robots(_SAYS, *late) > 0.6
-    assert _robot().is_robots(_SAYS, *late) == 0.0
+@pytest.mark.parametrize("late_s", [-1.2, 1.8, 3.0, 3.8])
+@pytest.mark.parametrize("echo_share", [None, 0.0, 0.4])
+def test_a_whole_sentence_is_the_robots_though_it_is_heard_seconds_from_when_it_was_told(
+    late_s: float, echo_share: float | None
+) -> None:
+    assert _robot().is_robots(_SAYS, _ns(10.1 + late_s), _ns(13.1 + late_s), echo_share) > 0.6
+
+
+def test_a_short_sentence_is_the_robots_though_it_is_heard_late_and_an_answer_to_it_is_not() -> None:
+    assert _robot("We have arrived.", ends_s=11.1).is_robots("We have arrived", _ns(12.2), _ns(13.3)) > 0.6
+    assert _robot("Good morning!", ends_s=10.7).is_robots("Good morning", _ns(11.5), _ns(12.2)) == 0.0
+
+
+def test_of_a_robot_that_is_heard_its_words_come_first_and_then_an_answer_with_the_same() -> None:
+    words = _robot("Good morning!", ends_s=10.7)
+    words.was_heard("Good morning", _ns(10.1), _ns(10.8))
+    assert words.is_robots("Good morning", _ns(11.5), _ns(12.2)) == 0.0
+    for state, at_s in (("started", 20.0), ("finished", 20.7)):
+        words.robot_says(_told(state, at_s, "This way.", utterance_id="u-2"))
+    assert words.is_robots("This way", _ns(21.3), _ns(22.0)) > 0.6
+
+
+def test_the_first_words_are_the_robots_though_they_are_heard_late_as_long_as_it_speaks() -> None:
+    words = _robot("Hello! Welcome to our lab.")
+    assert words.is_robots("Hello", _ns(12.2), _ns(12.7)) > 0.6
+    assert words.is_robots("Hello", _ns(13.6), _ns(14.1)) == 0.0, "an answer to it"
+
+
+def test_who_says_once_more_what_was_heard_is_not_the_robot() -> None:
+    words = _robot()
+    words.was_heard(_SAYS, _ns(10.2), _ns(13.2))
+    assert words.is_robots(_SAYS, _ns(13.5), _ns(16.5)) == 0.0
+    taken_out = _robot()
+    taken_out.was_heard_on_time(lambda _started_ns, _ended_ns: 0.95)
+    assert taken_out.is_robots(_SAYS, _ns(13.5), _ns(16.5), 0.0) == 0.0
+
+
+def test_how_late_the_robot_is_heard_is_learnt_from_whole_sentences() -> None:
+    last_words, at = "or the lab first", (_ns(25.1), _ns(26.0))
+    told = [_told(state, at_s, utterance_id="u-2") for state, at_s in (("started", 20.0), ("finished", 23.0))]
+    known, unknown = _robot(), _robot()
+    known.was_heard(_SAYS, _ns(13.1), _ns(16.1))
+    for words in (known, unknown):
+        for each in told:
+            words.robot_says(each)
+    assert known.is_robots(last_words, *at) > 0.6
+    assert unknown.is_robots(last_words, *at) == 0.0
+    assert known.may_be_heard(_ns(25.5), 0)
+    assert not unknown.may_be_heard(_ns(25.5), 0)
 
 
 def test_a_name_that_is_in_no_record_may_be_any_word() -> None:
@@ -130,6 +177,11 @@ def test_who_takes_up_at_once_what_the_robot_said_has_their_own_words_alone(robo
     heard = [*_heard(robots, 10.1, 13.1), *_heard(theirs, 13.2, 15.0)]
     first = _robot().robots_beginning(heard, _ns(10.1))
     assert " ".join(word for word, _ in heard[first:]) == theirs
+
+
+def test_a_word_whose_end_is_told_seconds_too_late_is_still_the_robots() -> None:
+    heard = [("We", _ns(10.3)), ("have", _ns(10.5)), ("arrived.", _ns(13.0)), ("Thank", _ns(13.3)), ("you.", _ns(13.6))]
+    assert _robot("We have arrived.", ends_s=11.1).robots_beginning(heard, _ns(10.1)) == 3
 
 
 @pytest.mark.parametrize(
