@@ -1,12 +1,16 @@
 """The robot's own voice at the microphone: how often it is taken for the participant, and who speaks over it is found.
 
-``python -m tests.benchmarks.echo [--utterances 200] [--over 50] [--compared 20]`` prints one JSON object, in some
+``python -m tests.benchmarks.echo [--utterances 200] [--over 50] [--compared 20] [--busy]`` prints one JSON object, in some
 minutes; ``--utterances 20 --over 10 --compared 0`` is the short form. Each utterance of the robot (a Piper voice) is
 played in a room of its own that is made up (5 to 60 ms away, RT60 0.2 to 0.7 s), 6 dB below to 6 dB above the
 participant's usual level, over loudspeakers some of which are overdriven, with noise, clocks that drift apart, stamps
 that are some milliseconds off, and told up to 100 ms late. Over ``--over`` further ones a participant (espeak-ng
 voices) speaks, beginning within the first second and a half. All of it is one long stretch of sound that goes through
 the recogniser's own logic as fast as it computes: canceller, voice activity, turns, words, the robot's own words.
+
+With ``--busy`` it is a busy machine: the robot is heard 0 to 2.3 s later than told, of which it is told up to 1 s late,
+in every third sentence its loudspeaker is given nothing for 0.1 to 0.5 s, and in every third the microphone loses 0.1 to
+0.4 s. ``--text-alone`` is a robot with a voice of its own, of which the console knows the words and no sound.
 
 ``robot_as_participant`` counts finished turns of the participant that are the robot's words more than anybody's, or
 that come while no participant speaks. A participant is found where finished turns of theirs, more of their words than
@@ -112,6 +116,8 @@ class Scene:
     participant: list[Said] = field(default_factory=list)
     played: list[tuple[int, PlayedSound]] = field(default_factory=list)
     """Each with the sample at which it is told."""
+    lost: list[tuple[int, int]] = field(default_factory=list)
+    """Of the microphone, from one sample to another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +159,9 @@ def _loudness(sound: NDArray[np.float64]) -> float:
     return float(np.sqrt(energies[energies > energies.max() * 1e-3].mean()))
 
 
-def scene_of(voices: Voices, utterances: int, over: int, seed: int) -> Scene:
+def scene_of(voices: Voices, utterances: int, over: int, seed: int, *, busy: bool = False) -> Scene:
     """``over`` utterances of the robot with somebody over them stand among the others."""
+    trouble = np.random.default_rng((seed, 1))
     rng = np.random.default_rng(seed)
     with_somebody = set(rng.permutation(utterances + over)[:over].tolist())
     order = rng.permutation(len(voices.participants))
@@ -166,6 +173,12 @@ def scene_of(voices: Voices, utterances: int, over: int, seed: int) -> Scene:
         text, sound, rate_hz = of[number % len(of)]
         played = _LEVEL / _loudness(sound / 32_768.0) * (sound / 32_768.0)
         robot = resampled(played.astype(np.float32), rate_hz, RATE_HZ).astype(np.float64)
+        late_s = more_late_s = 0.0
+        if busy:
+            late_s = trouble.choice([0.0, 0.3, 1.0, 2.0]) + trouble.uniform(0.0, 0.3)
+            more_late_s = trouble.uniform(0.0, 0.9)
+            if trouble.random() < 1 / 3:
+                robot = np.insert(robot, len(robot) // 2, np.zeros(round(trouble.uniform(0.1, 0.5) * RATE_HZ)))
         somebody: tuple[str, NDArray[np.float64]] | None = None
         begins = 0
         if not alone:
@@ -180,11 +193,14 @@ def scene_of(voices: Voices, utterances: int, over: int, seed: int) -> Scene:
             near = np.pad(somebody[1], (lead + begins, count - lead - begins - len(somebody[1])))
             beside += heard_in(room(rng, rt60_s=0.3), near)
             scene.participant.append(Said(at + lead + begins, at + lead + begins + len(somebody[1]), somebody[0]))
-        off_ns = round(rng.uniform(-0.01, 0.01) * 1e9)
+        off_ns = round((rng.uniform(-0.01, 0.01) - late_s) * 1e9)
+        if busy and trouble.random() < 1 / 3:
+            lost_from = at + lead + round(trouble.uniform(0.0, 2.0) * RATE_HZ)
+            scene.lost.append((lost_from, lost_from + round(trouble.uniform(0.1, 0.4) * RATE_HZ)))
         stamp_ns = _START_NS + (at + lead) * 1_000_000_000 // RATE_HZ + off_ns
         scene.played.append(
             (
-                at + lead + round(rng.uniform(0.0, 0.1) * RATE_HZ),
+                max(0, at + lead + round((rng.uniform(0.0, 0.1) + more_late_s - late_s) * RATE_HZ)),
                 PlayedSound(stamp_ns, f"u-{number}", text, rate_hz, int16(played)),
             )
         )
@@ -286,7 +302,8 @@ def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words
             ear.another_spoke()
         while to_end and to_end[0][0] <= now:
             own_words.robot_says(to_end.pop(0)[1])
-        ear.hear(chunk)
+        if not any(first <= now < end for first, end in scene.lost):
+            ear.hear(chunk)
         while (stretch := ear.wanted(engine.every_s)) is not None:
             ear.take(stretch, engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause))
     return finished
@@ -345,16 +362,21 @@ def main() -> None:
     parser.add_argument("--utterances", type=int, default=200, help="of the robot alone")
     parser.add_argument("--over", type=int, default=50, help="of participants over further ones of the robot")
     parser.add_argument("--compared", type=int, default=20, help="so many of each for AEC3 alone and nothing at all")
+    parser.add_argument("--busy", action="store_true", help="on a busy machine")
+    parser.add_argument(
+        "--text-alone", action="store_true", help="what the robot plays is not known, only what it says"
+    )
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     voices, engine = Voices.make(), LocalEngine(RecogniserSettings())
     began_s = time.monotonic()
-    scene = scene_of(voices, asked.utterances, asked.over, asked.seed)
-    result: dict[str, object] = dict(figures(scene, heard(scene, engine, EchoCanceller(), OwnWords())))
+    scene = scene_of(voices, asked.utterances, asked.over, asked.seed, busy=asked.busy)
+    canceller = NoCanceller() if asked.text_alone else EchoCanceller()
+    result: dict[str, object] = dict(figures(scene, heard(scene, engine, canceller, OwnWords())))
     result |= {"utterances": asked.utterances, "over": asked.over, "sound_s": round(len(scene.sound) / RATE_HZ)}
     result["took_s"] = round(time.monotonic() - began_s)
     if asked.compared:
-        small = scene_of(voices, asked.compared, asked.compared, asked.seed + 1)
+        small = scene_of(voices, asked.compared, asked.compared, asked.seed + 1, busy=asked.busy)
         ways: dict[str, Callable[[], dict[str, float | int]]] = {
             "ours": lambda: figures(small, heard(small, engine, EchoCanceller(), OwnWords())),
             "ours_without_own_words": lambda: figures(small, heard(small, engine, EchoCanceller(), NoOwnWords())),

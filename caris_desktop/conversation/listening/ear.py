@@ -229,7 +229,9 @@ class Ear:
             own = text if robots else ""
             began_ns = turn.sound_began_ns
             words = " ".join(word.text for word in turn.words.words[: turn.robots_words])
-            self._own_words.was_heard(f"{words} {own}", began_ns, turn.voice_ended_ns if robots else turn.voice_began_ns)
+            self._own_words.was_heard(
+                f"{words} {own}", began_ns, turn.voice_ended_ns if robots else turn.voice_began_ns
+            )
         if not turn.told:
             return
         if self._of_wizard:

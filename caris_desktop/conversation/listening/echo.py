@@ -1,4 +1,9 @@
-"""The robot's own voice is taken out of what a microphone hears: what was played is known, sample for sample."""
+"""The robot's own voice is taken out of what a microphone hears: what was played is known, sample for sample.
+
+When it was played is told, but a busy machine or a robot's own buffers may put seconds between that and its sound, and
+a loudspeaker that is given nothing for a while falls behind in mid-sentence. So where the robot is heard is found in
+the sound itself, again and again as long as it is not found or no longer explains what is heard.
+"""
 
 from dataclasses import dataclass, field
 
@@ -21,12 +26,12 @@ from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import PlayedSound, PlayedSoundEnded
 
 _HOLE_NS = 60_000_000
-_KEPT = 3 * RATE_HZ
+_KEPT = 6 * RATE_HZ
 _HINDSIGHT = 30 * RATE_HZ
 _EARLY = 256
 """The moment that is told of a sound may be late by so many samples: 16 ms."""
-_LATEST = 9_600
-"""A robot that is sent its sound may play it so many samples later: 0.6 s."""
+_USUALLY_LATEST, _LATEST = 9_600, 48_000
+"""A robot that is sent its sound may play it so many samples later: 0.6 s, on a busy machine 3 s."""
 _WELL_PLACED = range(1_600)
 """Where in the room filter the robot may begin to be heard."""
 _MEASURED_AFTER_FRAMES = (10, 16, 24, 34, 46, 60)
@@ -34,6 +39,17 @@ _AHEAD = 3_200
 """And so many samples earlier than it was told: 0.2 s."""
 _SURE_PEAK = 16.0
 """Before the robot is heard peaks of chance go up to 15; its own are 20 and more."""
+_SURE_PEAK_ELSEWHERE = 20.0
+"""Where it is not expected."""
+_LOOKED_FOR_EVERY = 30
+"""Frames: 0.5 s."""
+_LOOKED_THROUGH, _LOOKED_THROUGH_AGAIN = 38_400, 24_000
+"""In the last 2.4 s it is looked for, and in the last 1.5 s once it was found."""
+_NEW_PLACE = 40
+"""The same place is found again within so many samples."""
+_HEARD_AGAIN = 0.1
+_EXPLAINED, _EXPLAINED_FRAMES = 0.5, 8
+"""Where the robot speaks alone it explains more of what is heard than this."""
 _RESOUNDS_FRAMES = 16
 """For so long a room goes on after what the room filter holds: 0.26 s."""
 _CATCHES_UP_EVERY = 8 * HOP
@@ -85,6 +101,11 @@ class EchoCanceller:
         self._began: int | None = None
         """The first frame of the robot since it was silent."""
         self._last_played = 0
+        self._may_sound_from: int | None = None
+        """The first frame in which what was played may be heard, however late; None while nothing may."""
+        self._found: int | None = None
+        """How much later than told the robot was found in the sound since then; samples."""
+        self._looked_at = -_HINDSIGHT
         self._told_late_from: int | None = None
         self._caught_up_at = -_CATCHES_UP_EVERY
         self._energies: dict[int, _Energies] = {}
@@ -113,6 +134,7 @@ class EchoCanceller:
         while self._next_frame + FRAME <= heard_until:
             self._take_frame(self._next_frame)
             self._next_frame += HOP
+            self._look_out(self._next_frame - HOP)
         waits = self._resounds or self._reference(self._next_frame, heard_until - self._next_frame).any()
         return self._give(self._next_frame if waits else heard_until)
 
@@ -121,6 +143,9 @@ class EchoCanceller:
         the room was not known yet. None where nothing was played then, so that nothing can be told; ask within 30 s.
         """
         self._catch_up()
+        last = self._next_frame - HOP
+        if self._may_sound_from is not None and last - self._looked_at >= _LOOKED_FOR_EVERY // 2 * HOP:
+            self._look_for_robot(last)
         return self._share(self._place_of(started_ns), self._place_of(ended_ns))
 
     def _catch_up(self) -> None:
@@ -142,18 +167,38 @@ class EchoCanceller:
         hole, and a little of them where nothing is played.
         """
         off_ns = chunk.stamp_ns - self._base_ns - ns_of(self._heard_from + len(self._heard))
-        if self._resampler is None or chunk.sample_rate_hz != self._rate_hz or abs(off_ns) > _HOLE_NS:
+        if self._resampler is not None and chunk.sample_rate_hz == self._rate_hz and abs(off_ns) > _HOLE_NS:
+            self._resampler = Resampler(chunk.sample_rate_hz, RATE_HZ)
+            self._go_on_at(chunk.stamp_ns)
+        elif self._resampler is None or chunk.sample_rate_hz != self._rate_hz:
             self._resampler, self._rate_hz = Resampler(chunk.sample_rate_hz, RATE_HZ), chunk.sample_rate_hz
             self._base_ns = chunk.stamp_ns
             self._heard = self._robot = np.zeros(0, np.float32)
             self._heard_from = self._given_until = self._next_frame = 0
             self._frames[:] = 0
-            self._began = self._told_late_from = None
+            self._began = self._told_late_from = self._may_sound_from = self._found = None
+            self._looked_at = -_HINDSIGHT
             self._caught_up_at = -_CATCHES_UP_EVERY
             self._energies = {}
         elif self._began is None:
             self._base_ns += off_ns // 16
         return self._resampler
+
+    def _go_on_at(self, stamp_ns: int) -> None:
+        """Sound is missing: places count from there on, and what is known of the time before stays known."""
+        later = -(-samples_in(stamp_ns - self._base_ns) // HOP) * HOP
+        self._base_ns = stamp_ns
+        self._heard = self._robot = np.zeros(0, np.float32)
+        self._heard_from = self._given_until = self._next_frame = 0
+        self._told_late_from, self._caught_up_at = None, -_CATCHES_UP_EVERY
+        self._energies = {at - later: energies for at, energies in self._energies.items() if at < later}
+        self._last_played -= later
+        self._looked_at -= later
+        if self._may_sound_from is not None:
+            self._may_sound_from -= later
+        if self._began is not None:
+            self._began = None if -self._last_played > _SAME_ROOM_FOR else self._began - later
+        self._look_back_from(-HOP)
 
     def _reference(self, at: int, count: int) -> NDArray[np.float32]:
         """What was played for what is heard from there on."""
@@ -180,8 +225,21 @@ class EchoCanceller:
             self._begin(at)
         self._last_played = at
         self._learn(at, reference)
+
+    def _look_out(self, at: int) -> None:
+        """Look for the robot where it is time to: soon after it begins, and as long as it does not explain what is
+        heard.
+        """
+        start_ns = self._base_ns + ns_of(at)
+        if not self._played.anything(start_ns - ns_of(_LATEST), start_ns + ns_of(FRAME + _AHEAD)):
+            self._may_sound_from = self._found = None
+            return
+        if self._may_sound_from is None:
+            self._may_sound_from = at
         if self._began is not None and (at - self._began) // HOP in _MEASURED_AFTER_FRAMES:
             self._measure(at)
+        elif (at - self._may_sound_from) // HOP % _LOOKED_FOR_EVERY == _LOOKED_FOR_EVERY - 1:
+            self._look_for_robot(at)
 
     def _begin(self, at: int) -> None:
         """The robot begins to speak. It may stand in another room than when it was heard last."""
@@ -204,21 +262,88 @@ class EchoCanceller:
 
     def _measure(self, at: int) -> None:
         """How late and how loud the robot is heard. Where that is not as supposed it is all learnt again."""
-        start = max(self._began or 0, self._heard_from)
-        heard = self._heard_at(start, at + FRAME - start)
-        played = self._played.sound(self._base_ns + ns_of(start - _LATEST), len(heard) + _LATEST + _AHEAD)
-        lag, peak = _lag(heard, played)
-        if peak < _SURE_PEAK:
+        start = max(self._began or 0, self._heard_from, at + FRAME - _LOOKED_THROUGH)
+        lag, peak, loudness = self._find(start, at)
+        if peak < (_SURE_PEAK if lag <= _USUALLY_LATEST else _SURE_PEAK_ELSEWHERE):
             return
-        part = played[_LATEST - lag :][: len(heard)]
-        loudness = float((heard**2).sum()) / max(float((part**2).sum()), 1e-9)
+        self._found = lag
         if lag - self._late not in _WELL_PLACED:
             self._late = lag - _EARLY
+            start = self._first_heard()
         elif loudness * 1.5 < self._loudness < loudness * 24.0:
             return
         self._loudness = _MARGIN * loudness
         self._room.doubt(self._loudness, self._known_before)
         self._learn_again(start, at + HOP)
+
+    def _look_for_robot(self, at: int) -> None:
+        """It is not heard where it was expected, or no longer: perhaps somewhere else."""
+        self._looked_at = at
+        bad_from = self._unexplained_from(at)
+        if self._found is not None and bad_from is None:
+            return
+        through = _LOOKED_THROUGH if self._found is None else _LOOKED_THROUGH_AGAIN
+        start = max(self._may_sound_from or 0, self._heard_from, at + FRAME - through)
+        if at + FRAME - start < _LOOKED_FOR_EVERY * HOP:
+            return
+        lag, peak, loudness = self._find(start, at)
+        if peak < _SURE_PEAK_ELSEWHERE:
+            return
+        before, self._found = self._found, lag
+        if before is not None and abs(lag - before) <= _NEW_PLACE:
+            return
+        if before is None and lag - self._late in _WELL_PLACED:
+            return
+        self._late = lag - _EARLY
+        first = self._first_heard()
+        start = first if before is None or bad_from is None else self._again_from(max(first, bad_from), at, loudness)
+        self._began = self._last_played = start
+        self._loudness = _MARGIN * loudness
+        self._room.doubt(self._loudness, self._known_before)
+        self._learn_again(start, at + HOP)
+
+    def _find(self, start: int, at: int) -> tuple[int, float, float]:
+        """How late the robot is heard between ``start`` and the end of the frame ``at``, how clear that is, and how
+        loud, as energy over what was played.
+        """
+        heard = self._heard_at(start, at + FRAME - start)
+        played = self._played.sound(self._base_ns + ns_of(start - _LATEST), len(heard) + _LATEST + _AHEAD)
+        lag, peak = _lag(heard, played)
+        part = played[_LATEST - lag :][: len(heard)]
+        return lag, peak, float((heard**2).sum()) / max(float((part**2).sum()), 1e-9)
+
+    def _first_heard(self) -> int:
+        """The first frame with anything of the robot in it; whatever lies before is nobody's but others'."""
+        first = -(-self._heard_from // HOP) * HOP
+        for at in range(first, self._next_frame, HOP):
+            if self._reference(at, FRAME).any():
+                return at
+            energy = energy_of(self._heard_at(at, FRAME))
+            self._note(at, _Energies(energy, energy, played=False))
+        return max(first, self._next_frame - HOP)
+
+    def _again_from(self, start: int, at: int, loudness: float) -> int:
+        """Where the robot is heard again that was given nothing to say for a while: of what was played nothing is heard
+        before.
+        """
+        for end in range(at + HOP, start, -_EXPLAINED_FRAMES * HOP):
+            frames = range(max(start, end - _EXPLAINED_FRAMES * HOP), end, HOP)
+            expected = loudness * sum(energy_of(self._reference(each, FRAME)) for each in frames)
+            if sum(energy_of(self._heard_at(each, FRAME)) for each in frames) < _HEARD_AGAIN * expected:
+                return min(end, at)
+        return start
+
+    def _unexplained_from(self, at: int) -> int | None:
+        """Since when the robot does not explain what is heard although something is played; None where it does."""
+        since = None
+        for end in range(at + HOP, max(self._may_sound_from or 0, self._heard_from), -_EXPLAINED_FRAMES * HOP):
+            first = end - _EXPLAINED_FRAMES * HOP
+            there = [self._energies[each] for each in range(first, end, HOP) if each in self._energies]
+            heard = sum(energies.heard for energies in there)
+            if sum(energies.others for energies in there) < (1.0 - _EXPLAINED) * heard:
+                break
+            since = max(first, -(-self._heard_from // HOP) * HOP)
+        return since
 
     def _learn_again(self, start: int, until: int) -> None:
         """The frames from ``start`` on, up to before ``until``."""

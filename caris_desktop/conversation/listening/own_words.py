@@ -259,9 +259,7 @@ class OwnWords:
         near = [
             saying
             for saying in self._sayings
-            if saying.words
-            and saying.started_ns - _EARLY_S * 1e9 <= ended_ns
-            and started_ns <= saying.end_ns + late_ns
+            if saying.words and saying.started_ns - _EARLY_S * 1e9 <= ended_ns and started_ns <= saying.end_ns + late_ns
         ]
         return sorted(near, key=lambda saying: saying.started_ns)
 

@@ -63,5 +63,9 @@ class Played:
                 sound[start - first : end - first] += piece.samples[start:end]
         return sound
 
+    def anything(self, start_ns: int, end_ns: int) -> bool:
+        """Whether any sound was played between those moments."""
+        return any(piece.start_ns < end_ns and piece.end_ns > start_ns for piece in self._pieces)
+
     def forget_before(self, moment_ns: int) -> None:
         self._pieces = [piece for piece in self._pieces if piece.end_ns >= moment_ns]

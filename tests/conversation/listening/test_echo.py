@@ -135,6 +135,51 @@ def test_a_moment_that_is_told_too_late_is_found() -> None:
     assert _less_db(_part(echo, 1.2, 3.1), heard.between(1.2, 3.1)) > 15
 
 
+@pytest.mark.parametrize("delay_s", [1.2, 2.7])
+def test_a_robot_that_is_heard_seconds_later_than_told_is_known_in_hindsight_and_taken_out_the_next_time(
+    delay_s: float,
+) -> None:
+    first, second = _echo(delay_s=0.02), _echo(seed=1, delay_s=0.02)
+    late = np.zeros(round(delay_s * RATE_HZ))
+    sound = np.concatenate((late, first, np.zeros(round(2.0 * RATE_HZ)), second, np.zeros(RATE_HZ)))
+    heard = _hear(sound, _played(), _played(at_s=5.6 + _BEFORE_S))
+    assert (heard.share(delay_s + 0.55, delay_s + 3.0) or 0) > 0.9
+    at_s = 5.6 + delay_s
+    assert _less_db(_part(sound, at_s + 0.8, at_s + 3.1), heard.between(at_s + 0.8, at_s + 3.1)) > 13
+    assert (heard.share(at_s + 0.55, at_s + 3.0) or 0) > 0.9
+
+
+def test_a_loudspeaker_that_falls_behind_in_mid_sentence_is_found_again() -> None:
+    """A busy machine gives its loudspeaker nothing for a while: all that follows is heard later than was told."""
+    robot = speech_like(6.0, 3)
+    cut = round(2.0 * RATE_HZ)
+    fallen_behind = np.concatenate((robot[:cut], np.zeros(round(0.4 * RATE_HZ)), robot[cut:]))
+    echo = heard_in(room(np.random.default_rng(0)), _padded(fallen_behind, _BEFORE_S, 7.4))
+    heard = _hear(echo, _played(robot))
+    assert _less_db(_part(echo, 4.2, 6.8), heard.between(4.2, 6.8)) > 13
+    assert (heard.share(2.9, 6.8) or 0) > 0.9
+
+
+@pytest.mark.parametrize("lost_s", [0.1, 0.5])
+def test_what_was_known_before_sound_was_lost_is_known_behind_it(lost_s: float) -> None:
+    echo, canceller = _echo(), EchoCanceller()
+    canceller.play(_played())
+    chunks = chunks_of(echo + _noise(len(echo)), _START_NS, "robot microphone")
+    lost = range(round(1.5 / 0.02), round((1.5 + lost_s) / 0.02))
+    for number, chunk in enumerate(chunks):
+        if number not in lost:
+            canceller.process(chunk)
+    assert (canceller.share_between(_moment(0.55), _moment(1.4)) or 0) > 0.95
+    assert (canceller.share_between(_moment(0.55), _moment(3.1)) or 0) > 0.9
+
+
+def test_somebody_alone_is_never_taken_for_a_robot_that_is_not_heard() -> None:
+    somebody = np.concatenate([speech_like(2.5, seed) for seed in (11, 12, 13)])
+    heard = _hear(somebody, *(_played(at_s=at_s) for at_s in (0.5, 3.2, 5.8)))
+    assert _less_db(somebody[RATE_HZ:], somebody[RATE_HZ:][: 6 * RATE_HZ] - heard.between(1.0, 7.0)) > 10
+    assert (heard.share(1.0, 7.0) or 0) < 0.2
+
+
 def test_clocks_may_drift_apart() -> None:
     echo = _echo()
     drifted = np.interp(np.arange(len(echo)) * (1 + 1e-4), np.arange(len(echo)), echo)
