@@ -1,16 +1,16 @@
 """The robot's own voice at the microphone: how often it is taken for the participant, and who speaks over it is found.
 
-``python -m tests.benchmarks.echo [--utterances 200] [--over 50] [--compared 20] [--busy]`` prints one JSON object, in some
-minutes; ``--utterances 20 --over 10 --compared 0`` is the short form. Each utterance of the robot (a Piper voice) is
-played in a room of its own that is made up (5 to 60 ms away, RT60 0.2 to 0.7 s), 6 dB below to 6 dB above the
+``python -m tests.benchmarks.echo [--utterances 200] [--over 50] [--compared 20] [--busy]`` prints one JSON object, in
+some minutes; ``--utterances 20 --over 10 --compared 0`` is the short form. Each utterance of the robot (a Piper voice)
+is played in a room of its own that is made up (5 to 60 ms away, RT60 0.2 to 0.7 s), 6 dB below to 6 dB above the
 participant's usual level, over loudspeakers some of which are overdriven, with noise, clocks that drift apart, stamps
 that are some milliseconds off, and told up to 100 ms late. Over ``--over`` further ones a participant (espeak-ng
 voices) speaks, beginning within the first second and a half. All of it is one long stretch of sound that goes through
 the recogniser's own logic as fast as it computes: canceller, voice activity, turns, words, the robot's own words.
 
 With ``--busy`` it is a busy machine: the robot is heard 0 to 2.3 s later than told, of which it is told up to 1 s late,
-in every third sentence its loudspeaker is given nothing for 0.1 to 0.5 s, and in every third the microphone loses 0.1 to
-0.4 s. ``--text-alone`` is a robot with a voice of its own, of which the console knows the words and no sound.
+in every third sentence its loudspeaker is given nothing for 0.1 to 0.5 s, and in every third the microphone loses 0.1
+to 0.4 s. ``--text-alone`` is a robot with a voice of its own, of which the console knows the words and no sound.
 
 ``robot_as_participant`` counts finished turns of the participant that are the robot's words more than anybody's, or
 that come while no participant speaks. A participant is found where finished turns of theirs, more of their words than

@@ -143,9 +143,8 @@ class Ear:
                 continue
             changed = turn.take(stretch, heard)
             changed |= self._leave_out_the_robot(turn)
-            if not turn.told:
-                if turn.own_words and not self._is_robots(turn):
-                    self._tell_beginning(turn)
+            if not turn.told and turn.own_words and not self._is_robots(turn):
+                self._tell_beginning(turn)
             if not turn.over:
                 judged = self._judge_words(turn)
                 if self._settle(turn) or changed or judged:

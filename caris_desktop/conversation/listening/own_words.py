@@ -35,8 +35,8 @@ _LEAST_ALIKE = 0.6
 _STARTS_AFTER_NS = 300_000_000
 _RINGS_NS, _RINGS_ABOUT_NS = 600_000_000, 2_500_000_000
 _WHOLE_LATE_S, _PART_LATE_S, _EARLY_S = 4.0, 1.5, 1.5
-"""So much later than told the robot may be heard on a busy machine: a whole sentence, and some words of one. And earlier,
-where it is told late."""
+"""So much later than told the robot may be heard on a busy machine: a whole sentence, and some words of one. And
+earlier, where it is told late."""
 _WHOLE, _WHOLE_WORDS, _NOTHING_ELSE = 0.8, 3, 0.8
 _LEARNT_FROM_LETTERS = 12
 _HEARD_SHARE = 0.6
