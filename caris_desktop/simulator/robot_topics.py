@@ -111,6 +111,11 @@ class RobotTopics:
             if part is not None:
                 part.publish_due()
 
+    def catch_up(self, skipped_s: float) -> None:
+        """So much simulated time was skipped: what goes on without it is published."""
+        if self.sound is not None:
+            self.sound.catch_up(skipped_s)
+
     def publish_picture(self, jpeg: bytes, *, stamp_ns: int) -> None:
         """Publish one camera picture and, where somebody wants it, what the camera is like."""
         wiring, camera = self._wiring, self._wiring.dress.camera

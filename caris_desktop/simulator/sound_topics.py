@@ -66,8 +66,17 @@ class SoundOnRos:
     def publish_due(self) -> None:
         """Called once after every step of the robot."""
         self._steps += 1
-        if self._steps % _STEPS:
-            return
+        if self._steps % _STEPS == 0:
+            self._publish_sound()
+
+    def catch_up(self, skipped_s: float) -> None:
+        """The robot's time was skipped for so long, what was to be heard meanwhile was not: its sound comes now, as
+        from a driver that has kept it.
+        """
+        for _ in range(round(skipped_s * RATE_HZ / (_STEPS * _STEP_SAMPLES))):
+            self._publish_sound()
+
+    def _publish_sound(self) -> None:
         faults = self._wiring.faults
         self.microphone.leak, self.microphone.noise = faults.voice_leak, faults.sound_noise
         samples = self.microphone.take(_STEPS * _STEP_SAMPLES)

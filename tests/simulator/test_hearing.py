@@ -3,14 +3,18 @@
 import asyncio
 import wave
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from caris_desktop.ros.audio_messages import decode_audio_data, samples_of
 from caris_desktop.simulator import participant
+from caris_desktop.simulator.dress import AudioTopics
+from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.hearing import RATE_HZ, Microphone, at_rate, in_room
 from caris_desktop.simulator.participant import BadSentences, Participant, read_sentences
+from caris_desktop.simulator.sound_topics import SoundOnRos
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 
@@ -44,6 +48,45 @@ def test_the_robots_own_voice_comes_late_through_the_room_and_no_more_when_it_is
     microphone.leak_voice(TONE)
     microphone.silence_voice()
     assert not microphone.take(RATE_HZ).any()
+
+
+class _Wire:
+    """Takes what is published, and offers nothing."""
+
+    faults = Faults()
+
+    def __init__(self) -> None:
+        self.sound: list[np.ndarray] = []
+
+    def publishes(self, topic: str, *_of: Any, **_how: Any) -> str:
+        return topic
+
+    def obeys(self, *_of: Any) -> None: ...
+
+    def serves(self, *_of: Any) -> None: ...
+
+    def wanted(self, _topic: str) -> bool:
+        return True
+
+    def publish(self, topic: str, message: Any) -> None:
+        if topic == "ear":
+            self.sound.append(samples_of(decode_audio_data(message).content, 1)[:, 0])
+
+
+def test_sound_keeps_its_time_where_the_robots_time_is_skipped() -> None:
+    """Or the robot would still be heard seconds after it tells that it has said it."""
+    wire: Any = _Wire()
+    sound = SoundOnRos(wire, AudioTopics("ear", "loudspeaker"))
+    try:
+        sound.microphone.leak_voice(TONE)
+        for _ in range(10):
+            sound.publish_due()
+        sound.catch_up(1.4)
+        heard = np.concatenate(wire.sound)
+        assert len(heard) == pytest.approx(1.6 * RATE_HZ, abs=640)
+        assert loudness(heard[RATE_HZ // 2 : RATE_HZ]) > 0.05 > loudness(heard[-1600:])
+    finally:
+        sound.stop()
 
 
 def test_pieces_of_a_live_voice_follow_one_another_without_a_gap() -> None:
