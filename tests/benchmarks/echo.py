@@ -8,9 +8,10 @@ that are some milliseconds off, and told up to 100 ms late. Over ``--over`` furt
 voices) speaks, beginning within the first second and a half. All of it is one long stretch of sound that goes through
 the recogniser's own logic as fast as it computes: canceller, voice activity, turns, words, the robot's own words.
 
-With ``--busy`` it is a busy machine: the robot is heard 0 to 2.3 s later than told, of which it is told up to 1 s late,
-in every third sentence its loudspeaker is given nothing for 0.1 to 0.5 s, and in every third the microphone loses 0.1
-to 0.4 s. ``--text-alone`` is a robot with a voice of its own, of which the console knows the words and no sound.
+With ``--busy`` it is a busy machine: the robot is heard 0 to 2.3 s later than told, another time with each fourth
+sentence, of which it is told up to 1 s late; in every third sentence its loudspeaker is given nothing for 0.1 to 0.5 s,
+and in every third the microphone loses 0.1 to 0.4 s. ``--text-alone`` is a robot with a voice of its own, of which the
+console knows the words and no sound.
 
 ``robot_as_participant`` counts finished turns of the participant that are the robot's words more than anybody's, or
 that come while no participant speaks. A participant is found where finished turns of theirs, more of their words than
@@ -167,15 +168,17 @@ def scene_of(voices: Voices, utterances: int, over: int, seed: int, *, busy: boo
     order = rng.permutation(len(voices.participants))
     long_ones = [each for each in voices.robot if len(each[1]) / each[2] > 2.5]
     scene, pieces, at, met = Scene(np.zeros(0), np.zeros(0)), [], 0, 0
+    late_s = 0.0
     for number in range(utterances + over):
         alone = number not in with_somebody
         of = voices.robot if alone else long_ones
         text, sound, rate_hz = of[number % len(of)]
         played = _LEVEL / _loudness(sound / 32_768.0) * (sound / 32_768.0)
         robot = resampled(played.astype(np.float32), rate_hz, RATE_HZ).astype(np.float64)
-        late_s = more_late_s = 0.0
+        more_late_s = 0.0
         if busy:
-            late_s = trouble.choice([0.0, 0.3, 1.0, 2.0]) + trouble.uniform(0.0, 0.3)
+            if number % 4 == 0:
+                late_s = trouble.choice([0.0, 0.3, 1.0, 2.0]) + trouble.uniform(0.0, 0.3)
             more_late_s = trouble.uniform(0.0, 0.9)
             if trouble.random() < 1 / 3:
                 robot = np.insert(robot, len(robot) // 2, np.zeros(round(trouble.uniform(0.1, 0.5) * RATE_HZ)))

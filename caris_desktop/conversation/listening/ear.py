@@ -249,18 +249,20 @@ class Ear:
 
     def _leave_out_the_robot(self, turn: HeardTurn) -> bool:
         """Who answers at once, before the room is silent, begins in a turn that the robot's own voice has begun. Gives
-        whether more of its words are the robot's than were known to be.
+        whether other words of it are the robot's than were thought to be.
         """
         if self._of_wizard:
             return False
         words = [(word.text, turn.moment_of(word.end_s)) for word in turn.words.words]
         share = self.canceller.share_between(turn.sound_began_ns, turn.voice_ended_ns)
         count = self._own_words.robots_beginning(words, turn.sound_began_ns, share)
-        if count <= turn.robots_words:
+        if count == turn.robots_words:
             return False
+        # Also fewer than before: with the rest of its sentence it may turn out to be all the robot's.
         turn.robots_words = count
         turn.revision += 1
-        turn.voice_began_ns = min(turn.moment_of(turn.own_words[0].start_s), turn.voice_ended_ns)
+        began_ns = turn.moment_of(turn.own_words[0].start_s) if count else turn.sound_began_ns
+        turn.voice_began_ns = min(began_ns, turn.voice_ended_ns)
         return True
 
     def _is_robots(self, turn: HeardTurn) -> bool:

@@ -26,6 +26,8 @@ from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import PlayedSound, PlayedSoundEnded
 
 _HOLE_NS = 60_000_000
+_SHORT_HOLE_NS = 1_000_000_000
+"""While the robot may be heard so much lost sound is taken for silence, so that what came before is still looked at."""
 _KEPT = 6 * RATE_HZ
 _HINDSIGHT = 30 * RATE_HZ
 _EARLY = 256
@@ -106,6 +108,8 @@ class EchoCanceller:
         self._found: int | None = None
         """How much later than told the robot was found in the sound since then; samples."""
         self._looked_at = -_HINDSIGHT
+        self._lost: list[tuple[int, int]] = []
+        """What of the sound is missing, from one place to another."""
         self._told_late_from: int | None = None
         self._caught_up_at = -_CATCHES_UP_EVERY
         self._energies: dict[int, _Energies] = {}
@@ -125,7 +129,12 @@ class EchoCanceller:
 
     def process(self, chunk: AudioChunk) -> CleanSound:
         """What is left of it without the robot."""
-        new = self._placed(chunk).take(chunk.samples.mean(axis=1, dtype=np.float32) / np.float32(32768.0))
+        resampler, lost = self._placed(chunk)
+        new = resampler.take(chunk.samples.mean(axis=1, dtype=np.float32) / np.float32(32768.0))
+        if lost:
+            until = self._heard_from + len(self._heard)
+            self._lost = [each for each in self._lost if each[1] > self._heard_from] + [(until, until + lost)]
+            new = np.concatenate((np.zeros(lost, np.float32), new))
         self._heard = np.concatenate((self._heard, new))
         self._robot = np.concatenate((self._robot, np.zeros_like(new)))
         heard_until = self._heard_from + len(self._heard)
@@ -162,13 +171,16 @@ class EchoCanceller:
     def _place_of(self, moment_ns: int) -> int:
         return samples_in(moment_ns - self._base_ns)
 
-    def _placed(self, chunk: AudioChunk) -> Resampler:
-        """Finds the place of a chunk. Stamps jitter, and samples follow upon one another: they count where there is a
-        hole, and a little of them where nothing is played.
+    def _placed(self, chunk: AudioChunk) -> tuple[Resampler, int]:
+        """Finds the place of a chunk, and how many samples are lost before it that are to be taken for silence. Stamps
+        jitter, and samples follow upon one another: they count where there is a hole, and a little of them where
+        nothing is played.
         """
         off_ns = chunk.stamp_ns - self._base_ns - ns_of(self._heard_from + len(self._heard))
         if self._resampler is not None and chunk.sample_rate_hz == self._rate_hz and abs(off_ns) > _HOLE_NS:
             self._resampler = Resampler(chunk.sample_rate_hz, RATE_HZ)
+            if self._may_sound_from is not None and 0 < off_ns <= _SHORT_HOLE_NS:
+                return self._resampler, samples_in(off_ns)
             self._go_on_at(chunk.stamp_ns)
         elif self._resampler is None or chunk.sample_rate_hz != self._rate_hz:
             self._resampler, self._rate_hz = Resampler(chunk.sample_rate_hz, RATE_HZ), chunk.sample_rate_hz
@@ -178,11 +190,12 @@ class EchoCanceller:
             self._frames[:] = 0
             self._began = self._told_late_from = self._may_sound_from = self._found = None
             self._looked_at = -_HINDSIGHT
+            self._lost = []
             self._caught_up_at = -_CATCHES_UP_EVERY
             self._energies = {}
         elif self._began is None:
             self._base_ns += off_ns // 16
-        return self._resampler
+        return self._resampler, 0
 
     def _go_on_at(self, stamp_ns: int) -> None:
         """Sound is missing: places count from there on, and what is known of the time before stays known."""
@@ -190,6 +203,7 @@ class EchoCanceller:
         self._base_ns = stamp_ns
         self._heard = self._robot = np.zeros(0, np.float32)
         self._heard_from = self._given_until = self._next_frame = 0
+        self._lost = []
         self._told_late_from, self._caught_up_at = None, -_CATCHES_UP_EVERY
         self._energies = {at - later: energies for at, energies in self._energies.items() if at < later}
         self._last_played -= later
@@ -252,6 +266,9 @@ class EchoCanceller:
         self._frames[:, 1:] = self._frames[:, :-1]
         self._frames[:, 0] = spectrum(reference)
         self._silent_frames = 0 if self._frames.any() else self._silent_frames + 1
+        if any(first < at + FRAME and at < end for first, end in self._lost):
+            # Of silence that there was not the room would be learnt wrongly.
+            return
         split = self._room.take(spectrum(self._heard_at(at, FRAME)), self._frames)
         self._robot[at - self._heard_from :][:FRAME] += part_of_sound(split.robot)
         self._note(at, _Energies(split.heard_energy, split.others_energy, played=True))

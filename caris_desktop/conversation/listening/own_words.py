@@ -40,6 +40,8 @@ earlier, where it is told late."""
 _WHOLE, _WHOLE_WORDS, _NOTHING_ELSE = 0.8, 3, 0.8
 _LEARNT_FROM_LETTERS = 12
 _HEARD_SHARE = 0.6
+_BREATH_NS = 150_000_000
+"""Between two words of one sentence."""
 _LATE_BY_SHARE = 0.3
 """Where the canceller found less of the robot than this, some words of its sentence are somebody else's."""
 """So long after its end the robot's last word may be made out: where the end is told, and where it is reckoned."""
@@ -69,7 +71,8 @@ class _Saying:
     ended_ns: int | None
     exactly: bool
     heard: frozenset[int] = frozenset()
-    """The places of its words that a microphone has heard."""
+    """The places of its words that a microphone has heard, until ``heard_ns``."""
+    heard_ns: int = 0
 
     @property
     def end_ns(self) -> int:
@@ -85,8 +88,8 @@ class OwnWords:
         self._sayings: deque[_Saying] = deque(maxlen=_KEPT)
         self._late_s = 0.0
         """How much later than told it was heard last."""
-        self._heard_ever = False
-        """Whether the robot is heard at this microphone at all."""
+        self._heard_until_ns = 0
+        """When the robot was heard last; 0 where it never was."""
 
     def robot_says(self, utterance: UtteranceChanged) -> None:
         """The robot is about to say this, says it, or has said it."""
@@ -124,10 +127,7 @@ class OwnWords:
             return 0.0
         if echo_share is not None and letters <= _LETTERS_OF_WHAT_IS_LEFT * (echo_share - 0.5):
             return 1.0
-        if ended_ns - started_ns < _LEAST_BESIDE_ROBOT_NS and any(
-            saying.started_ns - _LEAST_BESIDE_ROBOT_NS <= started_ns <= saying.end_ns + round(self._late_s * 1e9)
-            for saying in self._sayings
-        ):
+        if ended_ns - started_ns < _LEAST_BESIDE_ROBOT_NS and self._speaks_at(started_ns):
             return 1.0
         if (echo_share or 0.0) >= 0.3 and letters > _LETTERS_A_SECOND * (ended_ns - started_ns) / 1e9:
             return 1.0
@@ -149,11 +149,23 @@ class OwnWords:
             if not all(saying.exactly for saying in sayings):
                 allowed_s += 2.0
             share = aligned.letters / letters
+            # What is left of the robot is made out badly.
+            nothing_else = max(0.5, _NOTHING_ELSE - 0.6 * max(0.0, (echo_share or 0.0) - 0.5))
             if abs(late_s) <= allowed_s or (
-                share >= _NOTHING_ELSE and self._may_be_as_late(late_s, aligned, sayings, started_ns, echo_share)
+                share >= nothing_else and self._may_be_as_late(late_s, aligned, sayings, started_ns, echo_share)
             ):
                 most = max(most, share)
         return most
+
+    def _speaks_at(self, moment_ns: int) -> bool:
+        """Whether the robot speaks then, as far as is known, or was still heard just before."""
+        if 0 <= moment_ns - self._heard_until_ns <= _BREATH_NS:
+            return True
+        late_ns = round(self._late_s * 1e9)
+        return any(
+            saying.started_ns - _LEAST_BESIDE_ROBOT_NS <= moment_ns <= saying.end_ns + late_ns
+            for saying in self._sayings
+        )
 
     def _may_be_as_late(
         self,
@@ -165,7 +177,11 @@ class OwnWords:
     ) -> bool:
         """Whether what is hardly anything but the robot's words comes at a time at which it may still be heard."""
         said = [word for saying in sayings for word in saying.words]
-        heard_before = [place in saying.heard for saying in sayings for place in range(len(saying.words))]
+        heard_before = [
+            place in saying.heard and started_ns >= saying.heard_ns
+            for saying in sayings
+            for place in range(len(saying.words))
+        ]
         new = [place for _at, place in aligned.pairs if not heard_before[place]]
         if len(new) < _HEARD_SHARE * len(aligned.pairs) or late_s < -_EARLY_S:
             return False
@@ -179,7 +195,7 @@ class OwnWords:
             return late_s <= _WHOLE_LATE_S + self._late_s
         if echo_share is not None and echo_share < _LATE_BY_SHARE:
             return False
-        if not self._heard_ever and started_ns > sayings[-1].end_ns:
+        if not self._heard_until_ns and started_ns > sayings[-1].end_ns:
             return False
         return late_s <= max(_PART_LATE_S, self._late_s + 0.7)
 
@@ -198,7 +214,7 @@ class OwnWords:
                 self._late_s = max(0.0, late_s)
             places = frozenset(place for _at, place in aligned.pairs)
             # What lies between words that were heard was heard, too; and so was what came before them.
-            self._note_heard(saying, frozenset(range(max(places) + 1)))
+            self._note_heard(saying, frozenset(range(max(places) + 1)), ended_ns)
 
     def was_heard_on_time(self, share_between: Callable[[int, int], float | None]) -> None:
         """Whatever the echo canceller has found when it was told to be there is heard no second time.
@@ -210,16 +226,17 @@ class OwnWords:
                 continue
             share = share_between(saying.started_ns, saying.ended_ns)
             if share is not None and share >= _HEARD_SHARE:
-                self._note_heard(saying, frozenset(range(len(saying.words))))
+                self._note_heard(saying, frozenset(range(len(saying.words))), saying.ended_ns)
 
     def may_be_heard(self, moment_ns: int, rings_ns: int) -> bool:
         """Whether a voice that begins then may be the robot's, by when it says something and how late it is heard."""
         until_ns = rings_ns + round(self._late_s * 1e9)
         return any(saying.started_ns - rings_ns <= moment_ns <= saying.end_ns + until_ns for saying in self._sayings)
 
-    def _note_heard(self, saying: _Saying, places: frozenset[int]) -> None:
-        self._heard_ever = True
-        self._sayings[self._sayings.index(saying)] = replace(saying, heard=saying.heard | places)
+    def _note_heard(self, saying: _Saying, places: frozenset[int], until_ns: int) -> None:
+        self._heard_until_ns = max(self._heard_until_ns, until_ns)
+        now = replace(saying, heard=saying.heard | places, heard_ns=max(saying.heard_ns, until_ns))
+        self._sayings[self._sayings.index(saying)] = now
 
     def robots_beginning(
         self, words: Sequence[tuple[str, int]], started_ns: int, echo_share: float | None = None
