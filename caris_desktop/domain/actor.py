@@ -1,5 +1,7 @@
 """Who asks for what is done: in intents, in the commands that follow from them, and in the events that tell of it."""
 
+from caris_desktop.domain.translation import QT_TR_NOOP
+
 Actor = str
 """``wizard`` (this computer's), ``wizard:NAME`` (another one), ``console`` by itself, ``model`` or ``script``.
 
@@ -17,5 +19,20 @@ OTHER_WIZARD = "wizard:"
 def in_words(actor: Actor) -> str:
     """Who that is, inside a sentence of the record, which holds no names."""
     if actor.startswith(OTHER_WIZARD):
-        return "another wizard"
-    return {CONSOLE: "the console", MODEL: "the language model", SCRIPT: "a script"}.get(actor, "the wizard")
+        return QT_TR_NOOP("another wizard")
+    named = {
+        CONSOLE: QT_TR_NOOP("the console"), MODEL: QT_TR_NOOP("the language model"), SCRIPT: QT_TR_NOOP("a script"),
+    }  # fmt: skip
+    return named.get(actor, QT_TR_NOOP("the wizard"))
+
+
+def cancelled_by(actor: Actor) -> str:
+    """Why something ended that was under way, for the record."""
+    if actor.startswith(OTHER_WIZARD):
+        return QT_TR_NOOP("cancelled by another wizard")
+    named = {
+        CONSOLE: QT_TR_NOOP("cancelled by the console"),
+        MODEL: QT_TR_NOOP("cancelled by the language model"),
+        SCRIPT: QT_TR_NOOP("cancelled by a script"),
+    }
+    return named.get(actor, QT_TR_NOOP("cancelled by the wizard"))

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from caris_desktop.domain import commands
-from caris_desktop.domain.actor import CONSOLE, Actor, in_words
+from caris_desktop.domain.actor import CONSOLE, Actor, cancelled_by, in_words
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import (
     ANSWER,
@@ -227,7 +227,7 @@ class ControlLink:
             case commands.LimitGoals():
                 self._goal_speed.limit(command)
             case commands.CancelGoal():
-                self._navigator.cancel(f"cancelled by {in_words(command.actor)}", command.actor)
+                self._navigator.cancel(cancelled_by(command.actor), command.actor)
             case commands.SetInitialPose():
                 self._refused("The robot was not told where it is", self._maps.set_initial_pose(command))
             case commands.RequestMap():

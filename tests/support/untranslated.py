@@ -29,6 +29,10 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "": {"not checked": _A_STATE},
     "live/assistant_context.py": {"*": _PROMPT},
     "live/face_page.py": {"There is nothing here.\n": _BROWSER, "Too many pages are open.\n": _BROWSER},
+    "live/services/assistant.py": {"Hello.": _PROMPT},
+    "live/services/practice.py": {
+        "Could you tell me something about this place?": "said by who takes part in the practice"
+    },
     "ui/scenario_editor/reference.py": {"*": _GUIDE},
     "ui/shortcuts/reference.py": {"*": _GUIDE},
 }

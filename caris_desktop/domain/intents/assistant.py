@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 Along = Literal["conversation", "step", "people", "history", "things", "notes"]
 """What goes along with a question unless it is left out: what was said, the present step of the protocol, who is here,
@@ -84,13 +85,13 @@ class ResetPrompts(Intent):
 
 
 ASSISTANT: IntentTable = {
-    Ask: IntentSpec("Asking the assistant", "assistant"),
-    CancelAnswer: IntentSpec("Cancelling the answer"),
-    SayAnswer: IntentSpec("Saying the answer", "assistant", also="speech"),
-    DismissAnswer: IntentSpec("Putting the answer away"),
-    AskAboutPhoto: IntentSpec("Asking about the photo", "assistant", also="photos"),
-    ChooseModel: IntentSpec("Choosing the language model", "assistant"),
-    ChoosePrompt: IntentSpec("Choosing how the assistant is asked", "assistant"),
-    EditPrompt: IntentSpec("Changing how the assistant is asked", "assistant"),
-    ResetPrompts: IntentSpec("Asking as the scenario says", "assistant"),
+    Ask: IntentSpec(QT_TR_NOOP("Asking the assistant"), "assistant"),
+    CancelAnswer: IntentSpec(QT_TR_NOOP("Cancelling the answer")),
+    SayAnswer: IntentSpec(QT_TR_NOOP("Saying the answer"), "assistant", also="speech"),
+    DismissAnswer: IntentSpec(QT_TR_NOOP("Putting the answer away")),
+    AskAboutPhoto: IntentSpec(QT_TR_NOOP("Asking about the photo"), "assistant", also="photos"),
+    ChooseModel: IntentSpec(QT_TR_NOOP("Choosing the language model"), "assistant"),
+    ChoosePrompt: IntentSpec(QT_TR_NOOP("Choosing how the assistant is asked"), "assistant"),
+    EditPrompt: IntentSpec(QT_TR_NOOP("Changing how the assistant is asked"), "assistant"),
+    ResetPrompts: IntentSpec(QT_TR_NOOP("Asking as the scenario says"), "assistant"),
 }

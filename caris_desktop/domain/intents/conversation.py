@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.corrections import WhoSpoke
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,4 +21,4 @@ class CorrectUtterance(Intent):
     tags: tuple[str, ...] | None = None
 
 
-CONVERSATION: IntentTable = {CorrectUtterance: IntentSpec("Correcting what was said")}
+CONVERSATION: IntentTable = {CorrectUtterance: IntentSpec(QT_TR_NOOP("Correcting what was said"))}

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.events import CommandSource
 from caris_desktop.domain.intents.base import Bounds, Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,21 +103,22 @@ _SHARE: Bounds = (-1.0, 1.0)
 
 DRIVING: IntentTable = {
     Drive: IntentSpec(
-        "Driving", "driving", moves=True, needs_link=True, quiet=True,
+        QT_TR_NOOP("Driving"), "driving", moves=True, needs_link=True, quiet=True,
         bounds={"forward": _SHARE, "left": _SHARE, "turn": _SHARE},
     ),
-    ReleaseDrive: IntentSpec("Letting go", in_replay=True),
-    SetSpeed: IntentSpec("Setting the speed", "driving", bounds={"fraction": (0.0, 1.0)}),
-    Stop: IntentSpec("Stopping", in_replay=True),
-    EmergencyStop: IntentSpec("Latching the emergency stop", in_replay=True),
-    ReleaseEmergencyStop: IntentSpec("Releasing the emergency stop"),
-    SetGuard: IntentSpec("Switching the obstacle guard off", "driving", needs_link=True),
+    ReleaseDrive: IntentSpec(QT_TR_NOOP("Letting go"), in_replay=True),
+    SetSpeed: IntentSpec(QT_TR_NOOP("Setting the speed"), "driving", bounds={"fraction": (0.0, 1.0)}),
+    Stop: IntentSpec(QT_TR_NOOP("Stopping"), in_replay=True),
+    EmergencyStop: IntentSpec(QT_TR_NOOP("Latching the emergency stop"), in_replay=True),
+    ReleaseEmergencyStop: IntentSpec(QT_TR_NOOP("Releasing the emergency stop")),
+    SetGuard: IntentSpec(QT_TR_NOOP("Switching the obstacle guard off"), "driving", needs_link=True),
     LookAt: IntentSpec(
-        "Looking there", "driving", moves=True, needs_link=True, proposable=True,
+        QT_TR_NOOP("Looking there"), "driving", moves=True, needs_link=True, proposable=True,
         bounds={"pan_rad": (-math.tau, math.tau), "tilt_rad": (-math.tau, math.tau)},
     ),
     TurnHead: IntentSpec(
-        "Turning the head", "driving", moves=True, needs_link=True, quiet=True, bounds={"pan": _SHARE, "tilt": _SHARE}
+        QT_TR_NOOP("Turning the head"), "driving", moves=True, needs_link=True, quiet=True,
+        bounds={"pan": _SHARE, "tilt": _SHARE},
     ),
-    Nod: IntentSpec("Nodding", "driving", moves=True, needs_link=True, proposable=True),
+    Nod: IntentSpec(QT_TR_NOOP("Nodding"), "driving", moves=True, needs_link=True, proposable=True),
 }  # fmt: skip

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +52,10 @@ class ServeFace(Intent):
 
 
 FACE: IntentTable = {
-    UseFace: IntentSpec("Changing the face", "face"),
-    KeepFace: IntentSpec("Keeping the face", "face"),
-    ShowExpression: IntentSpec("Showing the expression", "face", proposable=True),
-    ShowOnFace: IntentSpec("Showing that on the face", "face"),
-    ShowFaceWindow: IntentSpec("Opening the face's window", "face"),
-    ServeFace: IntentSpec("Serving the face as a page", "face"),
+    UseFace: IntentSpec(QT_TR_NOOP("Changing the face"), "face"),
+    KeepFace: IntentSpec(QT_TR_NOOP("Keeping the face"), "face"),
+    ShowExpression: IntentSpec(QT_TR_NOOP("Showing the expression"), "face", proposable=True),
+    ShowOnFace: IntentSpec(QT_TR_NOOP("Showing that on the face"), "face"),
+    ShowFaceWindow: IntentSpec(QT_TR_NOOP("Opening the face's window"), "face"),
+    ServeFace: IntentSpec(QT_TR_NOOP("Serving the face as a page"), "face"),
 }

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from caris_desktop.domain.events import MarkKind
 from caris_desktop.domain.intents.base import Bounds, Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 def new_mark_id() -> str:
@@ -96,14 +97,14 @@ class RestoreNote(Intent):
 _MOMENT: Mapping[str, Bounds] = {"earlier_s": (0.0, 86_400.0)}
 
 MARKS: IntentTable = {
-    Mark: IntentSpec("Marking the moment", bounds=_MOMENT),
-    BeginMark: IntentSpec("Marking a stretch", bounds=_MOMENT),
-    StretchMark: IntentSpec("Making a stretch of the mark"),
-    EndMark: IntentSpec("Ending the mark", quiet=True),
-    ChangeMark: IntentSpec("Changing the mark", bounds=_MOMENT),
-    WithdrawMark: IntentSpec("Taking the mark back"),
-    AddNote: IntentSpec("Writing a note", "notes", bounds=_MOMENT),
-    ChangeNote: IntentSpec("Changing the note", "notes"),
-    RemoveNote: IntentSpec("Removing the note", "notes"),
-    RestoreNote: IntentSpec("Bringing the note back", "notes"),
+    Mark: IntentSpec(QT_TR_NOOP("Marking the moment"), bounds=_MOMENT),
+    BeginMark: IntentSpec(QT_TR_NOOP("Marking a stretch"), bounds=_MOMENT),
+    StretchMark: IntentSpec(QT_TR_NOOP("Making a stretch of the mark")),
+    EndMark: IntentSpec(QT_TR_NOOP("Ending the mark"), quiet=True),
+    ChangeMark: IntentSpec(QT_TR_NOOP("Changing the mark"), bounds=_MOMENT),
+    WithdrawMark: IntentSpec(QT_TR_NOOP("Taking the mark back")),
+    AddNote: IntentSpec(QT_TR_NOOP("Writing a note"), "notes", bounds=_MOMENT),
+    ChangeNote: IntentSpec(QT_TR_NOOP("Changing the note"), "notes"),
+    RemoveNote: IntentSpec(QT_TR_NOOP("Removing the note"), "notes"),
+    RestoreNote: IntentSpec(QT_TR_NOOP("Bringing the note back"), "notes"),
 }

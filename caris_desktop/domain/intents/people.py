@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.events import ConsentKind
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,18 +108,18 @@ class ForgetPerson(Intent):
 
 
 PEOPLE: IntentTable = {
-    NamePerson: IntentSpec("Naming the person", "naming_people"),
-    AttendPerson: IntentSpec("Attending to the person"),
-    ConfirmPerson: IntentSpec("Confirming who it is", "naming_people"),
-    RejectPerson: IntentSpec("Saying who it is not", "naming_people"),
-    SetPersonGroup: IntentSpec("Putting the person into a group", "naming_people"),
-    TagPerson: IntentSpec("Tagging the person", "naming_people"),
-    NotePerson: IntentSpec("Noting something about the person", "naming_people"),
-    MergePeople: IntentSpec("Merging the two people", "naming_people"),
-    SplitPerson: IntentSpec("Splitting the person", "naming_people"),
+    NamePerson: IntentSpec(QT_TR_NOOP("Naming the person"), "naming_people"),
+    AttendPerson: IntentSpec(QT_TR_NOOP("Attending to the person")),
+    ConfirmPerson: IntentSpec(QT_TR_NOOP("Confirming who it is"), "naming_people"),
+    RejectPerson: IntentSpec(QT_TR_NOOP("Saying who it is not"), "naming_people"),
+    SetPersonGroup: IntentSpec(QT_TR_NOOP("Putting the person into a group"), "naming_people"),
+    TagPerson: IntentSpec(QT_TR_NOOP("Tagging the person"), "naming_people"),
+    NotePerson: IntentSpec(QT_TR_NOOP("Noting something about the person"), "naming_people"),
+    MergePeople: IntentSpec(QT_TR_NOOP("Merging the two people"), "naming_people"),
+    SplitPerson: IntentSpec(QT_TR_NOOP("Splitting the person"), "naming_people"),
     # What a person agrees to, and that they are forgotten, is theirs to decide in every scenario.
-    NoteConsent: IntentSpec("Noting the consent"),
-    UndoPeople: IntentSpec("Undoing the last decision about people"),
-    LookUpPerson: IntentSpec("Looking the person up", "naming_people", quiet=True),
-    ForgetPerson: IntentSpec("Forgetting the person"),
+    NoteConsent: IntentSpec(QT_TR_NOOP("Noting the consent")),
+    UndoPeople: IntentSpec(QT_TR_NOOP("Undoing the last decision about people")),
+    LookUpPerson: IntentSpec(QT_TR_NOOP("Looking the person up"), "naming_people", quiet=True),
+    ForgetPerson: IntentSpec(QT_TR_NOOP("Forgetting the person")),
 }

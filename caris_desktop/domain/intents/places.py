@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +74,13 @@ class SetMapping(Intent):
 
 
 PLACES: IntentTable = {
-    GoToPlace: IntentSpec("Driving to the place", "driving", moves=True, needs_link=True, proposable=True),
-    GoToPoint: IntentSpec("Driving there", "driving", moves=True, needs_link=True, proposable=True),
-    CancelGoal: IntentSpec("Cancelling the goal"),
-    SetInitialPose: IntentSpec("Setting the robot's position", "driving", needs_link=True),
-    SavePlace: IntentSpec("Saving the place", "driving"),
-    RemovePlace: IntentSpec("Removing the place", "driving"),
-    SaveMap: IntentSpec("Saving the map", "driving", needs_link=True),
-    LoadMap: IntentSpec("Loading the map", "driving", needs_link=True),
-    SetMapping: IntentSpec("Switching mapping on or off", "driving", needs_link=True),
+    GoToPlace: IntentSpec(QT_TR_NOOP("Driving to the place"), "driving", moves=True, needs_link=True, proposable=True),
+    GoToPoint: IntentSpec(QT_TR_NOOP("Driving there"), "driving", moves=True, needs_link=True, proposable=True),
+    CancelGoal: IntentSpec(QT_TR_NOOP("Cancelling the goal")),
+    SetInitialPose: IntentSpec(QT_TR_NOOP("Setting the robot's position"), "driving", needs_link=True),
+    SavePlace: IntentSpec(QT_TR_NOOP("Saving the place"), "driving"),
+    RemovePlace: IntentSpec(QT_TR_NOOP("Removing the place"), "driving"),
+    SaveMap: IntentSpec(QT_TR_NOOP("Saving the map"), "driving", needs_link=True),
+    LoadMap: IntentSpec(QT_TR_NOOP("Loading the map"), "driving", needs_link=True),
+    SetMapping: IntentSpec(QT_TR_NOOP("Switching mapping on or off"), "driving", needs_link=True),
 }

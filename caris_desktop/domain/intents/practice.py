@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,7 @@ class EndPractice(Intent):
 
 
 PRACTICE: IntentTable = {
-    BeginPractice: IntentSpec("Beginning the practice"),
-    SkipPracticeStep: IntentSpec("Skipping a part of the practice"),
-    EndPractice: IntentSpec("Ending the practice"),
+    BeginPractice: IntentSpec(QT_TR_NOOP("Beginning the practice")),
+    SkipPracticeStep: IntentSpec(QT_TR_NOOP("Skipping a part of the practice")),
+    EndPractice: IntentSpec(QT_TR_NOOP("Ending the practice")),
 }

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +26,6 @@ class TryMicrophone(Intent):
 
 
 PREFLIGHT: IntentTable = {
-    TickCheck: IntentSpec("Ticking a check"),
-    TryMicrophone: IntentSpec("Trying the microphone", "audio_recording"),
+    TickCheck: IntentSpec(QT_TR_NOOP("Ticking a check")),
+    TryMicrophone: IntentSpec(QT_TR_NOOP("Trying the microphone"), "audio_recording"),
 }

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +44,10 @@ class TickItem(Intent):
 
 
 PROTOCOL: IntentTable = {
-    NextStep: IntentSpec("Going on to the next step"),
-    PreviousStep: IntentSpec("Going back to the step before"),
-    SkipStep: IntentSpec("Skipping the step"),
-    TakeBranch: IntentSpec("Going on with the branch"),
-    GoToStep: IntentSpec("Beginning the step"),
-    TickItem: IntentSpec("Ticking it off"),
+    NextStep: IntentSpec(QT_TR_NOOP("Going on to the next step")),
+    PreviousStep: IntentSpec(QT_TR_NOOP("Going back to the step before")),
+    SkipStep: IntentSpec(QT_TR_NOOP("Skipping the step")),
+    TakeBranch: IntentSpec(QT_TR_NOOP("Going on with the branch")),
+    GoToStep: IntentSpec(QT_TR_NOOP("Beginning the step")),
+    TickItem: IntentSpec(QT_TR_NOOP("Ticking it off")),
 }

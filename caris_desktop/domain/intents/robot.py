@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +24,6 @@ class UseRobot(Intent):
 
 ROBOT: IntentTable = {
     # Whether it moves the robot is said of each control.
-    UseControl: IntentSpec("Using the control", "robot_controls", needs_link=True, proposable=True),
-    UseRobot: IntentSpec("Connecting to another robot"),
+    UseControl: IntentSpec(QT_TR_NOOP("Using the control"), "robot_controls", needs_link=True, proposable=True),
+    UseRobot: IntentSpec(QT_TR_NOOP("Connecting to another robot")),
 }

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.trial import TrialDetails
 
 
@@ -125,20 +126,20 @@ class ConfirmAsBefore(Intent):
 
 
 SESSION: IntentTable = {
-    StartRecording: IntentSpec("Starting a recording"),
-    StopRecording: IntentSpec("Ending the recording"),
-    PauseRecording: IntentSpec("Pausing the recording"),
-    TakePhoto: IntentSpec("Taking a photo", "photos", proposable=True),
-    TagPhoto: IntentSpec("Tagging the photo", "photos"),
-    DeletePhoto: IntentSpec("Deleting the photo", "photos"),
-    RestorePhoto: IntentSpec("Bringing the photo back", "photos"),
-    KeepLayout: IntentSpec("Keeping the arrangement of the panels", quiet=True),
-    OpenScenario: IntentSpec("Opening another scenario"),
-    SaveScenario: IntentSpec("Saving the scenario"),
-    ImportScenario: IntentSpec("Importing a scenario"),
-    ShareScenario: IntentSpec("Writing the scenario as one file"),
-    DismissAlarm: IntentSpec("Taking an alarm as seen to"),
-    GoOnWithTrial: IntentSpec("Going on with the trial"),
-    LeaveTrial: IntentSpec("Leaving the trial"),
-    ConfirmAsBefore: IntentSpec("Confirming what holds as before"),
+    StartRecording: IntentSpec(QT_TR_NOOP("Starting a recording")),
+    StopRecording: IntentSpec(QT_TR_NOOP("Ending the recording")),
+    PauseRecording: IntentSpec(QT_TR_NOOP("Pausing the recording")),
+    TakePhoto: IntentSpec(QT_TR_NOOP("Taking a photo"), "photos", proposable=True),
+    TagPhoto: IntentSpec(QT_TR_NOOP("Tagging the photo"), "photos"),
+    DeletePhoto: IntentSpec(QT_TR_NOOP("Deleting the photo"), "photos"),
+    RestorePhoto: IntentSpec(QT_TR_NOOP("Bringing the photo back"), "photos"),
+    KeepLayout: IntentSpec(QT_TR_NOOP("Keeping the arrangement of the panels"), quiet=True),
+    OpenScenario: IntentSpec(QT_TR_NOOP("Opening another scenario")),
+    SaveScenario: IntentSpec(QT_TR_NOOP("Saving the scenario")),
+    ImportScenario: IntentSpec(QT_TR_NOOP("Importing a scenario")),
+    ShareScenario: IntentSpec(QT_TR_NOOP("Writing the scenario as one file")),
+    DismissAlarm: IntentSpec(QT_TR_NOOP("Taking an alarm as seen to")),
+    GoOnWithTrial: IntentSpec(QT_TR_NOOP("Going on with the trial")),
+    LeaveTrial: IntentSpec(QT_TR_NOOP("Leaving the trial")),
+    ConfirmAsBefore: IntentSpec(QT_TR_NOOP("Confirming what holds as before")),
 }

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable, Permission
 from caris_desktop.domain.sound import Role, TalkTo
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ class HearRobot(Intent):
 
 
 SOUND: IntentTable = {
-    PushToTalk: IntentSpec("Speaking through the robot", "own_voice"),
-    HearRobot: IntentSpec("Hearing the robot", bounds={"volume": (0.0, 1.0)}),
-    UseMicrophone: IntentSpec("Choosing a microphone"),
+    PushToTalk: IntentSpec(QT_TR_NOOP("Speaking through the robot"), "own_voice"),
+    HearRobot: IntentSpec(QT_TR_NOOP("Hearing the robot"), bounds={"volume": (0.0, 1.0)}),
+    UseMicrophone: IntentSpec(QT_TR_NOOP("Choosing a microphone")),
 }

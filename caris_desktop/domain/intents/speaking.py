@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.events import UtteranceOrigin, VoiceOutput
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +68,11 @@ class SetVoice(Intent):
 
 
 SPEAKING: IntentTable = {
-    Say: IntentSpec("Speaking", "speech", proposable=True),
-    FillGap: IntentSpec("Filling the gap", "speech"),
-    MoveQueued: IntentSpec("Saying it earlier or later", "speech", bounds={"place": (0, 1000)}),
-    EditQueued: IntentSpec("Changing what is said next", "speech"),
-    CancelQueued: IntentSpec("Taking back what is said next"),
-    Silence: IntentSpec("Interrupting speech"),
-    SetVoice: IntentSpec("Changing the voice", "speech", bounds={"rate": (0.5, 2.0), "volume": (0.0, 1.0)}),
+    Say: IntentSpec(QT_TR_NOOP("Speaking"), "speech", proposable=True),
+    FillGap: IntentSpec(QT_TR_NOOP("Filling the gap"), "speech"),
+    MoveQueued: IntentSpec(QT_TR_NOOP("Saying it earlier or later"), "speech", bounds={"place": (0, 1000)}),
+    EditQueued: IntentSpec(QT_TR_NOOP("Changing what is said next"), "speech"),
+    CancelQueued: IntentSpec(QT_TR_NOOP("Taking back what is said next")),
+    Silence: IntentSpec(QT_TR_NOOP("Interrupting speech")),
+    SetVoice: IntentSpec(QT_TR_NOOP("Changing the voice"), "speech", bounds={"rate": (0.5, 2.0), "volume": (0.0, 1.0)}),
 }

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +63,10 @@ class SetLevel(Intent):
 
 
 SUGGESTIONS: IntentTable = {
-    SaySuggestion: IntentSpec("Saying the suggestion", "assistant", also="speech"),
-    SayEditedSuggestion: IntentSpec("Saying the edited suggestion", "assistant", also="speech"),
-    DismissSuggestions: IntentSpec("Dismissing the suggestions"),
-    ConfirmProposal: IntentSpec("Confirming the proposal", "assistant"),
-    VetoProposal: IntentSpec("Rejecting the proposal"),
-    SetLevel: IntentSpec("Setting what the assistant may do by itself", "assistant"),
+    SaySuggestion: IntentSpec(QT_TR_NOOP("Saying the suggestion"), "assistant", also="speech"),
+    SayEditedSuggestion: IntentSpec(QT_TR_NOOP("Saying the edited suggestion"), "assistant", also="speech"),
+    DismissSuggestions: IntentSpec(QT_TR_NOOP("Dismissing the suggestions")),
+    ConfirmProposal: IntentSpec(QT_TR_NOOP("Confirming the proposal"), "assistant"),
+    VetoProposal: IntentSpec(QT_TR_NOOP("Rejecting the proposal")),
+    SetLevel: IntentSpec(QT_TR_NOOP("Setting what the assistant may do by itself"), "assistant"),
 }

@@ -12,9 +12,10 @@ from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, build_messages, characters_too_long
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.actor import Actor, in_words
+from caris_desktop.domain.actor import Actor, cancelled_by
 from caris_desktop.domain.events import AssistantChanged, ChatMessage, Marked
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.assistant_context import AssistantContext
 from caris_desktop.live.assistant_setup import MAX_TEXT_CHARACTERS, Setup
 from caris_desktop.live.asyncio_thread import AsyncioThread
@@ -32,8 +33,6 @@ from caris_desktop.scenario.assistant import AssistantPeople
 from caris_desktop.scenario.model import Scenario
 
 EMBEDDED = "embedded"
-_HERE = "on this computer"
-_EMBEDDED_MODEL_SHOWN = f"SmolLM2 {_HERE}"
 _COUNT_EVERY_MS = 1000
 MOST_PICTURES = 4
 Setting = Literal["model", "role", "style", "system_prompt", "notes", "reset"]
@@ -90,12 +89,10 @@ class AssistantService(Service):
     def handlers(self) -> Handlers:
         return {
             intents.Ask: self.ask,
-            intents.CancelAnswer: lambda asked: self._exchanges.cancel(
-                f"cancelled by {in_words(asked.actor)}", asked.exchange_id
-            ),
+            intents.CancelAnswer: lambda asked: self._exchanges.cancel(cancelled_by(asked.actor), asked.exchange_id),
             intents.SayAnswer: self._say_answer,
             intents.DismissAnswer: lambda asked: self._exchanges.dismiss(
-                asked.exchange_id, f"cancelled by {in_words(asked.actor)}", asked.actor
+                asked.exchange_id, cancelled_by(asked.actor), asked.actor
             ),
             intents.ChooseModel: self._choose,
             intents.ChoosePrompt: self._choose_prompt,
@@ -127,7 +124,7 @@ class AssistantService(Service):
         else:
             self._lists.stop()
             self._counting.stop()
-            self.client.cancel_all("cancelled as the scenario was changed")
+            self.client.cancel_all(QT_TR_NOOP("cancelled as the scenario was changed"))
             self._end_server()
         self._use_chosen()
         self._show_setup()
@@ -135,7 +132,7 @@ class AssistantService(Service):
     def stop(self) -> None:
         self._lists.stop()
         self._counting.stop()
-        self.client.cancel_all("cancelled as the program closed")
+        self.client.cancel_all(QT_TR_NOOP("cancelled as the program closed"))
         if self._server is not None:
             self._server.ask_to_end()
 
@@ -157,16 +154,16 @@ class AssistantService(Service):
 
     def check_picture(self) -> None:
         """Raises ToldFailure where a picture cannot go with a question."""
-        meaning = "The assistant was not asked; the picture stays where it is."
+        meaning = tr("The assistant was not asked; the picture stays where it is.")
         if self._setup.model == EMBEDDED:
             raise ToldFailure(
-                "The language model of this program cannot see pictures.", meaning,
-                "Choose a model that can, in a scenario with assistant.pictures.", severity="warning",
+                tr("The language model of this program cannot see pictures."), meaning,
+                tr("Choose a model that can, in a scenario with assistant.pictures."), severity="warning",
             )  # fmt: skip
         if not self._scenario.assistant.pictures:
             raise ToldFailure(
-                "This scenario gives no pictures to a language model.", meaning,
-                "Set assistant.pictures in the scenario where participants agreed to it.", severity="warning",
+                tr("This scenario gives no pictures to a language model."), meaning,
+                tr("Set assistant.pictures in the scenario where participants agreed to it."), severity="warning",
             )  # fmt: skip
 
     def ask(self, asked: intents.Ask) -> None:
@@ -177,15 +174,15 @@ class AssistantService(Service):
         too_long = characters_too_long(question)
         if too_long:
             raise ToldFailure(
-                f"The question is {too_long} characters too long.",
-                "The assistant was not asked; half a question would get an answer to something else.",
-                f"Ask in {MAX_QUESTION_CHARACTERS:,} characters at most.",
+                tr("The question is {too_long} characters too long.").format(too_long=too_long),
+                tr("The assistant was not asked; half a question would get an answer to something else."),
+                tr("Ask in {most} characters at most.").format(most=f"{MAX_QUESTION_CHARACTERS:,}"),
                 severity="warning",
             )
         if len(asked.pictures) > MOST_PICTURES:
             raise ToldFailure(
-                f"More than {MOST_PICTURES} pictures cannot go with a question.",
-                "The assistant was not asked.", "Leave some out.", severity="warning",
+                tr("More than {most} pictures cannot go with a question.").format(most=MOST_PICTURES),
+                tr("The assistant was not asked."), tr("Leave some out."), severity="warning",
             )  # fmt: skip
         if asked.pictures:
             self.check_picture()
@@ -234,9 +231,9 @@ class AssistantService(Service):
     def _choose(self, asked: intents.ChooseModel) -> None:
         if asked.model not in (choice.model for choice in self._offered()):
             raise ToldFailure(
-                "That language model cannot be chosen here.",
-                f"{self.client.model or self._setup.model} stays the one that is asked.",
-                "Add it to assistant.models of the scenario, or start its server.",
+                tr("That language model cannot be chosen here."),
+                tr("{model} stays the one that is asked.").format(model=self.client.model or self._setup.model),
+                tr("Add it to assistant.models of the scenario, or start its server."),
                 severity="warning",
             )
         if asked.model != self._setup.model:
@@ -255,8 +252,9 @@ class AssistantService(Service):
         text = asked.text.strip()
         if len(text) > MAX_TEXT_CHARACTERS:
             raise ToldFailure(
-                f"The text is {len(text) - MAX_TEXT_CHARACTERS:,} characters too long.",
-                "The assistant is asked as before.", f"Say it in {MAX_TEXT_CHARACTERS:,} characters.",
+                tr("The text is {count} characters too long.").format(count=f"{len(text) - MAX_TEXT_CHARACTERS:,}"),
+                tr("The assistant is asked as before."),
+                tr("Say it in {most} characters.").format(most=f"{MAX_TEXT_CHARACTERS:,}"),
                 severity="warning",
             )  # fmt: skip
         self._setup.edit(asked.kind, asked.name, text)
@@ -265,8 +263,10 @@ class AssistantService(Service):
     def _check_prompt(self, kind: Literal["role", "style"], name: str) -> None:
         if not self._setup.has(kind, name):
             raise ToldFailure(
-                f"This scenario has no {kind} of that name.",
-                "The assistant is asked as before.", "Choose another one.", severity="warning",
+                tr("This scenario has no role of that name.")
+                if kind == "role"
+                else tr("This scenario has no style of that name."),
+                tr("The assistant is asked as before."), tr("Choose another one."), severity="warning",
             )  # fmt: skip
 
     def _reset(self, asked: intents.ResetPrompts) -> None:
@@ -286,11 +286,11 @@ class AssistantService(Service):
         setup = self._setup.shown()
         pictures = self._setup.model != EMBEDDED and self._scenario.assistant.pictures
         models = self._offered()
-        where = next((choice.where for choice in models if choice.model == setup.model), _HERE)
+        where = next((choice.where for choice in models if choice.model == setup.model), _here())
         self._state.assistant_setup.set(
             replace(
                 setup,
-                server="" if where == _HERE else where,
+                server="" if where == _here() else where,
                 models=models,
                 pictures=pictures,
                 parts=self._context.parts(self._may_tell(), setup.notes),
@@ -307,13 +307,13 @@ class AssistantService(Service):
     def _choice(self, model: str) -> ModelChoice | None:
         """None where it cannot be asked, or may not."""
         if model == EMBEDDED:
-            return ModelChoice(model, _EMBEDDED_MODEL_SHOWN, _HERE)
+            return ModelChoice(model, _embedded_shown(), _here())
         try:
             endpoint = self._parts.resolve_endpoint(model, None)
         except LanguageModelError:
             return None
         if not endpoint.leaves_computer:
-            return ModelChoice(model, endpoint.model, _HERE)
+            return ModelChoice(model, endpoint.model, _here())
         if not self._scenario.permissions.cloud_models:
             return None
         return ModelChoice(model, endpoint.model, endpoint.server)
@@ -324,7 +324,7 @@ class AssistantService(Service):
         if not self._scenario.permissions.assistant:
             self._exchanges.show_status(AssistantStatus(state="off"))
         elif self._setup.model == EMBEDDED and self._server_url is None:
-            self._exchanges.show_status(AssistantStatus(state="starting", model=_EMBEDDED_MODEL_SHOWN))
+            self._exchanges.show_status(AssistantStatus(state="starting", model=_embedded_shown()))
             if self._server is None:
                 self._server = self._children.start(
                     self._parts.server, ended=self._on_server_ended, heard=self._on_heard
@@ -345,7 +345,7 @@ class AssistantService(Service):
         except LanguageModelError as error:
             self._exchanges.show_status(AssistantStatus(state="failed", detail=f"{error.what} {error.advice}"))
             return
-        shown_as = _EMBEDDED_MODEL_SHOWN if model == EMBEDDED else endpoint.model
+        shown_as = _embedded_shown() if model == EMBEDDED else endpoint.model
         self._exchanges.use_endpoint(endpoint, shown_as=shown_as, local_only=local_only)
         self.client.warm_up(self._messages("Hello.", "numbers"))
 
@@ -369,13 +369,22 @@ class AssistantService(Service):
         self._server = self._server_url = None
         again = self._restarts.another()
         if self._asks_embedded():
-            self._exchanges.show_status(AssistantStatus(state="failed", detail="The language model stopped."))
+            self._exchanges.show_status(AssistantStatus(state="failed", detail=tr("The language model stopped.")))
             self._bus.problem(
                 "warning",
-                "The language model stopped unexpectedly.",
-                "The assistant gives no answers; everything else works.",
+                tr("The language model stopped unexpectedly."),
+                tr("The assistant gives no answers; everything else works."),
                 self._restarts.advice,
                 until="assistant",
             )
             if again:
                 self._use_chosen()
+
+
+def _here() -> str:
+    """Where a model runs that leaves this computer with nothing."""
+    return tr("on this computer")
+
+
+def _embedded_shown() -> str:
+    return tr("SmolLM2 on this computer")

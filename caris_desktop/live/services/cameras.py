@@ -11,6 +11,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import CameraState
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.children import Children
@@ -169,7 +170,7 @@ class CamerasService(Service):
             lambda _ended: self._left(running),
             self._bus.answer,
         )
-        self._bus.publish(CameraState(clock.now_ns(), name, "ended", "This scenario does without it."))
+        self._bus.publish(CameraState(clock.now_ns(), name, "ended", QT_TR_NOOP("This scenario does without it.")))
         self._state.forget_camera(name)
 
     def _left(self, running: _Running) -> None:
@@ -202,9 +203,9 @@ class CamerasService(Service):
         if name in self._ended:
             self._bus.problem(
                 "warning",
-                f"The pictures of the camera {name} have ended.",
-                "There is no video of it from now on; a recording goes on without it.",
-                "To go on, choose another camera with --camera or in the scenario, and start again.",
+                tr("The pictures of the camera {name} have ended.").format(name=name),
+                tr("There is no video of it from now on; a recording goes on without it."),
+                tr("To go on, choose another camera with --camera or in the scenario, and start again."),
                 until="picture",
             )
             return
@@ -212,12 +213,12 @@ class CamerasService(Service):
         advice = running.restarts.advice
         self._bus.problem(
             "warning",
-            f"The camera {name} stopped unexpectedly.",
-            "There is no picture from it until it is back; everything else goes on.",
+            tr("The camera {name} stopped unexpectedly.").format(name=name),
+            tr("There is no picture from it until it is back; everything else goes on."),
             advice,
             until="picture",
         )
-        self._bus.publish(CameraState(clock.now_ns(), name, "lost", "It stopped unexpectedly.", advice))
+        self._bus.publish(CameraState(clock.now_ns(), name, "lost", QT_TR_NOOP("It stopped unexpectedly."), advice))
         if again:
             QTimer.singleShot(_RESTART_AFTER_MS, self, lambda: self._again(running))
 

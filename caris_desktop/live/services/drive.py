@@ -23,6 +23,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.ports import RobotPort, TellProblem
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState, LiveStream
 from caris_desktop.robot.profile import MotionLimits, RobotProfile
@@ -99,10 +100,10 @@ class DriveService(Service):
         return dict.fromkeys(events, self.on_robot_event)
 
     def stop(self) -> None:
-        self.release("The console closes")
+        self.release(QT_TR_NOOP("The console closes"))
 
     def use_scenario(self, scenario: Scenario) -> None:
-        self.release("The scenario changed")
+        self.release(QT_TR_NOOP("The scenario changed"))
         self._permitted = scenario.permissions.driving
         self._scenario_limits = scenario.driving
         if self._guard_switched_off:
@@ -142,9 +143,9 @@ class DriveService(Service):
         if not heard:
             self._problem(
                 "error",
-                "The robot could not be told of the emergency stop.",
-                "The console sends no motion. The robot stops by itself if it guards its commands.",
-                "Use the robot's own emergency stop button.",
+                tr("The robot could not be told of the emergency stop."),
+                tr("The console sends no motion. The robot stops by itself if it guards its commands."),
+                tr("Use the robot's own emergency stop button."),
                 until="connected",
                 cause="emergency_stop",
             )
@@ -156,13 +157,13 @@ class DriveService(Service):
 
     def halt(self, actor: Actor = CONSOLE) -> None:
         """Zero and cancel goals. Sent whether or not anything is held."""
-        self.release("Stop", actor)
+        self.release(QT_TR_NOOP("Stop"), actor)
         self._robot.send(StopMotion(clock.now_ns(), actor))
 
     def set_emergency_stop(self, *, latched: bool, actor: Actor = CONSOLE) -> bool:
         """Latch or clear. Latching takes effect here even when the link is down; False when nobody else heard it."""
         if latched:
-            self.release("Emergency stop", actor)
+            self.release(QT_TR_NOOP("Emergency stop"), actor)
         self._state.drive.set(replace(self._state.drive.value, emergency_stop=latched))
         heard = self._robot.send(SetEmergencyStop(clock.now_ns(), latched, actor))
         self._on_condition_changed()
@@ -211,7 +212,7 @@ class DriveService(Service):
             )
 
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
-        self.release("Another robot is connected")
+        self.release(QT_TR_NOOP("Another robot is connected"))
         self._limits = robot.driving_limits if robot is not None else _ANY_SPEED
         self._frames_came = False
         self._apply_limits()
@@ -234,21 +235,21 @@ class DriveService(Service):
         link = self._state.link.value
         reason = ""
         if not self._permitted:
-            reason = "This scenario does not drive"
+            reason = QT_TR_NOOP("This scenario does not drive")
         elif status.emergency_stop:
-            reason = "Emergency stop is on"
+            reason = QT_TR_NOOP("Emergency stop is on")
         elif link.state == "trouble":
-            reason = "The robot does not answer"
+            reason = QT_TR_NOOP("The robot does not answer")
         elif link.state != "connected":
-            reason = "Not connected to the robot"
+            reason = QT_TR_NOOP("Not connected to the robot")
         robot: RobotProfile | None = self._state.robot.value
         self._frames_came = self._frames_came or self._state.frame.freshness == "fresh"
         cap_reason = ""
         # A robot without a LIDAR or a camera has none that could be stale (unless this computer's camera shows it).
         if self._state.scan.freshness != "fresh" and (robot is None or robot.scan is not None):
-            cap_reason = _missing("LIDAR", self._state.scan)
+            cap_reason = _missing(tr("LIDAR"), self._state.scan)
         elif self._state.frame.freshness != "fresh" and (robot is None or robot.cameras or self._frames_came):
-            cap_reason = _missing("video", self._state.frame)
+            cap_reason = _missing(tr("video"), self._state.frame)
         if cap_reason and not reason:
             if not self._aging.isActive():
                 self._aging.start()
@@ -315,13 +316,13 @@ class DriveService(Service):
         if self._robot.send(RenewLease(now_ns)):
             self._renewed_ns = now_ns
         else:
-            self.release("The link does not take commands")
+            self.release(QT_TR_NOOP("The link does not take commands"))
 
     def _lease_is_alive(self) -> bool:
         """After a stall the lease has lapsed at the link: only a new key press may drive again."""
         if clock.now_ns() - self._renewed_ns <= LEASE_NS:
             return True
-        self.release("The program stalled")
+        self.release(QT_TR_NOOP("The program stalled"))
         return False
 
     def _show_target(self) -> None:
@@ -338,5 +339,6 @@ class DriveService(Service):
 def _missing(what: str, stream: LiveStream) -> str:
     age_s = stream.age_s()
     if age_s is None:
-        return f"no {what} yet" if not stream.arrivals else f"no fresh {what}"
-    return f"no fresh {what} for {age_s:.1f} s" if age_s < 10.0 else f"no fresh {what} for {age_s:.0f} s"
+        return (tr("no fresh {stream}") if stream.arrivals else tr("no {stream} yet")).format(stream=what)
+    age = f"{age_s:.1f}" if age_s < 10.0 else f"{age_s:.0f}"
+    return tr("no fresh {stream} for {age} s").format(stream=what, age=age)

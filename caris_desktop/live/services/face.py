@@ -22,6 +22,7 @@ from caris_desktop.domain.person_marks import with_names
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing, PlayedSound, joined
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
@@ -141,7 +142,7 @@ class FaceService(Service):
         self._slow_work.do(lambda: self._load(name), loaded, self._tell)
 
     def _keep(self, asked: intents.KeepFace) -> None:
-        face = parse_face(asked.content, file_name="The face", name=asked.name)
+        face = parse_face(asked.content, file_name=tr("The face"), name=asked.name)
         self._slow_work.do(lambda: self._save(face), lambda _path: self._use(asked.name, asked.actor), self._tell)
 
     def _begin_with(self, face: Face, actor: Actor) -> None:
@@ -166,8 +167,10 @@ class FaceService(Service):
         status: FaceStatus = self._state.face.value
         if asked.expression not in status.expressions:
             raise ToldFailure(
-                f"This face has no expression “{asked.expression}”.", "It stays as it is.",
-                f"Choose one of these: {', '.join(status.expressions)}.", severity="warning",
+                tr("This face has no expression “{expression}”.").format(expression=asked.expression),
+                tr("It stays as it is."),
+                tr("Choose one of these: {expressions}.").format(expressions=", ".join(status.expressions)),
+                severity="warning",
             )  # fmt: skip
         motion.express(asked.expression)
         self._change(replace(status, expression=asked.expression), asked.actor)
@@ -177,11 +180,13 @@ class FaceService(Service):
         self._motion_or_raise()
         text = " ".join(asked.text.split())
         if asked.what == "text" and not text:
-            raise ToldFailure("There is nothing to show.", "The face stays.", "Write a text first.", severity="warning")
+            raise ToldFailure(
+                tr("There is nothing to show."), tr("The face stays."), tr("Write a text first."), severity="warning"
+            )
         if asked.what == "live" and not self._live_permitted:
             raise ToldFailure(
-                "This scenario does not show people what the robot sees.", "The face stays.",
-                "Set face.live_picture in the scenario where that is wanted.", severity="warning",
+                tr("This scenario does not show people what the robot sees."), tr("The face stays."),
+                tr("Set face.live_picture in the scenario where that is wanted."), severity="warning",
             )  # fmt: skip
         if asked.what == "photo":
             self._show_photo(text, asked.actor)
@@ -194,7 +199,10 @@ class FaceService(Service):
         photo = next((one for one in self._state.photos.value if one.file_name == file_name and not one.deleted), None)
         if photo is None or not self._photos_permitted:
             raise ToldFailure(
-                "That photo is not at hand.", "The face stays.", "Choose one of the Photos panel.", severity="warning"
+                tr("That photo is not at hand."),
+                tr("The face stays."),
+                tr("Choose one of the Photos panel."),
+                severity="warning",
             )
         self._change(replace(self._state.face.value, what="photo", text=file_name), actor)
         self._show(photo.preview_jpeg)
@@ -212,7 +220,7 @@ class FaceService(Service):
     def _motion_or_raise(self) -> FaceMotion:
         if self._motion is None:
             raise ToldFailure(
-                "The face is not ready.", "Nothing is shown.", "Try again in a moment.", severity="warning"
+                tr("The face is not ready."), tr("Nothing is shown."), tr("Try again in a moment."), severity="warning"
             )
         return self._motion
 

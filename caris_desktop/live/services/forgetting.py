@@ -11,6 +11,7 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ANSWER, PersonForgotten
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
@@ -70,25 +71,25 @@ class ForgettingService(Service):
     def _forget(self, asked: intents.ForgetPerson) -> None:
         if self._child is not None:
             raise ToldFailure(
-                "Somebody is being forgotten already.",
-                "The other person is not forgotten yet.",
-                "Ask again once that is done.",
+                tr("Somebody is being forgotten already."),
+                tr("The other person is not forgotten yet."),
+                tr("Ask again once that is done."),
                 severity="warning",
             )
         if self._state.recording.value.state in ACTIVE:
             raise ToldFailure(
-                "A session is being recorded.",
-                "The person is not forgotten yet: what is being written cannot be changed.",
-                "End the recording, then ask again.",
+                tr("A session is being recorded."),
+                tr("The person is not forgotten yet: what is being written cannot be changed."),
+                tr("End the recording, then ask again."),
                 severity="warning",
             )
         self._asked, self._ended, self._told = asked, None, 0.0
         self._child = self._children.start(self._body_of(asked.person_id), ended=self._on_ended, heard=self._on_heard)
         self._bus.problem(
             "info",
-            "The person is being forgotten in all recordings of the study.",
-            "That takes as long as their films take to be written anew. You can go on meanwhile.",
-            "Begin the next recording once it is done.",
+            tr("The person is being forgotten in all recordings of the study."),
+            tr("That takes as long as their films take to be written anew. You can go on meanwhile."),
+            tr("Begin the next recording once it is done."),
             cause=ANSWER,
         )
 
@@ -99,9 +100,9 @@ class ForgettingService(Service):
             self._told = message.fraction
             self._bus.problem(
                 "info",
-                f"Forgetting the person: {message.fraction:.0%} is done.",
+                tr("Forgetting the person: {fraction} is done.").format(fraction=f"{message.fraction:.0%}"),
                 f"{message.what}.",
-                "Nothing is to be done.",
+                tr("Nothing is to be done."),
                 cause=ANSWER,
             )
 
@@ -113,13 +114,17 @@ class ForgettingService(Service):
         if ended is None:
             self._bus.problem(
                 "error",
-                "Forgetting the person has stopped by itself.",
-                "They are not forgotten yet. Nothing is lost: it goes on where it stopped.",
-                "Ask for it again; the log has the details.",
+                tr("Forgetting the person has stopped by itself."),
+                tr("They are not forgotten yet. Nothing is lost: it goes on where it stopped."),
+                tr("Ask for it again; the log has the details."),
                 cause="forgetting",
             )
         elif ended.outcome is None:
-            what, meaning, advice = ended.failure or ("Forgetting the person has failed.", "", "Ask for it again.")
+            what, meaning, advice = ended.failure or (
+                tr("Forgetting the person has failed."),
+                "",
+                tr("Ask for it again."),
+            )
             self._bus.problem("error", what, meaning, advice, cause="forgetting")
         else:
             self._forget_here()
@@ -135,22 +140,26 @@ class ForgettingService(Service):
 
     def _tell(self, outcome: Forgotten) -> None:
         if outcome.review is not None:
-            places = "1 place" if outcome.waiting == 1 else f"{outcome.waiting} places"
+            places = tr("1 place") if outcome.waiting == 1 else tr("%n places", "", outcome.waiting)
             self._bus.problem(
                 "warning",
-                f"The person is forgotten but for {places} of text that may name them.",
-                "Only somebody who reads them can say whether they do.",
-                f"Decide on each in {outcome.review}, then run: caris-desktop forget {outcome.receipt.parent.parent} "
-                f"{self._asked.person_id} --review {outcome.review}",
+                tr("The person is forgotten but for {places} of text that may name them.").format(places=places),
+                tr("Only somebody who reads them can say whether they do."),
+                tr(
+                    "Decide on each in {review}, then run: caris-desktop forget {study} {person} --review {review}"
+                ).format(review=outcome.review, study=outcome.receipt.parent.parent, person=self._asked.person_id),
                 cause="forgetting",
             )
-        for sentence in (*outcome.problems, *(f"They are still found in {file}." for file in outcome.left)):
-            self._bus.problem("warning", sentence, "That part of forgetting is not done.", "Ask for it again.")
+        for sentence in (
+            *outcome.problems,
+            *(tr("They are still found in {file}.").format(file=file) for file in outcome.left),
+        ):
+            self._bus.problem("warning", sentence, tr("That part of forgetting is not done."), tr("Ask for it again."))
         if outcome.complete:
             self._bus.problem(
                 "info",
-                "The person is forgotten: nothing of them is found in the study any more.",
-                "Recordings in which they were seen or named were changed, and say so.",
-                f"The receipt is {outcome.receipt}.",
+                tr("The person is forgotten: nothing of them is found in the study any more."),
+                tr("Recordings in which they were seen or named were changed, and say so."),
+                tr("The receipt is {receipt}.").format(receipt=outcome.receipt),
                 cause=ANSWER,
             )

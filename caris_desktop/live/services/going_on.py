@@ -11,6 +11,7 @@ from PySide6.QtCore import QObject, QTimer
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ConfirmedAsBefore, Event, TrialResumed
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Handlers, Service
@@ -155,7 +156,9 @@ class GoingOnService(Service):
     def _go_on(self, asked: intents.GoOnWithTrial) -> None:
         trial, status = self._offered, self._state.going_on.value
         if trial is None or status.state != "offered":
-            raise ToldFailure("There is no trial to go on with.", "Nothing was changed.", "Start a recording.")
+            raise ToldFailure(
+                tr("There is no trial to go on with."), tr("Nothing was changed."), tr("Start a recording.")
+            )
         # Whoever was about to move when the program ended may be anywhere by now.
         if not self._state.drive.value.emergency_stop:
             self._do(intents.EmergencyStop(actor=asked.actor))
@@ -194,7 +197,7 @@ def _told(work: Callable[[], T]) -> Callable[[], T]:
         try:
             return work()
         except OSError as error:
-            raise ToldFailure("A trial that breaks off cannot be offered again.", str(error), "") from error
+            raise ToldFailure(tr("A trial that breaks off cannot be offered again."), str(error), "") from error
 
     return run
 

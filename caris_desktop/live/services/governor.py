@@ -9,6 +9,7 @@ from collections.abc import Callable
 from PySide6.QtCore import QObject, Qt, QTimer
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import ModelClient
 from caris_desktop.live.service import Service
@@ -27,16 +28,16 @@ _BACK_AFTER_NS = 8_000_000_000
 # Of each step: the least time from one look for people to the next, the same of the panels, and what the wizard reads.
 STEPS: tuple[tuple[float, float, str], ...] = (
     (0.0, 0.0, ""),
-    (0.25, 0.0, "people less often"),
-    (0.6, 0.07, "people less often, panels slower"),
-    (1.2, 0.15, "people seldom, picture and panels slower"),
+    (0.25, 0.0, QT_TR_NOOP("people less often")),
+    (0.6, 0.07, QT_TR_NOOP("people less often, panels slower")),
+    (1.2, 0.15, QT_TR_NOOP("people seldom, picture and panels slower")),
 )
 # The same where the record shows only what was looked at.
 STEPS_WITH_BLUR: tuple[tuple[float, float, str], ...] = (
     (0.0, 0.0, ""),
-    (0.0, 0.07, "panels slower"),
-    (0.0, 0.11, "panels slower"),
-    (0.0, 0.15, "picture and panels slower"),
+    (0.0, 0.07, QT_TR_NOOP("panels slower")),
+    (0.0, 0.11, QT_TR_NOOP("panels slower")),
+    (0.0, 0.15, QT_TR_NOOP("picture and panels slower")),
 )
 _ANSWERING = 2
 """While a language model on this computer answers, whatever it is asked for, who waits for it comes before boxes."""
@@ -119,4 +120,4 @@ class GovernorService(Service):
         _, panels_every_s, detail = steps[step]
         self._people.look_at_most_every(look_every_s)
         self._bus.pass_at_most_every(panels_every_s)
-        self._state.load.set(LoadStatus(step, detail))
+        self._state.load.set(LoadStatus(step, tr(detail) if detail else ""))

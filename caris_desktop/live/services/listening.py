@@ -22,6 +22,7 @@ from caris_desktop.domain.sound import (
     PlayedSound,
     PlayedSoundEnded,
 )
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
@@ -156,12 +157,12 @@ class ListeningService(Service):
         again = self._restarts.another()
         self._bus.problem(
             "warning",
-            "Turning speech into text stopped unexpectedly.",
-            "What was being said is missing from the transcript; sound is recorded as before.",
+            tr("Turning speech into text stopped unexpectedly."),
+            tr("What was being said is missing from the transcript; sound is recorded as before."),
             self._restarts.advice,
             until="transcription",
         )
-        self._state.listening.set(ListeningStatus("failed", detail="It stopped unexpectedly."))
+        self._state.listening.set(ListeningStatus("failed", detail=tr("It stopped unexpectedly.")))
         if again:
             self._begin()
 

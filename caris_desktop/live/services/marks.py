@@ -9,6 +9,7 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Event, Marked
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MarksStatus
@@ -99,8 +100,8 @@ class MarksService(Service):
         text = _written(asked.text)
         if self._state.recording.value.state != "recording":
             raise ToldFailure(
-                "The note was not kept.", "Nothing is being recorded now, so it would be in no session.",
-                "Start or continue the recording, then press Enter again.", severity="warning",
+                tr("The note was not kept."), tr("Nothing is being recorded now, so it would be in no session."),
+                tr("Start or continue the recording, then press Enter again."), severity="warning",
             )  # fmt: skip
         now_ns = clock.now_ns()
         at_ns = now_ns - round(asked.earlier_s * _NANOSECONDS)
@@ -128,8 +129,8 @@ class MarksService(Service):
         mark = self._marks.get(note_id)
         if mark is None:
             raise ToldFailure(
-                "That note is not of this session.", "Nothing was changed.",
-                "Change it in the session in which it was written.", severity="warning",
+                tr("That note is not of this session."), tr("Nothing was changed."),
+                tr("Change it in the session in which it was written."), severity="warning",
             )  # fmt: skip
         return mark
 
@@ -159,6 +160,9 @@ def _written(text: str) -> str:
     text = " ".join(text.split())
     if not text:
         raise ToldFailure(
-            "A note needs words.", "The note stays as it was.", "Remove it if it is not wanted.", severity="warning"
+            tr("A note needs words."),
+            tr("The note stays as it was."),
+            tr("Remove it if it is not wanted."),
+            severity="warning",
         )
     return text

@@ -11,6 +11,7 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.commands import ListenToRobot
 from caris_desktop.domain.events import LinkChanged
 from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.children import Children
@@ -264,8 +265,8 @@ class MicrophoneService(Service):
         self._missing_since_ns = None
         self._problem(
             "info",
-            f"The microphone was heard {missing_s:.1f} s after the recording had begun.",
-            "Its sound is missing from the recording until then.",
+            tr("The microphone was heard {late} s after the recording had begun.").format(late=f"{missing_s:.1f}"),
+            tr("Its sound is missing from the recording until then."),
             "",
         )
 

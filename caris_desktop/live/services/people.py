@@ -13,6 +13,7 @@ from caris_desktop.domain.events import Event, PersonAttended, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import CameraLens, DepthGrid, FrameRef, HeadState, LaserScan, Odometry, RobotPose
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker
@@ -173,7 +174,9 @@ class PeopleService(Service):
         """Have it decided in the thread that keeps who is here. Raises ToldFailure where nobody is looked for."""
         if self._worker is None:
             raise ToldFailure(
-                "People are not looked for here.", "Nothing about them was changed.", "Start with people detection."
+                tr("People are not looked for here."),
+                tr("Nothing about them was changed."),
+                tr("Start with people detection."),
             )
         self._worker.ask(asked)
 

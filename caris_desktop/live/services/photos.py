@@ -12,6 +12,7 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken, SessionEnded, SessionStarted
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant import AssistantService
@@ -203,41 +204,43 @@ class PhotosService(Service):
         tags = tuple(dict.fromkeys(tag for tag in cleaned if tag))
         if len(tags) > MAX_TAGS or any(len(tag) > MAX_TAG_CHARACTERS for tag in tags):
             raise ToldFailure(
-                "The photo was not tagged.",
-                "It has the tags that it had.",
-                f"Give it {MAX_TAGS} tags at most, each of up to {MAX_TAG_CHARACTERS} characters.",
+                tr("The photo was not tagged."),
+                tr("It has the tags that it had."),
+                tr("Give it {most} tags at most, each of up to {longest} characters.").format(
+                    most=MAX_TAGS, longest=MAX_TAG_CHARACTERS
+                ),
                 severity="warning",
             )
-        kept = self._changeable(asked.file_name, "tagged")
+        kept = self._changeable(asked.file_name, tr("The photo was not tagged."))
 
         def done(_: None) -> None:
             self._update(asked.file_name, tags=tags)
             self._bus.publish(PhotoTagged(clock.now_ns(), asked.file_name, tags, asked.actor))
 
-        self._change(lambda: change_texts(kept.path, {TAGS: ", ".join(tags)}), done, "The photo was not tagged.")
+        self._change(lambda: change_texts(kept.path, {TAGS: ", ".join(tags)}), done, tr("The photo was not tagged."))
 
     def _delete(self, asked: intents.DeletePhoto) -> None:
-        kept = self._changeable(asked.file_name, "deleted")
+        kept = self._changeable(asked.file_name, tr("The photo was not deleted."))
 
         self._change(
             lambda: move_photo(kept.path, self._lies_aside(kept)),
             lambda _: self._note_deleted(kept, asked.actor, deleted=True),
-            "The photo was not deleted.",
+            tr("The photo was not deleted."),
         )
 
     def _restore(self, asked: intents.RestorePhoto) -> None:
         kept = self._kept.get(asked.file_name)
         if kept is None or not kept.entry.deleted:
             raise ToldFailure(
-                "There is no deleted photo to bring back.",
-                "What was deleted goes for good when its session ends.",
-                "Nothing to do.",
+                tr("There is no deleted photo to bring back."),
+                tr("What was deleted goes for good when its session ends."),
+                tr("Nothing to do."),
                 severity="warning",
             )
         self._change(
             lambda: move_photo(self._lies_aside(kept), kept.path),
             lambda _: self._note_deleted(kept, asked.actor, deleted=False),
-            "The photo was not brought back.",
+            tr("The photo was not brought back."),
         )
 
     def _note_deleted(self, kept: _Kept, actor: str, *, deleted: bool) -> None:
@@ -247,10 +250,13 @@ class PhotosService(Service):
     def _ask(self, asked: intents.AskAboutPhoto) -> None:
         if not self._permitted:
             raise ToldFailure(
-                "This scenario takes no photos.", "The assistant was not asked.", "Nothing to do.", severity="warning"
+                tr("This scenario takes no photos."),
+                tr("The assistant was not asked."),
+                tr("Nothing to do."),
+                severity="warning",
             )
         kept = self._found(asked.file_name)
-        question = asked.question.strip() or "What is in this picture?"
+        question = asked.question.strip() or tr("What is in this picture?")
         self._assistant.ask(intents.Ask(question, pictures=(kept.entry.file_name,), actor=asked.actor))
 
     def _read_for_model(
@@ -270,7 +276,8 @@ class PhotosService(Service):
             image_bgr = self._frames.read_to_give(stream.value)
         if image_bgr is None:
             raise ToldFailure(
-                "That camera shows no picture now.", "The assistant was not asked.", "Ask without the picture.",
+                tr("That camera shows no picture now."), tr("The assistant was not asked."),
+                tr("Ask without the picture."),
                 severity="warning",
             )  # fmt: skip
         return lambda: jpegs_of(image_bgr, _FOR_MODEL_PX)[0]
@@ -279,18 +286,19 @@ class PhotosService(Service):
         kept = self._kept.get(file_name)
         if kept is None or kept.entry.deleted:
             raise ToldFailure(
-                "There is no such photo.", "It was deleted, or another session runs.", "Choose another one.",
+                tr("There is no such photo."), tr("It was deleted, or another session runs."),
+                tr("Choose another one."),
                 severity="warning",
             )  # fmt: skip
         return kept
 
-    def _changeable(self, file_name: str, done: str) -> _Kept:
+    def _changeable(self, file_name: str, if_not: str) -> _Kept:
         kept = self._found(file_name)
         if not kept.entry.changeable:
             raise ToldFailure(
-                f"The photo was not {done}.",
-                "Its session has ended, and its checksums stand for every file.",
-                "Note it in the session's annotations.",
+                if_not,
+                tr("Its session has ended, and its checksums stand for every file."),
+                tr("Note it in the session's annotations."),
                 severity="warning",
             )
         return kept
@@ -302,7 +310,9 @@ class PhotosService(Service):
             except (OSError, PhotoFileError) as error:
                 _log.exception("a photo")
                 raise ToldFailure(
-                    what, f"Its file cannot be changed ({error}).", "Look at the study's folder."
+                    what,
+                    tr("Its file cannot be changed ({error}).").format(error=error),
+                    tr("Look at the study's folder."),
                 ) from error
 
         self._slow_work.do(change, done, self._bus.answer)
@@ -323,8 +333,8 @@ def _pictures(path: Path, *most_px: int) -> list[bytes]:
     try:
         return previews(path, *most_px)
     except (OSError, PhotoFileError) as error:
-        what = f"{path.name} cannot be read ({error})."
-        raise ToldFailure("A photo cannot be shown.", what, "Look at its file.", severity="warning") from error
+        what = tr("{name} cannot be read ({error}).").format(name=path.name, error=error)
+        raise ToldFailure(tr("A photo cannot be shown."), what, tr("Look at its file."), severity="warning") from error
 
 
 def _earlier(study: Path, file_name: str) -> PhotoEntry | None:

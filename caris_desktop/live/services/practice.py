@@ -24,6 +24,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import Odometry
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.practice import STEPS, EndedStep, Practice
@@ -101,7 +102,9 @@ class PracticeService(Service):
             return
         if self._state.recording.value.state in IN_SESSION:
             raise ToldFailure(
-                "The practice cannot begin: a recording is running.", "It goes on.", "Stop the recording first."
+                tr("The practice cannot begin: a recording is running."),
+                tr("It goes on."),
+                tr("Stop the recording first."),
             )
         self._parts.robot()
         scenario = self._state.scenario.value

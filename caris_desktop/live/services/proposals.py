@@ -14,6 +14,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ChatMessage, LlmExchange
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import Asking, ModelClient
 from caris_desktop.live.service import Handlers, Service
@@ -47,17 +48,17 @@ class ProposalsService(Service):
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self.drop("another scenario is used")
+        self.drop(QT_TR_NOOP("another scenario is used"))
 
     def _on_levels_changed(self, levels: LevelsStatus) -> None:
         if levels.actions == "off":
-            self.drop("the wizard wants no proposals")
+            self.drop(QT_TR_NOOP("the wizard wants no proposals"))
         elif levels.actions == "suggest":
             self._proposals.wait_for_key()
             self._show()
 
     def stop(self) -> None:
-        self.drop("the program ends")
+        self.drop(QT_TR_NOOP("the program ends"))
 
     def ask_about(
         self, begun: Round, asked: Sequence[ChatMessage], recorded: Sequence[ChatMessage], replies: str
@@ -66,7 +67,7 @@ class ProposalsService(Service):
         offer = self._offer()
         if self._state.levels.value.actions == "off" or not offer.actions:
             return
-        self._cancel("a newer question is asked")
+        self._cancel(QT_TR_NOOP("a newer question is asked"))
         try:
             self._asking = self._model.ask(
                 prompt.action_messages(asked, replies, offer),
@@ -128,7 +129,8 @@ class ProposalsService(Service):
         if card is None:
             self._show()
             raise ToldFailure(
-                "That proposal is not there any more.", "Nothing was done.", "Do it yourself if it is still wanted.",
+                tr("That proposal is not there any more."), tr("Nothing was done."),
+                tr("Do it yourself if it is still wanted."),
                 severity="info",
             )  # fmt: skip
         self._carry_out(card, asked.actor)

@@ -12,6 +12,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ANSWER, Event, LinkChanged, Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
@@ -134,7 +135,9 @@ class RecordingService(Service):
             return False
         if self._restarts.exhausted:
             self._state.recording.set(replace(self._state.recording.value, state="failed"))
-            self._problem("error", "The recorder failed too often.", "Nothing is recorded.", "Restart the program.")
+            self._problem(
+                "error", tr("The recorder failed too often."), tr("Nothing is recorded."), tr("Restart the program.")
+            )
             return False
         self._folder = None
         self._audio = self._scenario.permissions.audio_recording
@@ -237,9 +240,9 @@ class RecordingService(Service):
         if ref is None:
             self._problem(
                 "warning",
-                "No photo was taken.",
-                "There is no picture from the camera.",
-                "Take it when the picture is back.",
+                tr("No photo was taken."),
+                tr("There is no picture from the camera."),
+                tr("Take it when the picture is back."),
                 until="picture",
                 cause=ANSWER,
             )
@@ -307,16 +310,18 @@ class RecordingService(Service):
             replace(
                 self._state.recording.value,
                 state="failed" if interrupted or not again else "idle",
-                detail="the recorder stopped",
+                detail=QT_TR_NOOP("the recorder stopped"),
             )
         )
         self._problem(
             "error",
-            "The recorder stopped unexpectedly.",
-            "The session up to now is on disk; nothing after this moment is recorded."
+            tr("The recorder stopped unexpectedly."),
+            tr("The session up to now is on disk; nothing after this moment is recorded.")
             if interrupted
-            else "No session was being recorded.",
-            "Start recording again: that makes a new session." if again else "Restart the program to record again.",
+            else tr("No session was being recorded."),
+            tr("Start recording again: that makes a new session.")
+            if again
+            else tr("Restart the program to record again."),
             until="recording",
         )
 

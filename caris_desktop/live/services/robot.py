@@ -43,6 +43,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.ports import TellProblem
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
@@ -61,10 +62,10 @@ _RESTART_AFTER_MS = 1000
 _RESTART_AT_ONCE_AFTER_NS = 5_000_000_000
 _SETTLE_AGAIN_S = 1.0
 _MAP_WORDS: dict[MapOperation, str] = {
-    "save": "The map was not saved.",
-    "load": "The map was not loaded.",
-    "start_mapping": "The robot does not build its map.",
-    "start_localization": "The robot did not stop building its map.",
+    "save": QT_TR_NOOP("The map was not saved."),
+    "load": QT_TR_NOOP("The map was not loaded."),
+    "start_mapping": QT_TR_NOOP("The robot does not build its map."),
+    "start_localization": QT_TR_NOOP("The robot did not stop building its map."),
 }
 
 
@@ -266,14 +267,18 @@ class RobotService(Service):
             return  # it was replaced while the news of its end was on its way
         del self._links[name]
         address = self._connection.address if self._connection is not None else ""
-        self._publish(LinkChanged(clock.now_ns(), name, "lost", address, "the link process stopped"))
+        self._publish(LinkChanged(clock.now_ns(), name, "lost", address, QT_TR_NOOP("the link process stopped")))
         self._problem(
             "warning",
-            "The connection to the robot broke inside the console."
+            tr("The connection to the robot broke inside the console.")
             if name == "control"
-            else "The connection for the robot's pictures and map broke inside the console.",
-            "The robot is not driven until it is back." if name == "control" else "Driving goes on without them.",
-            "It is being made again; press the key anew to drive." if name == "control" else "It is made again.",
+            else tr("The connection for the robot's pictures and map broke inside the console."),
+            tr("The robot is not driven until it is back.")
+            if name == "control"
+            else tr("Driving goes on without them."),
+            tr("It is being made again; press the key anew to drive.")
+            if name == "control"
+            else tr("It is made again."),
             until="connected" if name == "control" else "picture",
         )
         worked = name == "control" and clock.now_ns() - self._control_since_ns > _RESTART_AT_ONCE_AFTER_NS
@@ -402,9 +407,9 @@ class RobotService(Service):
             self._told_no_timeout_of = connection.address
             self._problem(
                 "warning",
-                "Nobody has said whether this robot stops by itself when its connection breaks.",
-                "So it is driven at half speed. If the connection breaks while it moves, it may go on moving.",
-                "Keep its own emergency stop at hand. If it does stop, say so in its profile (timeout_s).",
+                tr("Nobody has said whether this robot stops by itself when its connection breaks."),
+                tr("So it is driven at half speed. If the connection breaks while it moves, it may go on moving."),
+                tr("Keep its own emergency stop at hand. If it does stop, say so in its profile (timeout_s)."),
                 cause="robot_timeout",
             )
 
@@ -412,11 +417,11 @@ class RobotService(Service):
         busy = event.operation if event.state == "requested" else ""
         self._state.mapping.set(replace(self._state.mapping.value, busy=busy))
         if event.state == "failed":
-            what = _MAP_WORDS[event.operation]
-            self._problem("warning", what, f"{event.detail}.", "The robot's map is as it was.", cause=ANSWER)
+            what = tr(_MAP_WORDS[event.operation])
+            self._problem("warning", what, f"{event.detail}.", tr("The robot's map is as it was."), cause=ANSWER)
         elif event.state == "succeeded" and event.operation in ("save", "load"):
-            done = "saved" if event.operation == "save" else "loaded"
-            self._problem("info", f"The map {event.name} was {done}.", event.detail, "", cause=ANSWER)
+            done = tr("The map {name} was saved.") if event.operation == "save" else tr("The map {name} was loaded.")
+            self._problem("info", done.format(name=event.name), event.detail, "", cause=ANSWER)
 
     def _forget_robot(self) -> None:
         self._state.clear_robot_streams()
@@ -435,9 +440,9 @@ class RobotService(Service):
         if place is None:
             self._problem(
                 "warning",
-                f"The robot cannot go to {name}.",
-                "It stays where it is.",
-                "This scenario has no such place.",
+                tr("The robot cannot go to {place}.").format(place=name),
+                tr("It stays where it is."),
+                tr("This scenario has no such place."),
                 cause=ANSWER,
             )
         else:
@@ -450,20 +455,20 @@ class RobotService(Service):
         self.send(CancelGoal(clock.now_ns(), actor))
 
     def _go(self, target_in_map: Pose2D, place: str | None, actor: Actor) -> None:
-        where = place or "that point"
+        where = place or tr("that point")
         status = self._state.drive.value
         if not status.allowed:
-            what = f"The robot cannot go to {where}."
-            self._problem("warning", what, "It stays where it is.", f"{status.reason}.", cause=ANSWER)
+            what = tr("The robot cannot go to {place}.").format(place=where)
+            self._problem("warning", what, tr("It stays where it is."), f"{tr(status.reason)}.", cause=ANSWER)
             return
         self._before_goal()
         now_ns = clock.now_ns()
         if not self.send(GoTo(now_ns, f"g-{now_ns:x}", target_in_map, place, actor)):
             self._problem(
                 "warning",
-                f"The robot could not be sent to {where}.",
-                "It stays where it is.",
-                "Check the link.",
+                tr("The robot could not be sent to {place}.").format(place=where),
+                tr("It stays where it is."),
+                tr("Check the link."),
                 until="connected",
                 cause=ANSWER,
             )
@@ -472,12 +477,12 @@ class RobotService(Service):
 
     def set_initial_pose(self, pose_in_map: Pose2D, actor: Actor = CONSOLE) -> None:
         self._send_or_tell(
-            SetInitialPose(clock.now_ns(), pose_in_map, actor=actor), "The robot was not told where it is."
+            SetInitialPose(clock.now_ns(), pose_in_map, actor=actor), tr("The robot was not told where it is.")
         )
 
     def request_map(self, operation: MapOperation, name: str = "", actor: Actor = CONSOLE) -> None:
         request_id = f"m-{secrets.token_hex(4)}"
-        self._send_or_tell(RequestMap(clock.now_ns(), request_id, operation, name, actor), _MAP_WORDS[operation])
+        self._send_or_tell(RequestMap(clock.now_ns(), request_id, operation, name, actor), tr(_MAP_WORDS[operation]))
 
     # Controls
 
@@ -497,7 +502,7 @@ class RobotService(Service):
         request_id = f"c-{secrets.token_hex(4)}"
         self._send_or_tell(
             UseControl(clock.now_ns(), request_id, control_id, value, actor),
-            f"{control.title}: the robot was not asked.",
+            tr("{control}: the robot was not asked.").format(control=control.title),
         )
 
     def _show_controls(self) -> None:
@@ -510,7 +515,7 @@ class RobotService(Service):
     def _send_or_tell(self, command: RobotCommand, what: str) -> None:
         if self._state.link.value.state != "connected" or not self.send(command):
             self._problem(
-                "warning", what, "It is not connected.", "Try again when the link is back.",
+                "warning", what, tr("It is not connected."), tr("Try again when the link is back."),
                 until="connected", cause=ANSWER,
             )  # fmt: skip
 

@@ -9,6 +9,7 @@ from caris_desktop.domain.events import ANSWER, LinkChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
@@ -134,7 +135,7 @@ class SoundService(Service):
             return
         if self._microphones.wizards_choice is None:
             raise ToldFailure(
-                "You have no microphone.", "Nobody hears you.", "Choose one in the menu of the window.",
+                tr("You have no microphone."), tr("Nobody hears you."), tr("Choose one in the menu of the window."),
                 severity="warning",
             )  # fmt: skip
         if asked.to == "robot":
@@ -183,20 +184,20 @@ class SoundService(Service):
         if detail and detail != "nothing was heard of it":
             self._problem(
                 "warning",
-                f"Your own voice was not heard: {detail}.",
-                "The participant heard nothing of it, or not all.",
-                "Type it, or hold the key again when that has changed.",
+                tr("Your own voice was not heard: {detail}.").format(detail=tr(detail)),
+                tr("The participant heard nothing of it, or not all."),
+                tr("Type it, or hold the key again when that has changed."),
                 cause=ANSWER,
             )
         self._hear_or_not()
 
     def _on_microphone(self, status: MicrophoneStatus) -> None:
         if status.state == "failed":
-            self._voice.fail(status.detail.rstrip(".").lower() or "the microphone failed")
+            self._voice.fail(status.detail.rstrip(".").lower() or QT_TR_NOOP("the microphone failed"))
 
     def _on_link_changed(self, event: LinkChanged) -> None:
         if event.link == "media" and event.state in ("lost", "closed") and self._voice.outlets == {"robot"}:
-            self._voice.fail("the link to the robot was lost")
+            self._voice.fail(QT_TR_NOOP("the link to the robot was lost"))
 
     # Hearing along
 
@@ -204,7 +205,8 @@ class SoundService(Service):
         scenario = self._scenario
         if asked.on and (scenario is None or not scenario.sound.hear):
             raise ToldFailure(
-                "In this scenario the wizard does not hear along.", "Nothing is played.", "Open a scenario that does.",
+                tr("In this scenario the wizard does not hear along."), tr("Nothing is played."),
+                tr("Open a scenario that does."),
                 severity="warning",
             )  # fmt: skip
         self._show(volume=asked.volume)
@@ -236,9 +238,9 @@ class SoundService(Service):
         self._hear(False)
         self._problem(
             "warning",
-            f"The robot's microphone cannot be played to you: {detail}.",
-            "You do not hear along; what is said is recorded and written down as before.",
-            "Connect headphones or start the sound server, then hear along again.",
+            tr("The robot's microphone cannot be played to you: {detail}.").format(detail=detail),
+            tr("You do not hear along; what is said is recorded and written down as before."),
+            tr("Connect headphones or start the sound server, then hear along again."),
             cause=ANSWER,
         )
 

@@ -13,6 +13,7 @@ from caris_desktop.domain.events import PersonRenamed, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sound import PlayedSound
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.filling import given_words, name_of, words_now
@@ -178,10 +179,13 @@ class SpeakingService(Service):
 
 def _said_already() -> ToldFailure:
     return ToldFailure(
-        "That is being said already, or was.", "It stays as it was.", "Silence interrupts it.", severity="info"
+        tr("That is being said already, or was."),
+        tr("It stays as it was."),
+        tr("Silence interrupts it."),
+        severity="info",
     )
 
 
 def _nobody_knows(gap: str) -> ToldFailure:
-    who = "Nobody here has a name." if gap == NAME else f"There are no words for {{{gap}}}."
-    return ToldFailure(who, "It was not said.", "Write it out, without braces.", severity="info")
+    who = tr("Nobody here has a name.") if gap == NAME else tr("There are no words for {{{gap}}}.").format(gap=gap)
+    return ToldFailure(who, tr("It was not said."), tr("Write it out, without braces."), severity="info")

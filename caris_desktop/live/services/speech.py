@@ -20,6 +20,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.commands import Say, Silence
 from caris_desktop.domain.events import LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
 from caris_desktop.domain.ports import RobotPort
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.both_voices import BothVoices
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
@@ -136,7 +137,7 @@ class SpeechService(Service):
             return
         self._children.dismiss(child, grace_s=1.5)
         self._state.speech.set(replace(self._state.speech.value, ready=False, detail=""))
-        self._on_voice_lost("computer", "the scenario was changed")
+        self._on_voice_lost("computer", QT_TR_NOOP("the scenario was changed"))
 
     def stop(self) -> None:
         self._stopped = True
@@ -155,7 +156,7 @@ class SpeechService(Service):
         """What this computer's voice says of itself."""
         match message:
             case SpeechReady():
-                detail = "" if message.audible else "no sound device: nobody hears it"
+                detail = "" if message.audible else tr("no sound device: nobody hears it")
                 self._state.speech.set(replace(self._state.speech.value, ready=True, detail=detail))
                 self._state.voice.set(replace(self._state.voice.value, used=message.voice))
             case VoicesFound(voices):
@@ -242,7 +243,7 @@ class SpeechService(Service):
             return
         if event.state in ("connecting", "closed"):
             # Of what was asked of another link process nobody tells; a lost link's own process still does.
-            self._on_voice_lost("robot", "the link was lost")
+            self._on_voice_lost("robot", QT_TR_NOOP("the link was lost"))
         self.queue.on_voice_changed()
 
     def _on_ended(self, child: ChildProcess) -> None:
@@ -250,20 +251,20 @@ class SpeechService(Service):
             return  # it was replaced while the news of its end was on its way
         self._child = None
         again = self._restarts.another()
-        self._state.speech.set(replace(self._state.speech.value, ready=False, detail="the voice stopped"))
+        self._state.speech.set(replace(self._state.speech.value, ready=False, detail=tr("the voice stopped")))
         self._tell(
             Problem(
                 clock.now_ns(),
                 "warning",
-                "This computer's voice stopped unexpectedly.",
-                "What it was saying is cut off; the session goes on.",
+                tr("This computer's voice stopped unexpectedly."),
+                tr("What it was saying is cut off; the session goes on."),
                 self._restarts.advice,
                 until="voice",
             )
         )
         if again:
             self._begin()
-        self._on_voice_lost("computer", "speech stopped unexpectedly")
+        self._on_voice_lost("computer", QT_TR_NOOP("speech stopped unexpectedly"))
 
     def _on_voice_lost(self, kind: VoiceKind, detail: str) -> None:
         now = self._state.speech.value.now

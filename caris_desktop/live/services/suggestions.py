@@ -27,6 +27,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.assistant_context import who_is_here
 from caris_desktop.live.bus import Bus
@@ -123,7 +124,7 @@ class SuggestionsService(Service):
         self._doing = ""
         self._filler.spoken()
         self._rounds.forget(clock.now_ns())
-        self._proposals.drop("the conversation is over")
+        self._proposals.drop(QT_TR_NOOP("the conversation is over"))
         self._show()
 
     # What is heard and said
@@ -131,7 +132,7 @@ class SuggestionsService(Service):
     def _on_hearing(self, hearing: Hearing) -> None:
         if hearing.speaking and hearing.speaker in ("", "participant"):
             self._filler.spoken()
-            self._proposals.drop("the participant speaks on")
+            self._proposals.drop(QT_TR_NOOP("the participant speaks on"))
         if self._listens:
             self._rounds.hear(hearing)
         self._show()
@@ -154,7 +155,7 @@ class SuggestionsService(Service):
         if current is None or current.turn_id != correction.utterance_id:
             return
         if correction.speaker not in (None, "participant"):
-            self._rounds.withdraw("nobody there has spoken", clock.now_ns())
+            self._rounds.withdraw(QT_TR_NOOP("nobody there has spoken"), clock.now_ns())
         elif correction.text is not None:
             self._rounds.reword(correction.text, clock.now_ns())
         self._show()
@@ -173,7 +174,7 @@ class SuggestionsService(Service):
     def ask(self, begun: Round) -> None:
         """Rounds: a round begins."""
         self._read, self._detail = 0, ""
-        self._proposals.drop("the participant said more")
+        self._proposals.drop(QT_TR_NOOP("the participant said more"))
         self._asked = asked = self._question(begun)
         settings = self._scenario.assistant
         if self._state.levels.value.replies == "off":
@@ -299,8 +300,8 @@ class SuggestionsService(Service):
         if card is None or card.rank != asked.rank:
             self._show()
             raise ToldFailure(
-                "That suggestion is not there any more.", "Nothing was said.",
-                "Read those that are there now, or type what to say.", severity="info",
+                tr("That suggestion is not there any more."), tr("Nothing was said."),
+                tr("Read those that are there now, or type what to say."), severity="info",
             )  # fmt: skip
         self._say_card(card, card.text, asked.actor)
 
@@ -321,8 +322,8 @@ class SuggestionsService(Service):
             spoken = person_marks.with_names(said, names.__getitem__)
         except KeyError:
             raise ToldFailure(
-                "The name in that suggestion is not known any more.", "Nothing was said.",
-                "Say another one, or type what to say.", severity="warning",
+                tr("The name in that suggestion is not known any more."), tr("Nothing was said."),
+                tr("Say another one, or type what to say."), severity="warning",
             ) from None  # fmt: skip
         utterance_id = self._speech.say(spoken, "suggestion", actor, person_id=person_id, recorded=said)
         self._rounds.take(card, said, utterance_id, actor, clock.now_ns())
@@ -351,8 +352,10 @@ class SuggestionsService(Service):
         highest = self._highest(asked.function)
         if asked.level not in levels_up_to(highest):
             raise ToldFailure(
-                f"This scenario does not let the assistant do more than “{highest}” for {asked.function}.",
-                "The level stays as it is.", "Set it under assistance in the scenario.", severity="warning",
+                tr("This scenario does not let the assistant do more than “{highest}” for {function}.").format(
+                    highest=highest, function=asked.function
+                ),
+                tr("The level stays as it is."), tr("Set it under assistance in the scenario."), severity="warning",
             )  # fmt: skip
         self._use_level(asked.function, asked.level, asked.actor)
 
@@ -364,7 +367,7 @@ class SuggestionsService(Service):
         changed = {function: level}
         self._state.levels.set(replace(levels, **changed))
         if function == "replies" and level == "off":
-            self._rounds.withdraw("the wizard wants no suggestions", clock.now_ns())
+            self._rounds.withdraw(QT_TR_NOOP("the wizard wants no suggestions"), clock.now_ns())
         if function == "fillers" and level == "off":
             self._filler.spoken()
         self._show()

@@ -6,6 +6,7 @@ from caris_desktop.conversation.transcript import Transcript, UtteranceReport
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import SessionStarted, UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState
@@ -37,8 +38,8 @@ class TranscriptService(Service):
     def _correct(self, asked: intents.CorrectUtterance) -> None:
         if self._transcript.turn(asked.utterance_id) is None:
             raise ToldFailure(
-                "That utterance is not of this session.", "Nothing was corrected.",
-                "Correct it in the session in which it was said.", severity="warning",
+                tr("That utterance is not of this session."), tr("Nothing was corrected."),
+                tr("Correct it in the session in which it was said."), severity="warning",
             )  # fmt: skip
         text = None if asked.text is None else " ".join(asked.text.split())
         self._bus.publish(
