@@ -18,6 +18,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QAbstractScrollArea, QFrame, QToolTip
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.conversation.transcript_painting import SIDE_PX, WORDS_PX, RowLook, RowPainter, words_rect
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
@@ -25,6 +26,7 @@ from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_box import EnterBox
+from caris_desktop.ui.widgets.told_rows import ToldRows, ToldSpot
 
 RowAct = Literal["text", "who", "tags", "mark"]
 _BUTTON_PX = 24
@@ -116,6 +118,7 @@ class TranscriptView(QAbstractScrollArea):
         self._field.entered.connect(self._on_written)
         # Left without Enter, what is half written changes nothing.
         self._field.left.connect(self.give_up_writing)
+        self._told = ToldRows(self.viewport(), self.viewport(), lambda: _spots(self), self._on_told_pressed)
         theme.changed.connect(self._on_theme_changed)
 
     # ---- what is shown
@@ -191,7 +194,7 @@ class TranscriptView(QAbstractScrollArea):
         self._place(place)
         # What comes into view is measured before it is painted, and may bring others into view.
         for _ in range(6):
-            if not self._measure(self._visible()):
+            if not self._measure(self.visible_rows()):
                 break
             self._sum_up()
             self._place(place)
@@ -234,7 +237,8 @@ class TranscriptView(QAbstractScrollArea):
         some = list(itertools.islice(unknown, _AT_ONCE))
         self._change(lambda: self._measure(some))
 
-    def _visible(self) -> range:
+    def visible_rows(self) -> range:
+        """Those of which something is in view."""
         return range(max(0, self._row_at(0)), self._row_at(self.viewport().height() - 1) + 1)
 
     def _row_at(self, y: int) -> int:
@@ -273,7 +277,7 @@ class TranscriptView(QAbstractScrollArea):
                 self._following = False
             if self._following:
                 self._tell_below(0)
-            if self._measure(self._visible()):
+            if self._measure(self.visible_rows()):
                 self._change(lambda: None)
             self._place_field()
         self.viewport().update()
@@ -381,9 +385,15 @@ class TranscriptView(QAbstractScrollArea):
         if event.button() != Qt.MouseButton.LeftButton or row is None:
             return
         utterance_id, button = self._rows[row].utterance_id, self._button_at(at)
+        self._on_told_pressed((utterance_id, button.act if button is not None else "pick"))
+
+    def _on_told_pressed(self, key: tuple[str, ...]) -> None:
+        """A click, or its like from the accessibility interface: the turn, and what is to be done with it."""
+        utterance_id, act = key
+        button = next((button for button in _BUTTONS if button.act == act), None)
         if button is not None:
             self._act(button.act, utterance_id)
-        else:
+        elif self._row_of(utterance_id) is not None:
             self._current = utterance_id
             self.viewport().update()
             self.picked.emit(utterance_id)
@@ -431,7 +441,7 @@ class TranscriptView(QAbstractScrollArea):
         row = self._row_of(utterance_id)
         if row is not None:
             told = self._rows[row]
-            self.setAccessibleDescription(f"{told.time}, {told.who}: {told.words}")
+            self.setAccessibleDescription(told.spoken)
             self._bring_into_view(row)
         self.viewport().update()
 
@@ -445,7 +455,7 @@ class TranscriptView(QAbstractScrollArea):
     def keyPressEvent(self, event: QKeyEvent) -> None:
         key, last = event.key(), len(self._rows) - 1
         now = self._row_of(self._current) if self._current else None
-        page = max(1, len(self._visible()) - 1)
+        page = max(1, len(self.visible_rows()) - 1)
         steps = {
             Qt.Key.Key_Up: -1, Qt.Key.Key_Down: 1, Qt.Key.Key_PageUp: -page, Qt.Key.Key_PageDown: page,
             Qt.Key.Key_Home: -last - 1, Qt.Key.Key_End: last + 1,
@@ -471,7 +481,7 @@ class TranscriptView(QAbstractScrollArea):
             place = self.viewport().rect().adjusted(SIDE_PX, 10, -SIDE_PX, 0)
             painter.drawText(place, int(Qt.AlignmentFlag.AlignTop) | int(Qt.TextFlag.TextWordWrap), self._empty)
             return
-        for row in self._visible():
+        for row in self.visible_rows():
             if self.row_rect(row).intersects(event.rect()):
                 self._painter.paint(painter, self.row_rect(row), self._rows[row], self._look(row))
 
@@ -486,3 +496,17 @@ class TranscriptView(QAbstractScrollArea):
             found=self._query if number in self._found else (),
             buttons=tuple((button.icon, place) for button, place in self.buttons(number)),
         )
+
+
+def _spots(view: TranscriptView) -> list[ToldSpot]:
+    """The turns in view, and what can be pressed in them now."""
+    spots = []
+    for row in view.visible_rows() if view.rows else ():
+        told = view.rows[row]
+        about = tr("Chosen") if told.utterance_id == view.current else ""
+        spots.append(ToldSpot((told.utterance_id, "pick"), told.spoken, view.row_rect(row), about))
+        spots += [
+            ToldSpot((told.utterance_id, button.act), f"{button.tip}: {told.words}", place)
+            for button, place in view.buttons(row)
+        ]
+    return spots

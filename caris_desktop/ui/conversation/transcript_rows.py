@@ -7,6 +7,7 @@ from caris_desktop.conversation.transcript import Turn, is_heard
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.corrections import WhoSpoke
 from caris_desktop.domain.sound import Hearing
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui import words
 
 NOT_SURE = "somebody"
@@ -33,6 +34,18 @@ class TranscriptRow:
     def words(self) -> str:
         """All of the words, also those that may still change."""
         return " ".join(filter(None, (self.text, self.tentative)))
+
+    @property
+    def spoken(self) -> str:
+        """The whole turn with what the look of it says, as a screen reader says it."""
+        state = (
+            tr("still being made out") if self.tentative else "",
+            tr("cut short") if self.cut_short else "",
+            tr("corrected") if self.heard_text is not None else "",
+            ", ".join(self.tags),
+        )
+        said = tr("{time}, {who}: {words}").format(time=self.time, who=self.who, words=self.words)
+        return " · ".join(part for part in (said, *state) if part)
 
 
 @dataclass(frozen=True, slots=True)

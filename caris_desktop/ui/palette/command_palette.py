@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import QRectF, Qt
+from PySide6.QtCore import QRect, QRectF, Qt
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLineEdit, QVBoxLayout, QWidget
 
@@ -17,6 +17,7 @@ from caris_desktop.ui.palette.memory import PaletteMemory
 from caris_desktop.ui.palette.search import Finder
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
+from caris_desktop.ui.widgets.told_rows import ToldRows, ToldSpot
 
 _ROW_PX = 40
 _ROWS = 9
@@ -104,8 +105,7 @@ class CommandPalette(Overlay):
     def tell_current(self) -> None:
         """For a screen reader, which hears of the line that is typed into only."""
         entry = self.list.current
-        words = "" if entry is None else ", ".join(part for part in (entry.text, entry.kind, entry.key) if part)
-        self.field.setAccessibleDescription(words)
+        self.field.setAccessibleDescription("" if entry is None else entry.spoken)
 
     def _on_text_changed(self, text: str) -> None:
         typed = " ".join(text.split())
@@ -165,6 +165,7 @@ class _EntryList(QWidget):
         self._breaks: Sequence[int] = ()
         self.asked_again: Entry | None = None
         self.setMouseTracking(True)
+        self._told = ToldRows(self, self, self._spots, self._on_told_pressed)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -212,6 +213,26 @@ class _EntryList(QWidget):
     def _row_at(self, event: QMouseEvent) -> int:
         row = self._first() + int(event.position().y()) // _ROW_PX
         return row if 0 <= row < len(self._entries) else _NONE
+
+    def _spots(self) -> list[ToldSpot]:
+        first = self._first()
+        shown = self._entries[first : first + self.height() // _ROW_PX]
+        return [
+            ToldSpot(
+                (str(first + line), entry.text),
+                entry.again if entry == self.asked_again else entry.spoken,
+                QRect(0, line * _ROW_PX, self.width(), _ROW_PX),
+                tr("Chosen: Enter does it") if first + line == self._index else "",
+            )
+            for line, entry in enumerate(shown)
+        ]
+
+    def _on_told_pressed(self, key: tuple[str, ...]) -> None:
+        row = int(key[0])
+        # What is there may have changed since it was told.
+        if row < len(self._entries) and self._entries[row].text == key[1]:
+            self._choose_row(row)
+            self._owner.choose(self._entries[row])
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         row = self._row_at(event)

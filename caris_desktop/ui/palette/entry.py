@@ -31,3 +31,8 @@ class Entry:
     @property
     def known_as(self) -> str:
         return self.id or f"{self.kind}: {self.text}"
+
+    @property
+    def spoken(self) -> str:
+        """The whole line, as a screen reader says it: what it is called, of what kind it is, its key."""
+        return ", ".join(part for part in (self.text, self.kind, self.key) if part)

@@ -20,6 +20,7 @@ from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.map_tools import MapTools, icon_button
 from caris_desktop.ui.widgets.map_view import MapView
+from caris_desktop.ui.widgets.told_pictures import describe, map_told
 
 GOAL_ENDED_SHOWN_S = 8.0
 _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal's own event may come a little after its first path
@@ -369,6 +370,7 @@ class MapPanel(Panel):
             return
         state = self.state
         self.view.show_chips(self._chips())
+        describe(self.view, map_told(self.view))
         reachable = state.link.value.state in ("connected", "trouble")
         waiting = "Waiting for the map" if reachable else "No map: the robot is out of reach"
         if not state.present.live:

@@ -22,6 +22,7 @@ from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, 
 from caris_desktop.ui.people.undo_bar import UndoBar
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.told_rows import ToldRows
 
 
 class PeoplePanel(Panel):
@@ -79,6 +80,7 @@ class PeoplePanel(Panel):
         column.addWidget(self._empty)
         self._stack.addWidget(centered)
         self._stack.addWidget(self.list)
+        self._told = ToldRows(holder, self.list.viewport(), self.list.told_spots, self.list.press_told)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(2, 6, 2, 8)
         layout.setSpacing(4)

@@ -28,6 +28,7 @@ from caris_desktop.ui.widgets.floating_card import ChoiceCard
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, spot_at
 from caris_desktop.ui.widgets.frame_view import FrameView
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail, thumbnail_of
+from caris_desktop.ui.widgets.told_pictures import describe, video_told
 
 _DRIVE_ENDED_SHOWN_S = 5.0
 _NOTE_SHOWN_S = 3.0
@@ -262,6 +263,7 @@ class VideoPanel(Panel):
         self.view.show_out_of_reach(state.link.value.state == "lost")
         self.view.show_state(state.state_of(state.camera.value).value)
         self.view.show_age(age_s)
+        describe(self.view, video_told(self.view))
         self.strip.refresh()
 
     def _hints(self) -> list[tuple[str, str]]:

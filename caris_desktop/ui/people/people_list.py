@@ -15,6 +15,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QStyle, QStyledItemDelegate, QStyleOptionViewItem, QToolTip
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
@@ -27,6 +28,7 @@ from caris_desktop.ui.widgets import avatar
 from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 from caris_desktop.ui.widgets.row_list import RowList
+from caris_desktop.ui.widgets.told_rows import ToldSpot
 
 ROW_PX = 52
 CAPTION_PX = 26
@@ -158,6 +160,27 @@ class PeopleList(RowList):
             placed.append((button, QRect(right, rect.center().y() - _BUTTON_PX // 2, width, _BUTTON_PX)))
             right -= 6
         return placed[::-1]
+
+    def told_spots(self) -> list[ToldSpot]:
+        """What a click in the rows in view does, for screen readers; the rows' words are those of the table's cells."""
+        spots = []
+        for row, person in enumerate(self._people.persons):
+            rect = self.row_rect(row)
+            if not rect.intersects(self.viewport().rect()):
+                continue
+            meant = tr("You mean this person") if person.person_id == self._meant else ""
+            name = words.person_name(person)
+            if self._may_decide:
+                spots.append(ToldSpot(("pick", person.person_id), tr("I mean {name}").format(name=name), rect, meant))
+            for button, place in self.buttons(row):
+                spots.append(ToldSpot((button.act, person.person_id), button.tip, place, button.key))
+        return spots
+
+    def press_told(self, key: tuple[str, ...]) -> None:
+        """As a click there."""
+        act, person_id = key
+        if self._people.row_of(person_id) is not None:
+            self._act(act, person_id)
 
     def button_rect(self, row: int, act: str = "name") -> QRect:
         """Where the row's button of this kind is, in the viewport; nowhere where it has none."""

@@ -139,7 +139,8 @@ class PeopleModel(QAbstractListModel):
         if role == Qt.ItemDataRole.DisplayRole:
             return words.person_name(person)
         if role == Qt.ItemDataRole.AccessibleTextRole:
-            return ", ".join(filter(None, (words.person_name(person), words.maybe(person), self.seen(person))))
+            said = (words.person_name(person), words.maybe(person), person.group, *person.tags, self.seen(person))
+            return ", ".join(filter(None, said))
         return person if role == PERSON_ROLE else None
 
 

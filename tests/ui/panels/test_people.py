@@ -74,11 +74,14 @@ def test_people_stand_in_three_groups(panel: PeoplePanel) -> None:
 
 
 def test_a_row_says_where_somebody_is_and_what_they_do(panel: PeoplePanel) -> None:
-    assert told(panel, "p-luis") == "Luis, speaking · 1.9 m, left · standing · here for 3 min · recognised, 94 %"
-    assert told(panel, "p-ana") == "Ana Torres, hand raised · 2.4 m, ahead · here for 2 min"
+    assert (
+        told(panel, "p-luis")
+        == "Luis, Group 1, asks a lot, speaking · 1.9 m, left · standing · here for 3 min · recognised, 94 %"
+    )
+    assert told(panel, "p-ana") == "Ana Torres, Group 1, hand raised · 2.4 m, ahead · here for 2 min"
     assert told(panel, "p-3").startswith("Person 3, Maybe Mara Silva (82 %), 3.3 m, right · here for ")
     assert told(panel, "p-5") == "Person 5, left 2 min ago"
-    assert told(panel, "p-mara") == "Mara Silva, known from before"
+    assert told(panel, "p-mara") == "Mara Silva, Group 2, shy, wheelchair, known from before"
     back = dataclasses.replace(people_samples.people_of_a_tour(10**12)[3], visit_id="p-9", confidence=0.99)
     assert what_is_seen(back, 10**12)[-1] == "was here before, 99 %", "who has no name"
 

@@ -1,0 +1,49 @@
+"""What the video and the map show, in sentences: a screen reader has nothing else of a painted picture."""
+
+from collections.abc import Iterable
+
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui.widgets.frame_view import FrameView
+from caris_desktop.ui.widgets.map_view import MapView
+
+
+def describe(widget: QWidget, told: str) -> None:
+    """Say that of the widget; each change is told to whoever listens, so nothing is said twice."""
+    if widget.accessibleDescription() != told:
+        widget.setAccessibleDescription(told)
+
+
+def video_told(view: FrameView) -> str:
+    """Whose boxes are drawn and what the chips say, or the words that stand in the picture's place."""
+    if view.frame is None:
+        return _sentences(view.words_without_picture())
+    people = tr("In the picture: {names}").format(names=", ".join(name for name, _named in view.visible_boxes()))
+    return _sentences((people if view.visible_boxes() else tr("Nobody in the picture"), *_chips(view.chips)))
+
+
+def map_told(view: MapView) -> str:
+    """Where the robot is and goes, who and what is drawn, and what the chips say. Metres on the map."""
+    shown, said = view.shown, list[str]()
+    if shown.pose is not None:
+        # To half a metre: what changes with each step is noise to whoever listens.
+        at = {"x": round(shown.pose.x_m * 2) / 2, "y": round(shown.pose.y_m * 2) / 2}
+        said.append(tr("The robot is at {x:.1f} m, {y:.1f} m").format(**at))
+    else:
+        said.append(tr("Where the robot is, is not known"))
+    if shown.goal is not None:
+        said.append(tr("It goes to {place}").format(place=shown.goal.place or tr("a point")))
+    if shown.people:
+        said.append(tr("People: {names}").format(names=", ".join(name for _place, name, _named in shown.people)))
+    if shown.places:
+        said.append(tr("Places: {names}").format(names=", ".join(place.name for place in shown.places)))
+    return _sentences((*said, *_chips(shown.chips)))
+
+
+def _chips(chips: Iterable[tuple[str, str]]) -> list[str]:
+    return [text for text, role in chips if role == "warning"]
+
+
+def _sentences(parts: Iterable[str]) -> str:
+    return " ".join(f"{part.rstrip('.')}." for part in parts if part)

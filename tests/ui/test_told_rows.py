@@ -1,0 +1,127 @@
+"""What is only painted is in the accessibility interface: each row in view with its words and state, and pressable."""
+
+from collections.abc import Iterator
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAccessible, QAccessibleInterface
+from PySide6.QtWidgets import QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.ui.conversation.transcript import TranscriptView
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.palette.command_palette import CommandPalette
+from caris_desktop.ui.panels.people import PeoplePanel
+from tests.ui import samples
+from tests.ui.conftest import find
+from tests.ui.fake_console import FakeConsole
+
+
+def told(root: QWidget, *roles: QAccessible.Role) -> Iterator[QAccessibleInterface]:
+    """What a screen reader finds below it and can be seen."""
+    interface = QAccessible.queryAccessibleInterface(root)
+    assert interface is not None
+    yield from _below(interface, roles)
+
+
+def _below(node: QAccessibleInterface, roles: tuple[QAccessible.Role, ...]) -> Iterator[QAccessibleInterface]:
+    for number in range(node.childCount()):
+        child = node.child(number)
+        if child is None or not child.isValid() or child.state().invisible:
+            continue
+        if not roles or child.role() in roles:
+            yield child
+        yield from _below(child, roles)
+
+
+def name(node: QAccessibleInterface) -> str:
+    return node.text(QAccessible.Text.Name)
+
+
+def press(node: QAccessibleInterface) -> None:
+    acts = node.actionInterface()
+    assert acts is not None
+    acts.doAction("Press")
+
+
+def test_the_lines_of_the_palette_are_found_with_kind_and_key_and_can_be_pressed(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    qtbot.keyClick(window, Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    palette = window.findChild(CommandPalette)
+    assert palette is not None
+    palette.field.setText("photo")
+    lines = list[QAccessibleInterface]()
+
+    def shown() -> bool:
+        lines[:] = told(palette.list, QAccessible.Role.Button)
+        return len(lines) == min(9, len(palette.list.entries))
+
+    qtbot.waitUntil(shown)
+    entries = palette.list.entries
+    assert [name(line) for line in lines] == [entry.spoken for entry in entries[: len(lines)]]
+    assert all(
+        entry.kind in name(line) and entry.key in name(line) for line, entry in zip(lines, entries, strict=False)
+    )
+    assert [line.text(QAccessible.Text.Description) for line in lines[:2]] == ["Chosen: Enter does it", ""]
+    tops = [line.rect().top() for line in lines]
+    assert tops == sorted(set(tops)) and all(line.rect().height() == 40 for line in lines)
+    photo = next(line for line in lines if name(line).startswith("Photo"))
+    assert entries[lines.index(photo)].key in name(photo) and entries[lines.index(photo)].key
+    press(photo)
+    qtbot.waitUntil(lambda: bool(console.named("take_photo")) and palette.isHidden())
+
+
+def test_the_rows_of_people_tell_everything_and_their_buttons_can_be_pressed(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    panel = window.findChild(PeoplePanel)
+    assert panel is not None
+    rows = list(told(panel, QAccessible.Role.Cell))
+    persons = panel.model.persons
+    assert len(rows) >= 2
+    for row, person in zip(rows, persons, strict=False):
+        assert all(word in name(row) for word in (person.group, *person.tags, panel.model.seen(person)))
+    wanted = [(button.tip, place) for button, place in panel.list.buttons(0)]
+    assert wanted
+
+    def shown() -> bool:
+        return {tip for tip, _place in wanted} <= {name(one) for one in told(panel, QAccessible.Role.Button)}
+
+    panel.list.viewport().update()
+    qtbot.waitUntil(shown)
+    for tip, place in wanted:
+        button = next(one for one in told(panel, QAccessible.Role.Button) if name(one) == tip)
+        corner = panel.list.viewport().mapToGlobal(place.topLeft())
+        assert button.rect().topLeft() == corner
+    meant = next(one for one in told(panel, QAccessible.Role.Button) if name(one).startswith("I mean "))
+    press(meant)
+    qtbot.waitUntil(lambda: console.named("attend_person") == [persons[0].person_id])
+
+
+def test_the_turns_are_found_whole_and_can_be_chosen(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+    window.open_panel("conversation")
+    samples.converse(console)
+    transcript = window.findChild(TranscriptView)
+    assert transcript is not None and transcript.rows
+
+    def shown() -> bool:
+        found = {name(one) for one in told(transcript.viewport(), QAccessible.Role.Button)}
+        return {transcript.rows[row].spoken for row in transcript.visible_rows()} <= found
+
+    qtbot.waitUntil(shown)
+    last = transcript.rows[max(transcript.visible_rows())]
+    assert last.time in last.spoken and last.who in last.spoken and last.words in last.spoken
+    turn = next(one for one in told(transcript.viewport()) if name(one) == last.spoken)
+    press(turn)
+    qtbot.waitUntil(lambda: transcript.current == last.utterance_id)
+    # What can be done with the chosen turn is found and pressed in the same way.
+    qtbot.waitUntil(lambda: any(name(one).startswith("Tags (T)") for one in told(transcript.viewport())))
+    press(next(one for one in told(transcript.viewport()) if name(one).startswith("Tags (T)")))
+    qtbot.waitUntil(lambda: transcript.writing)
+
+
+def test_video_and_map_say_what_is_there(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+    video, plan = find(window, "video_view"), find(window, "map_view")
+    qtbot.waitUntil(lambda: "The robot is at 6.5 m, 3.5 m." in plan.accessibleDescription())
+    assert "Places: " in plan.accessibleDescription() and "Robot arm" in plan.accessibleDescription()
+    qtbot.waitUntil(lambda: "Luis" in video.accessibleDescription() or "Nobody" in video.accessibleDescription())
