@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import UtteranceChanged
-from caris_desktop.live.speech_queue import Voice, VoiceKind
+from caris_desktop.live.speech_queue import NO_VOICE, Voice, VoiceKind
 
 _ENDS = ("finished", "interrupted", "failed")
 
@@ -38,7 +38,7 @@ class BothVoices:
         if len(refused) == len(self._voices):
             return False
         for kind in refused:
-            self.lost(kind, utterance, f"the {kind} has no voice now")
+            self.lost(kind, utterance, NO_VOICE[kind])
         return True
 
     def silence(self, actor: Actor) -> bool:

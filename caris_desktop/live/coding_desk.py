@@ -9,6 +9,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.state import LiveValue
@@ -76,7 +77,9 @@ class CodingDesk(QObject):
         self._overview_maker.start()
 
     def _on_damaged(self, why: str) -> None:
-        self._problem("Annotations of a coder cannot be read.", why, "They stay as they are; mend or move the file.")
+        self._problem(
+            tr("Annotations of a coder cannot be read."), why, tr("They stay as they are; mend or move the file.")
+        )
 
     def close(self) -> str:
         """Wait until everything is saved, ten seconds at most; what could not be, in a sentence, else nothing."""
@@ -92,14 +95,18 @@ class CodingDesk(QObject):
         document, saved = self._history.document, self._saved
         if saved == document:
             return ""
-        lost = f"The last annotations could not be saved in {self._session.folder}."
+        folder = self._session.folder
+        lost = tr("The last annotations could not be saved in {folder}.").format(folder=folder)
         try:
             copy = self._keep_copy(document, saved)
         except (AnnotationError, OSError):
             _log.exception("not even a copy of the annotations could be kept")
             copy = None
         if copy is not None:
-            lost += f" A copy lies in {copy}: move its files into the session's folder 'annotations'."
+            lost = tr(
+                "The last annotations could not be saved in {folder}. A copy lies in {copy}: move its files into the"
+                " session's folder 'annotations'."
+            ).format(folder=folder, copy=copy)
         _log.error(lost)
         return lost
 
@@ -166,8 +173,10 @@ class CodingDesk(QObject):
     def _on_overview_missing(self) -> None:
         if self.overview.value is None:
             self._problem(
-                "The timeline cannot show what was recorded.", "Replay and coding still work.", "The log tells why."
+                tr("The timeline cannot show what was recorded."),
+                tr("Replay and coding still work."),
+                tr("The log tells why."),
             )
 
     def _on_save_failed(self, why: str) -> None:
-        self._problem("Your annotations are not saved.", why, "Make room or rights for the session's folder.")
+        self._problem(tr("Your annotations are not saved."), why, tr("Make room or rights for the session's folder."))

@@ -15,6 +15,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent, UseRobot
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import People
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
@@ -97,7 +98,7 @@ class Console(QObject):
         self._robot = RobotService(
             state, self._media_ring,
             new_child=self._new_link, publish=bus.publish, problem=bus.problem,
-            before_goal=lambda: self._drive.release("A goal was set"), asyncio_thread=self._asyncio,
+            before_goal=lambda: self._drive.release(QT_TR_NOOP("A goal was set")), asyncio_thread=self._asyncio,
             wanted_cameras=parts.cameras, slow_work=slow_work, parent=self,
         )  # fmt: skip
         self._microphone = MicrophoneService(
@@ -254,7 +255,7 @@ class Console(QObject):
             return
         self._robot_asked = None
         self._robot_to_connect = connection
-        self._drive.release("Another robot is connected")
+        self._drive.release(QT_TR_NOOP("Another robot is connected"))
         leave = self._robot.leave_for(connection)
         self._slow_work.do(leave, lambda _left: self._connect(connection, actor), self._bus.answer)
 
@@ -323,10 +324,12 @@ class Console(QObject):
                 # The robot is stopped; what was asked of the disk still belongs to the session that ends now.
                 self._slow_work.finish(during)
             service.stop()
-        during("Voice, models and people detection are being ended.", self._end_helpers)
+        during(tr("Voice, models and people detection are being ended."), self._end_helpers)
         self._asyncio.stop()
         during(
-            "The recording is being finished: what is left is written to disk, and checksums are made of all of it.",
+            tr(
+                "The recording is being finished: what is left is written to disk, and checksums are made of all of it."
+            ),
             self._recording.end,
         )
         self._frames.close()

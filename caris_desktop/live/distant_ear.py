@@ -10,6 +10,7 @@ from PySide6.QtCore import QObject, QTimer
 from caris_desktop.domain import clock
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus
@@ -96,16 +97,18 @@ class DistantEar(QObject):
                 self._settled()
         elif now_ns - max(self._heard_ns, self._asked_ns) >= _SILENT_NS and not self._told:
             if before.state != "failed":
-                self._show("failed", detail="No sound comes from it.")
+                self._show("failed", detail=tr("No sound comes from it."))
                 self._settled()
             if now_ns - self._unreachable_ns <= _SILENT_NS:
                 return
             self._told = True
             self._bus.problem(
                 "warning",
-                f"{self._whose[0].upper()}{self._whose[1:]} cannot be heard: no sound comes from it.",
-                "Nothing that is said there is heard, recorded or written down until it is back.",
-                "Check its link, and that the robot publishes its sound as the profile says.",
+                tr("{microphone} cannot be heard: no sound comes from it.").format(
+                    microphone=f"{self._whose[0].upper()}{self._whose[1:]}"
+                ),
+                tr("Nothing that is said there is heard, recorded or written down until it is back."),
+                tr("Check its link, and that the robot publishes its sound as the profile says."),
                 until="microphone",
                 cause="robot_sound",
             )

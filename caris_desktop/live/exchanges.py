@@ -13,6 +13,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.ports import ValueSink
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.model_client import ModelClient
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantStatus, ExchangeStatus
@@ -49,8 +50,8 @@ class Exchanges(QObject):
 
     def show_status(self, status: AssistantStatus) -> None:
         """No model (yet): ``status`` says why."""
-        self._cancel_all("the model is not there any more")
-        self._client.use_none(status.detail or "Its model is still starting: ask again in a moment.")
+        self._cancel_all(QT_TR_NOOP("the model is not there any more"))
+        self._client.use_none(status.detail or tr("Its model is still starting: ask again in a moment."))
         self._none = status
         self._show()
 
@@ -60,18 +61,18 @@ class Exchanges(QObject):
         """Raises ToldFailure where no question can be asked now."""
         if not self._client.ready:
             raise ToldFailure(
-                "The assistant cannot answer now.",
-                "Your question is kept in the field.",
-                "Its model is still starting: ask again in a moment."
+                tr("The assistant cannot answer now."),
+                tr("Your question is kept in the field."),
+                tr("Its model is still starting: ask again in a moment.")
                 if self._none.state == "starting"
-                else (self._none.detail or "Check the scenario's model."),
+                else (self._none.detail or tr("Check the scenario's model.")),
                 severity="warning",
             )
         if sum(row.under_way for row in self._rows.values()) >= MOST_UNDER_WAY:
             raise ToldFailure(
-                f"{MOST_UNDER_WAY} questions are under way already.",
-                "Your question is kept in the field.",
-                "Wait for an answer, or cancel one of them.",
+                tr("%n questions are under way already.", "", MOST_UNDER_WAY),
+                tr("Your question is kept in the field."),
+                tr("Wait for an answer, or cancel one of them."),
                 severity="warning",
             )
 
@@ -129,7 +130,7 @@ class Exchanges(QObject):
 
         Everything about them is published before this returns, so that nothing of it reaches a later recording.
         """
-        self._cancel_all("cancelled as the session began, paused or ended")
+        self._cancel_all(QT_TR_NOOP("cancelled as the session began, paused or ended"))
         for exchange_id in tuple(self._rows):
             self._put_away(exchange_id)
         self._show()

@@ -17,6 +17,7 @@ from websockets.http11 import Request, Response
 from caris_desktop.conversation.face.drawing import Drawing
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.domain.translation import tr
 
 _log = logging.getLogger(__name__)
 TOLD_AT_LEAST_EVERY_S = 1.0
@@ -51,9 +52,9 @@ class FacePage:
             )  # fmt: skip
         except OSError as error:
             raise ToldFailure(
-                f"The page with the face cannot be served ({error.strerror or error}).",
-                "The face's window on this computer works.",
-                "Try again, or use the window.",
+                tr("The page with the face cannot be served ({error}).").format(error=error.strerror or error),
+                tr("The face's window on this computer works."),
+                tr("Try again, or use the window."),
                 severity="warning",
             ) from error
         port = next(iter(self._server.sockets)).getsockname()[1]

@@ -13,6 +13,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GamepadChanged
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.gamepad_mapping import (
     GamepadMapping,
     MappingError,
@@ -166,7 +167,7 @@ class Gamepads(QObject):
         self._mappings[self._device.device] = mapping
         # A button that is down now was pressed under its old meaning.
         self._keep_down(pressed_actions(mapping, self._newest.raw))
-        self._lose("The gamepad was set up differently")
+        self._lose(QT_TR_NOOP("The gamepad was set up differently"))
         self.mapping_changed.emit()
         self.mappings_changed.emit(mappings_text(self._mappings))
 
@@ -197,7 +198,7 @@ class Gamepads(QObject):
         now_ns = clock.now_ns()
         # While nothing was taken the stick may have been anywhere: after a stall it has to be let go first.
         if self._wish.moving and now_ns - self._taken_ns > STALE_NS:
-            self._lose("The program stalled")
+            self._lose(QT_TR_NOOP("The program stalled"))
         self._taken_ns = now_ns
         for message in messages:
             if isinstance(message, _Plugged):
@@ -241,7 +242,7 @@ class Gamepads(QObject):
 
     def _check_age(self) -> None:
         if self._wish.moving and clock.now_ns() - self._newest.stamp_ns > STALE_NS:
-            self._lose("The gamepad stopped answering")
+            self._lose(QT_TR_NOOP("The gamepad stopped answering"))
 
     def _lose(self, reason: str) -> None:
         """Nothing is held any more; the sticks move something again once they have been at rest."""
@@ -256,7 +257,7 @@ class Gamepads(QObject):
         self._keep_down(frozenset())
         self._newest = GamepadSample(clock.now_ns(), RawInputs())
         if former is not None:
-            self._lose("The gamepad was unplugged")
+            self._lose(QT_TR_NOOP("The gamepad was unplugged"))
             self._publish(GamepadChanged(clock.now_ns(), former.device, former.name, False))
         self._blocked = True
         if device is None:
@@ -265,7 +266,7 @@ class Gamepads(QObject):
         else:
             self._mapping = self._mappings.get(device.device) or _default_for(device)
             self._publish(GamepadChanged(clock.now_ns(), device.device, device.name, True))
-            known = "" if device.controller or device.device in self._mappings else "not known: check its buttons"
+            known = "" if device.controller or device.device in self._mappings else tr("not known: check its buttons")
             self._state.gamepad.set(GamepadStatus(device.device, device.name, known))
         self.mapping_changed.emit()
 
@@ -345,14 +346,14 @@ class _Reader:
             self._controller.init()
         except Exception as error:  # the console works without gamepads, whatever is wrong with SDL here
             _log.exception("gamepads cannot be used")
-            self._inbox.put(_Failed(f"Gamepads cannot be used: {error}"))
+            self._inbox.put(_Failed(tr("Gamepads cannot be used: {error}").format(error=error)))
             return
         try:
             self._listen()
         except Exception:
             _log.exception("the gamepad thread failed")
             self._inbox.put(_Plugged(None))
-            self._inbox.put(_Failed("The gamepad stopped working: restart the program to use it"))
+            self._inbox.put(_Failed(tr("The gamepad stopped working: restart the program to use it")))
         finally:
             self._joystick = None
             self._controller.quit()

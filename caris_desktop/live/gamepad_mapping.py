@@ -11,8 +11,10 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import Any, Final, Literal, get_args
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.motion_wish import MotionWish
 
 MAPPINGS_VERSION: Final = 1
@@ -248,24 +250,53 @@ def _held_nowhere(known: float | None, value: float | None, rest: float | None) 
     return known is None and value is not None and rest is not None and abs(value - rest) < 0.3
 
 
-_HAT_WORDS = {1: "up", 2: "right", 4: "down", 8: "left"}
+_HAT_WORDS = {
+    1: QT_TR_NOOP("Pad up"),
+    2: QT_TR_NOOP("Pad right"),
+    4: QT_TR_NOOP("Pad down"),
+    8: QT_TR_NOOP("Pad left"),
+}
+_NUMBERED_HAT_WORDS = {
+    1: QT_TR_NOOP("Pad {number} up"),
+    2: QT_TR_NOOP("Pad {number} right"),
+    4: QT_TR_NOOP("Pad {number} down"),
+    8: QT_TR_NOOP("Pad {number} left"),
+}
 
 
 def binding_words(binding: str, names: Mapping[str, str] | None = None) -> str:
     """What a wizard reads: ``Button 2``, ``Stick axis 1``; ``names`` gives the device's own names of its parts."""
-    return " or ".join(_part_words(part, names or {}) for part in binding.split("|")) if binding else "none"
+    if not binding:
+        return tr("none")
+    first, *others = (_part_words(part, names or {}) for part in binding.split("|"))
+    return reduce(lambda known, other: tr("{one} or {other}").format(one=known, other=other), others, first)
 
 
 def part_names(controller: Mapping[str, str] | None) -> dict[str, str]:
     """The words for each input of a device that SDL knows."""
     words = {
-        "a": "A", "b": "B", "x": "X", "y": "Y", "back": "Back", "start": "Start", "guide": "Guide",
-        "leftstick": "Left stick pressed", "rightstick": "Right stick pressed", "leftshoulder": "Left shoulder",
-        "rightshoulder": "Right shoulder", "dpup": "Pad up", "dpdown": "Pad down", "dpleft": "Pad left",
-        "dpright": "Pad right", "leftx": "Left stick sideways", "lefty": "Left stick up and down",
-        "rightx": "Right stick sideways", "righty": "Right stick up and down", "lefttrigger": "Left trigger",
-        "righttrigger": "Right trigger",
-    }  # fmt: skip
+        "a": "A",
+        "b": "B",
+        "x": "X",
+        "y": "Y",
+        "back": tr("Back"),
+        "start": tr("Start"),
+        "guide": tr("Guide"),
+        "leftstick": tr("Left stick pressed"),
+        "rightstick": tr("Right stick pressed"),
+        "leftshoulder": tr("Left shoulder"),
+        "rightshoulder": tr("Right shoulder"),
+        "dpup": tr("Pad up"),
+        "dpdown": tr("Pad down"),
+        "dpleft": tr("Pad left"),
+        "dpright": tr("Pad right"),
+        "leftx": tr("Left stick sideways"),
+        "lefty": tr("Left stick up and down"),
+        "rightx": tr("Right stick sideways"),
+        "righty": tr("Right stick up and down"),
+        "lefttrigger": tr("Left trigger"),
+        "righttrigger": tr("Right trigger"),
+    }
     return {value.strip("+-~"): words[name] for name, value in (controller or {}).items() if name in words}
 
 
@@ -294,28 +325,34 @@ def mappings_from_text(text: str) -> dict[str, GamepadMapping]:
     try:
         data = json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
-        raise MappingError(f"The stored gamepad mappings are not JSON: {error}.") from error
+        raise MappingError(tr("The stored gamepad mappings are not JSON: {error}.").format(error=error)) from error
     if not isinstance(data, dict) or not isinstance(data.get("devices"), dict):
-        raise MappingError("The stored gamepad mappings have an unknown form.")
+        raise MappingError(tr("The stored gamepad mappings have an unknown form."))
     if data.get("version") != MAPPINGS_VERSION:
         raise MappingError(
-            f"The stored gamepad mappings have version {data.get('version')!r}; this program reads {MAPPINGS_VERSION}."
+            tr("The stored gamepad mappings have version {found}; this program reads {known}.").format(
+                found=repr(data.get("version")), known=MAPPINGS_VERSION
+            )
         )
     return {str(device): _mapping_from_data(entry) for device, entry in data["devices"].items()}
 
 
 def _mapping_from_data(entry: Any) -> GamepadMapping:
     if not isinstance(entry, dict):
-        raise MappingError("A stored gamepad mapping is not a list of settings.")
+        raise MappingError(tr("A stored gamepad mapping is not a list of settings."))
     bindings: dict[str, dict[Any, str]] = {}
     for kind, actions in (("axes", AXIS_ACTIONS), ("buttons", BUTTON_ACTIONS)):
         stored = entry.get(kind, {})
         if not isinstance(stored, dict):
-            raise MappingError(f"The {kind} of a stored gamepad mapping are not a list.")
+            raise MappingError(tr("The {parts} of a stored gamepad mapping are not a list.").format(parts=kind))
         bindings[kind] = {}
         for action, binding in stored.items():
             if action not in actions or not is_binding(binding):
-                raise MappingError(f"A stored gamepad mapping has an unknown binding: {action!r} to {binding!r}.")
+                raise MappingError(
+                    tr("A stored gamepad mapping has an unknown binding: {action} to {binding}.").format(
+                        action=repr(action), binding=repr(binding)
+                    )
+                )
             bindings[kind][action] = binding
     numbers = {}
     for name, lowest, highest in (
@@ -323,7 +360,9 @@ def _mapping_from_data(entry: Any) -> GamepadMapping:
     ):  # fmt: skip
         value = entry.get(name, getattr(GamepadMapping(), name))
         if not isinstance(value, (int, float)) or isinstance(value, bool) or not lowest <= value <= highest:
-            raise MappingError(f"A stored gamepad mapping has a {name} of {value!r}.")
+            raise MappingError(
+                tr("A stored gamepad mapping has a {name} of {value}.").format(name=name, value=repr(value))
+            )
         numbers[name] = float(value)
     return GamepadMapping(axes=bindings["axes"], buttons=bindings["buttons"], **numbers)
 
@@ -361,10 +400,12 @@ def _part_words(part: str, names: Mapping[str, str]) -> str:
         return names[bare]
     _half, axis, _inverted, button, hat, direction = match.groups()
     if axis is not None:
-        return f"Axis {int(axis) + 1}"
+        return tr("Axis {number}").format(number=int(axis) + 1)
     if button is not None:
-        return f"Button {int(button) + 1}"
-    return f"Pad {_HAT_WORDS[int(direction)]}" if hat == "0" else f"Pad {int(hat) + 1} {_HAT_WORDS[int(direction)]}"
+        return tr("Button {number}").format(number=int(button) + 1)
+    if hat == "0":
+        return tr(_HAT_WORDS[int(direction)])
+    return tr(_NUMBERED_HAT_WORDS[int(direction)]).format(number=int(hat) + 1)
 
 
 def _same_input(first: str, second: str) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Gap
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.child_process import ChildProcess
 
 STREAM = "transcription"
@@ -60,6 +61,6 @@ class ListeningFeed:
                 left_out = self._left_out if self._pieces <= _PIECES_AT_MOST // 2 else 0
                 self._left_out -= left_out
             if left_out:
-                self._tell(Gap(clock.now_ns(), STREAM, left_out, "speech recognition did not keep up"))
+                self._tell(Gap(clock.now_ns(), STREAM, left_out, QT_TR_NOOP("speech recognition did not keep up")))
             if not self._recogniser.send_raw_waiting(raw):
                 return

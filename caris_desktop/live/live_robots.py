@@ -19,6 +19,7 @@ from PySide6.QtNetwork import QLocalServer, QLocalSocket
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Severity
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import LiveRobotsStatus
 from caris_desktop.live.wizard_console import WizardConsole
@@ -109,7 +110,7 @@ class LiveRobotHost(QObject):
     def _present(self) -> dict[str, Any]:
         link = self._console.state.link.value
         return {
-            "robot": "" if link.state == "closed" else link.robot or "The robot",
+            "robot": "" if link.state == "closed" else link.robot or tr("The robot"),
             "reached": link.state in _REACHED,
             "emergency_stop": self._console.state.drive.value.emergency_stop,
         }
@@ -198,7 +199,7 @@ class LiveRobots(QObject):
             if not any(self._unconfirmed.values()):
                 self._patience.stop()
             if message["did"] == "emergency_stop" and not self._present.get(name, {}).get("reached"):
-                self._tell_not_done("The live console cannot reach the robot now.", name)
+                self._tell_not_done(tr("The live console cannot reach the robot now."), name)
         else:
             self._present[name] = message
             self._show()
@@ -207,7 +208,7 @@ class LiveRobots(QObject):
         name = self._name_of(console)
         self._consoles.pop(name, None)
         if self._unconfirmed.pop(name, None):
-            self._tell_not_done("The live console ended before it answered.", name)
+            self._tell_not_done(tr("The live console ended before it answered."), name)
         self._present.pop(name, None)
         self._show()
 
@@ -215,13 +216,13 @@ class LiveRobots(QObject):
         for name, orders in self._unconfirmed.items():
             if orders:
                 orders.clear()
-                self._tell_not_done("The live console does not answer.", name)
+                self._tell_not_done(tr("The live console does not answer."), name)
 
     def _tell_not_done(self, what: str, name: str) -> None:
-        robot = self._present.get(name, {}).get("robot") or "Its robot"
+        robot = self._present.get(name, {}).get("robot") or tr("Its robot")
         self._problem(
-            "error", what, f"{robot} may not have been stopped.",
-            "Stop it in the live window or with the robot's own emergency stop button.",
+            "error", what, tr("{robot} may not have been stopped.").format(robot=robot),
+            tr("Stop it in the live window or with the robot's own emergency stop button."),
         )  # fmt: skip
 
     def _show(self) -> None:

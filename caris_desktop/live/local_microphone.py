@@ -16,6 +16,7 @@ from caris_desktop.conversation.microphone_messages import (
 )
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
@@ -111,7 +112,7 @@ class LocalMicrophone(QObject):
             return
         self.get_ready()
         if self.child is None:
-            self._show("failed", self._chosen, detail="It failed too often.")
+            self._show("failed", self._chosen, detail=tr("It failed too often."))
             self._settled()
         else:
             self._show("starting", self._chosen)
@@ -170,7 +171,9 @@ class LocalMicrophone(QObject):
             case MicrophoneLevel(peak) if self._open:
                 self._show("on", name, level=round(peak, 3))
             case MicrophoneFailed(problem) if self._open:
-                self._show("failed", name, detail="No microphone is plugged in." if problem is None else problem.what)
+                self._show(
+                    "failed", name, detail=tr("No microphone is plugged in.") if problem is None else problem.what
+                )
                 self._settled()
                 if problem is not None:
                     self._bus.publish(problem)
@@ -192,8 +195,10 @@ class LocalMicrophone(QObject):
             own = self._source == WIZARD_MICROPHONE
             self._bus.problem(
                 "warning",
-                f"Listening to {'your' if own else 'the'} microphone stopped unexpectedly.",
-                "A moment of its sound is missing." if again else "Its sound is missing from now on.",
+                tr("Listening to your microphone stopped unexpectedly.")
+                if own
+                else tr("Listening to the microphone stopped unexpectedly."),
+                tr("A moment of its sound is missing.") if again else tr("Its sound is missing from now on."),
                 self._restarts.advice,
                 until="own_microphone" if own else "microphone",
             )

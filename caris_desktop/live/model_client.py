@@ -22,6 +22,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ChatMessage, LlmExchange, LlmOutcome
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.ports import ValueSink
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 
 _log = logging.getLogger(__name__)
@@ -92,7 +93,7 @@ class Asking:
         self.exchange_id = exchange_id
         self._client = client
 
-    def cancel(self, why: str = "cancelled by the wizard") -> None:
+    def cancel(self, why: str = QT_TR_NOOP("cancelled by the wizard")) -> None:
         """End it; ``on_end`` is called and the exchange published before this returns. Nothing where it has ended."""
         self._client.cancel(self.exchange_id, why)
 
@@ -126,7 +127,7 @@ class ModelClient(QObject):
         self._endpoint: ModelEndpoint | None = None
         self._local_only = True
         self._shown_as = ""
-        self._why_none = "No language model is set up."
+        self._why_none = tr("No language model is set up.")
         self._versions: dict[ModelEndpoint, str] = {}
         self._asking_version: Future[None] | None = None
         self._running: dict[str, _Running] = {}
@@ -165,7 +166,7 @@ class ModelClient(QObject):
         """
         if (endpoint, shown_as, local_only) == (self._endpoint, self._shown_as, self._local_only):
             return
-        self.cancel_all("another model was chosen")
+        self.cancel_all(QT_TR_NOOP("another model was chosen"))
         self._endpoint, self._shown_as, self._local_only = endpoint, shown_as, local_only
         self._find_version(endpoint, local_only=local_only)
 
@@ -185,7 +186,7 @@ class ModelClient(QObject):
 
     def use_none(self, why: str) -> None:
         """There is no model (yet): ``why`` goes into what those who ask are told."""
-        self.cancel_all("the model is not there any more")
+        self.cancel_all(QT_TR_NOOP("the model is not there any more"))
         self._endpoint, self._why_none = None, why
 
     def ask(
@@ -217,7 +218,7 @@ class ModelClient(QObject):
         """
         if self._endpoint is None:
             raise ToldFailure(
-                "The assistant cannot answer now.", "Nothing was asked.", self._why_none, severity="warning"
+                tr("The assistant cannot answer now."), tr("Nothing was asked."), self._why_none, severity="warning"
             )
         asked = _Asked(
             exchange_id=exchange_id or f"x-{secrets.token_hex(4)}",
@@ -314,12 +315,15 @@ class ModelClient(QObject):
                     told_ns = now_ns
                     self._grew.emit(asked.exchange_id, "".join(heard.pieces))
         except asyncio.CancelledError:
-            outcome, detail = "cancelled", "cancelled as the program closed"
+            outcome, detail = "cancelled", QT_TR_NOOP("cancelled as the program closed")
         except LanguageModelError as error:
             outcome, detail = "failed", f"{error.what} {error.advice}"
         except Exception as error:
             _log.exception("the language model exchange failed")
-            outcome, detail = "failed", f"The answer could not be read ({type(error).__name__}). Ask again."
+            outcome, detail = (
+                "failed",
+                tr("The answer could not be read ({error}). Ask again.").format(error=type(error).__name__),
+            )
         exchange = _exchange(asked, heard, outcome, detail, self._versions.get(asked.endpoint, ""))
         if outcome != "cancelled":
             heard.exchange = exchange

@@ -16,6 +16,7 @@ from caris_desktop.domain.commands import PlayOnRobot
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE, PlayedSound
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessBody
@@ -171,7 +172,7 @@ class OwnVoice(QObject):
         if utterance is None:
             return
         if not self._began and not detail:
-            detail = "nothing was heard of it"
+            detail = QT_TR_NOOP("nothing was heard of it")
         state: Literal["finished", "interrupted", "failed"] = "finished"
         if detail:
             state = "interrupted" if self._began else "failed"

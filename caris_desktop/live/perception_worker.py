@@ -28,6 +28,7 @@ from caris_desktop.domain.sensing import (
     People,
     RobotPose,
 )
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
@@ -165,7 +166,7 @@ class PerceptionWorker(QObject):
             self._run()
         except Exception:
             _log.exception("the perception worker failed")
-            self._set_status(replace(self._status, state="failed", detail="People are not recognised any more"))
+            self._set_status(replace(self._status, state="failed", detail=tr("People are not recognised any more")))
         finally:
             thread = self.thread()
             if isinstance(thread, QThread):
@@ -246,14 +247,14 @@ class PerceptionWorker(QObject):
                     Problem(
                         clock.now_ns(),
                         "warning",
-                        "People recognition stopped unexpectedly.",
-                        "Boxes and the People panel are empty until it is back; the recording goes on.",
+                        tr("People recognition stopped unexpectedly."),
+                        tr("Boxes and the People panel are empty until it is back; the recording goes on."),
                         restarts.advice,
                         until="people",
                     )
                 )
                 if child is None:
-                    self._set_status(PerceptionStatus(state="failed", detail="Stopped unexpectedly, too often"))
+                    self._set_status(PerceptionStatus(state="failed", detail=tr("Stopped unexpectedly, too often")))
             self._publish_all(presence.tick(clock.now_ns()))
             if busy and clock.now_ns() - asked_ns > _ANSWER_WITHIN_NS:
                 busy = False

@@ -16,6 +16,7 @@ from caris_desktop.conversation.sound.playback_messages import (
     SetVolume,
 )
 from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
 from caris_desktop.live.service import Restarts
@@ -67,7 +68,7 @@ class Playback(QObject):
         self.get_ready()
         self._stream_id = stream_id
         if self.child is None:
-            self._give_up("it failed too often")
+            self._give_up(tr("it failed too often"))
         else:
             self.child.send(BeginPlaying(stream_id, volume, most_s))
 
@@ -129,4 +130,4 @@ class Playback(QObject):
             return
         self.child = None
         self._restarts.another()
-        self._give_up("the sound system got stuck")
+        self._give_up(tr("the sound system got stuck"))

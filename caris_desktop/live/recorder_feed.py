@@ -11,6 +11,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Gap
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.streams import BY_TYPE, Delivery
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.child_process import ChildProcess
 
 _log = logging.getLogger(__name__)
@@ -161,7 +162,7 @@ class RecorderFeed:
 
     def _append_gaps(self) -> None:
         for stream, count in self._dropped.items():
-            gap = Gap(clock.now_ns(), stream, count, "the recorder could not keep up")
+            gap = Gap(clock.now_ns(), stream, count, QT_TR_NOOP("the recorder could not keep up"))
             self._append(pickle.dumps(gap, protocol=pickle.HIGHEST_PROTOCOL))
         self._dropped.clear()
 

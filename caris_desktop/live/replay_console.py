@@ -19,6 +19,7 @@ from caris_desktop.domain import intents, person_marks
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened, Severity
 from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.coding_desk import CodingDesk
@@ -134,14 +135,13 @@ class ReplayConsole(QObject):
             cut = not session.closed_properly
             self._tell(
                 "warning",
-                "This session was cut off while it was recorded." if cut else "A part of this session is missing.",
+                tr("This session was cut off while it was recorded.")
+                if cut
+                else tr("A part of this session is missing."),
                 " ".join(told),
-                "What is left is shown. "
-                + (
-                    "What a repair found is kept in its folder 'recovered'."
-                    if session.repairs
-                    else "If there is a copy of the session, take the files from there."
-                ),
+                tr("What is left is shown. What a repair found is kept in its folder 'recovered'.")
+                if session.repairs
+                else tr("What is left is shown. If there is a copy of the session, take the files from there."),
             )
 
     def shutdown(self) -> None:
@@ -315,7 +315,10 @@ class ReplayConsole(QObject):
     def _emergency_stop(self) -> None:
         if self._live is None or not self._live.emergency_stop():
             self._tell(
-                "info", "There is no live robot to stop.", "This is a replay, and no console of yours runs here.", ""
+                "info",
+                tr("There is no live robot to stop."),
+                tr("This is a replay, and no console of yours runs here."),
+                "",
             )
 
     def robots(self) -> Sequence[RobotChoice]:

@@ -11,6 +11,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import (
@@ -110,7 +111,9 @@ class LiveRobotExplorer(QObject):
             except Exception as error:
                 logger.exception("Looking at a robot failed")
                 result = ToldFailure(
-                    "Looking at the robot failed.", f"{type(error).__name__}: {error}.", "The log has the details."
+                    tr("Looking at the robot failed."),
+                    f"{type(error).__name__}: {error}.",
+                    tr("The log has the details."),
                 )
             self._answered.emit(number, done, result)
 
@@ -126,13 +129,15 @@ def _save(profile: RobotProfile, title: str) -> RobotChoice:
     taken = {known.name for known in list_profiles()}
     if path.exists() or path.stem in taken:
         raise ToldFailure(
-            f"There is a robot named {path.stem} already.", "It was not overwritten.", "Choose another name."
+            tr("There is a robot named {robot} already.").format(robot=path.stem),
+            tr("It was not overwritten."),
+            tr("Choose another name."),
         )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         save_profile(replace(profile, name=path.stem, title=title), path)
     except (OSError, ProfileError) as error:
         raise ToldFailure(
-            "The robot was not saved.", f"{error}", "Choose another name, or free space on the disk."
+            tr("The robot was not saved."), f"{error}", tr("Choose another name, or free space on the disk.")
         ) from error
     return RobotChoice(path.stem, title, without_credentials(profile.address))

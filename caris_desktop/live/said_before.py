@@ -8,6 +8,7 @@ from pathlib import Path
 
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 
@@ -65,7 +66,7 @@ def _read(path: Path) -> tuple[str, ...]:  # in the thread for slow work
     except FileNotFoundError:
         return ()
     except (OSError, ValueError) as error:
-        raise ToldFailure("What was said before could not be read.", str(error), "") from error
+        raise ToldFailure(tr("What was said before could not be read."), str(error), "") from error
     return tuple(sentence for sentence in sentences if isinstance(sentence, str))
 
 
@@ -74,7 +75,7 @@ def _write(path: Path, text: str) -> None:  # in the thread for slow work
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode(), durable=False)
     except OSError as error:
-        raise ToldFailure("What was said could not be kept.", str(error), "") from error
+        raise ToldFailure(tr("What was said could not be kept."), str(error), "") from error
 
 
 def _tell(failure: ToldFailure) -> None:

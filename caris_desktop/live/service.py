@@ -7,6 +7,7 @@ from typing import Any
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.scenario.model import Scenario
 
@@ -67,4 +68,4 @@ class Restarts:
     @property
     def advice(self) -> str:
         """What the wizard can do."""
-        return "It failed too often: restart the program." if self.exhausted else "It is being started again."
+        return tr("It failed too often: restart the program.") if self.exhausted else tr("It is being started again.")

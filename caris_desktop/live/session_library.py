@@ -20,6 +20,7 @@ from typing import IO, TYPE_CHECKING, Any
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.events import Severity
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import ExportStatus, LibraryStatus
@@ -136,7 +137,11 @@ class LiveSessionLibrary(QObject):
                     continue
                 except Exception as error:
                     _log.exception("looking for sessions in %s", self._study)
-                    self._looked.emit(LibraryStatus(query, detail=f"The sessions could not be looked through: {error}"))
+                    self._looked.emit(
+                        LibraryStatus(
+                            query, detail=tr("The sessions could not be looked through: {error}").format(error=error)
+                        )
+                    )
         finally:
             if index is not None:
                 index.close()
@@ -160,7 +165,9 @@ class LiveSessionLibrary(QObject):
                 raise
         except OSError as error:
             _log.exception("the replay of %s", folder)
-            self._problem("error", "The replay did not open.", f"{error.strerror}.", "Try again, or from a terminal.")
+            self._problem(
+                "error", tr("The replay did not open."), f"{error.strerror}.", tr("Try again, or from a terminal.")
+            )
             return
         self._replays.append(_Replay(folder, process, words))
         self._replay_watch.start()
@@ -178,9 +185,9 @@ class LiveSessionLibrary(QObject):
             _log.error("the replay of %s ended with %s: %s", replay.folder, replay.process.returncode, last_words)
             self._problem(
                 "error",
-                f"The replay of {replay.folder.name} has ended.",
-                last_words[-1][:_LAST_LINE_CHARACTERS] if last_words else "It did not say why; the log may tell.",
-                "The session that runs here is not touched by it.",
+                tr("The replay of {name} has ended.").format(name=replay.folder.name),
+                last_words[-1][:_LAST_LINE_CHARACTERS] if last_words else tr("It did not say why; the log may tell."),
+                tr("The session that runs here is not touched by it."),
             )
 
     # Exporting
@@ -228,7 +235,7 @@ class LiveSessionLibrary(QObject):
         exporter, self._exporter = self._exporter, None
         if exporter is None:
             return
-        self.export.set(replace(self.export.value, state="cancelled", detail="What was finished before is kept."))
+        self.export.set(replace(self.export.value, state="cancelled", detail=tr("What was finished before is kept.")))
         self._end(exporter)
 
     def _on_exporter_message(self, exporter: ChildProcess, message: Any) -> None:
@@ -256,7 +263,7 @@ class LiveSessionLibrary(QObject):
             return
         self._exporter = None
         self._end(exporter)
-        self.export.set(ExportStatus("failed", detail="The export ended unexpectedly. The sessions are unharmed."))
+        self.export.set(ExportStatus("failed", detail=tr("The export ended unexpectedly. The sessions are unharmed.")))
 
     def _end(self, exporter: ChildProcess) -> None:
         """In a thread of its own: what has to be removed may be many gigabytes."""
@@ -291,5 +298,6 @@ def _look(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryS
     details = [index.message] if index.message else []
     if unreadable:
         names = ", ".join(session.folder.name for session in unreadable[:3])
-        details.append(f"Cannot be read: {names}{' and others' if len(unreadable) > 3 else ''}.")
+        told = tr("Cannot be read: {names} and others.") if len(unreadable) > 3 else tr("Cannot be read: {names}.")
+        details.append(told.format(names=names))
     return LibraryStatus(query, sessions, hits, total, updating, " ".join(details))

@@ -6,6 +6,8 @@ import subprocess
 import threading
 from collections.abc import Callable, Sequence
 
+from caris_desktop.domain.translation import tr
+
 _log = logging.getLogger(__name__)
 _READY = re.compile(r"ws://\S+")
 
@@ -56,7 +58,7 @@ class SimulatedRobotProcess:
                 break
         else:
             if not self._stopping:
-                self._on_failed(f"it ended with exit code {process.wait()}")
+                self._on_failed(tr("it ended with exit code {code}").format(code=process.wait()))
             return
         for line in process.stdout:
             _log.info("simulated robot: %s", line.rstrip())

@@ -12,6 +12,7 @@ from typing import TypeVar
 from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 
 _log = logging.getLogger(__name__)
 _FINISHED_WITHIN_S = 30.0
@@ -61,7 +62,7 @@ class SlowWork(QObject):
         until_s = time.monotonic() + _FINISHED_WITHIN_S
         while (self._undone or self._outcomes) and time.monotonic() < until_s:
             if self._undone:
-                during("What was asked last is being written to disk.", partial(self._wait, until_s))
+                during(tr("What was asked last is being written to disk."), partial(self._wait, until_s))
             self._tell()
         with self._changed:
             self._closed = True
@@ -106,8 +107,8 @@ def _outcome(work: Callable[[], T], done: Callable[[T], None], failed: Callable[
         return partial(
             failed,
             ToldFailure(
-                "Something that was asked for could not be done.",
+                tr("Something that was asked for could not be done."),
                 f"{type(error).__name__}: {error}.",
-                "Try it again; the log has the details.",
+                tr("Try it again; the log has the details."),
             ),
         )

@@ -14,11 +14,17 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, VoiceOutput
 from caris_desktop.domain.sound import PlayedSound
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.voice import estimated_duration_s
 
 VoiceKind = VoiceOutput
+NO_VOICE: dict[VoiceKind, str] = {
+    "robot": QT_TR_NOOP("the robot has no voice now"),
+    "computer": QT_TR_NOOP("the computer has no voice now"),
+    "both": QT_TR_NOOP("neither the robot nor the computer has a voice now"),
+}
 _ENDS = ("finished", "interrupted", "failed")
 
 
@@ -231,7 +237,7 @@ class SpeechQueue(QObject):
             if self._voices[self._kind_of(utterance)].say(utterance, queued.spoken):
                 self._now = utterance
             else:
-                detail = f"the {self._kind} has no voice now"
+                detail = NO_VOICE[self._kind]
                 self.report(replace(utterance, stamp_ns=clock.now_ns(), state="failed", detail=detail))
         self._show()
 

@@ -21,6 +21,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import AsBefore
 from caris_desktop.domain.sound import Role
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.people.store import HistoryEntry
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
@@ -51,7 +52,7 @@ class DriveStatus:
     """
 
     allowed: bool = False
-    reason: str = "Not connected"
+    reason: str = QT_TR_NOOP("Not connected")
     cap_fraction: float = 1.0
     cap_reason: str = ""
     speed_fraction: float = 0.6

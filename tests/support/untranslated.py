@@ -29,6 +29,11 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "": {"not checked": _A_STATE},
     "live/assistant_context.py": {"*": _PROMPT},
     "live/face_page.py": {"There is nothing here.\n": _BROWSER, "Too many pages are open.\n": _BROWSER},
+    "live/forgetting.py": {"*": "said by the process that forgets, which speaks English"},
+    "live/preflight.py": {"by hand: {}": "the name of a check in the record"},
+    "live/session_library.py": {"{} {} sessions": "the name of a folder"},
+    "live/own_voice.py": {"(the wizard’s own voice)": "stands in the record in place of what was said"},
+    "live/logs.py": {"*": "for the terminal and the log"},
     "live/services/assistant.py": {"Hello.": _PROMPT},
     "live/services/practice.py": {
         "Could you tell me something about this place?": "said by who takes part in the practice"
