@@ -49,7 +49,9 @@ _LOOKED_THROUGH, _LOOKED_THROUGH_AGAIN = 38_400, 24_000
 """In the last 2.4 s it is looked for, and in the last 1.5 s once it was found."""
 _NEW_PLACE = 40
 """The same place is found again within so many samples."""
-_HEARD_AGAIN = 0.1
+_HEARD_AGAIN = 0.3
+_LEARNT_ANEW, _LEARNT_ANEW_FROM = 2, 48 * HOP
+"""So often, and from so little before, the room is learnt anew where the robot was found but is not explained."""
 _EXPLAINED, _EXPLAINED_FRAMES = 0.5, 8
 """Where the robot speaks alone it explains more of what is heard than this."""
 _RESOUNDS_FRAMES = 16
@@ -108,6 +110,7 @@ class EchoCanceller:
         self._found: int | None = None
         """How much later than told the robot was found in the sound since then; samples."""
         self._looked_at = -_HINDSIGHT
+        self._learns_anew = 0
         self._lost: list[tuple[int, int]] = []
         """What of the sound is missing, from one place to another."""
         self._told_late_from: int | None = None
@@ -247,6 +250,7 @@ class EchoCanceller:
         start_ns = self._base_ns + ns_of(at)
         if not self._played.anything(start_ns - ns_of(_LATEST), start_ns + ns_of(FRAME + _AHEAD)):
             self._may_sound_from = self._found = None
+            self._learns_anew = 0
             return
         if self._may_sound_from is None:
             self._may_sound_from = at
@@ -286,7 +290,7 @@ class EchoCanceller:
         self._found = lag
         if lag - self._late not in _WELL_PLACED:
             self._late = lag - _EARLY
-            start = self._first_heard()
+            start = self._first_heard(at)
         elif loudness * 1.5 < self._loudness < loudness * 24.0:
             return
         self._loudness = _MARGIN * loudness
@@ -307,16 +311,18 @@ class EchoCanceller:
         if peak < _SURE_PEAK_ELSEWHERE:
             return
         before, self._found = self._found, lag
-        if before is not None and abs(lag - before) <= _NEW_PLACE:
+        same = before is not None and abs(lag - before) <= _NEW_PLACE
+        if (same and not self._learns_anew) or (before is None and lag - self._late in _WELL_PLACED):
             return
-        if before is None and lag - self._late in _WELL_PLACED:
-            return
-        self._late = lag - _EARLY
-        first = self._first_heard()
+        self._learns_anew = self._learns_anew - 1 if same else _LEARNT_ANEW if before is not None else 0
+        self._late = lag - _EARLY if not same else self._late
+        first = max(self._first_heard(at), at - _LEARNT_ANEW_FROM if same else 0)
         start = first if before is None or bad_from is None else self._again_from(max(first, bad_from), at, loudness)
         self._began = self._last_played = start
         self._loudness = _MARGIN * loudness
         self._room.doubt(self._loudness, self._known_before)
+        self._learn_again(start, at + HOP)
+        # And once more with what was learnt of the room by its end: better known in hindsight.
         self._learn_again(start, at + HOP)
 
     def _find(self, start: int, at: int) -> tuple[int, float, float]:
@@ -329,15 +335,11 @@ class EchoCanceller:
         part = played[_LATEST - lag :][: len(heard)]
         return lag, peak, float((heard**2).sum()) / max(float((part**2).sum()), 1e-9)
 
-    def _first_heard(self) -> int:
-        """The first frame with anything of the robot in it; whatever lies before is nobody's but others'."""
-        first = -(-self._heard_from // HOP) * HOP
-        for at in range(first, self._next_frame, HOP):
-            if self._reference(at, FRAME).any():
-                return at
-            energy = energy_of(self._heard_at(at, FRAME))
-            self._note(at, _Energies(energy, energy, played=False))
-        return max(first, self._next_frame - HOP)
+    def _first_heard(self, at: int) -> int:
+        """The first frame of the utterance that is heard in the frame ``at``, or was before it."""
+        began_ns = self._played.began_ns(self._base_ns + ns_of(at + FRAME - self._late))
+        first = at if began_ns is None else self._place_of(began_ns) + self._late - FRAME + HOP
+        return min(-(-max(first, self._heard_from) // HOP) * HOP, at)
 
     def _again_from(self, start: int, at: int, loudness: float) -> int:
         """Where the robot is heard again that was given nothing to say for a while: of what was played nothing is heard

@@ -67,5 +67,15 @@ class Played:
         """Whether any sound was played between those moments."""
         return any(piece.start_ns < end_ns and piece.end_ns > start_ns for piece in self._pieces)
 
+    def began_ns(self, moment_ns: int) -> int | None:
+        """When the utterance began that is played then, or was played last before; None where none was."""
+        before = [piece for piece in self._pieces if piece.start_ns <= moment_ns]
+        if not before:
+            return None
+        last = max(before, key=lambda piece: piece.start_ns)
+        if not last.utterance_id:
+            return last.start_ns
+        return min(piece.start_ns for piece in before if piece.utterance_id == last.utterance_id)
+
     def forget_before(self, moment_ns: int) -> None:
         self._pieces = [piece for piece in self._pieces if piece.end_ns >= moment_ns]
