@@ -25,6 +25,7 @@ from caris_desktop.domain.events import (
     PersonSplit,
     Problem,
 )
+from caris_desktop.domain.translation import tr
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.identities import UNDECIDED
 from caris_desktop.people.known import KnownPeople, Undo, merged
@@ -153,9 +154,9 @@ class Decisions:
                 Problem(
                     now_ns,
                     "info",
-                    "Two people have the same name now.",
-                    "They stay two, with what is known of each.",
-                    "Merge them in the People panel if they are one person, or give one another name.",
+                    tr("Two people have the same name now."),
+                    tr("They stay two, with what is known of each."),
+                    tr("Merge them in the People panel if they are one person, or give one another name."),
                     cause=ANSWER,
                 )
             )
@@ -256,9 +257,9 @@ class Decisions:
                 Problem(
                     now_ns,
                     "info",
-                    "There is nothing to undo.",
-                    "Nothing was changed.",
-                    "Forgetting is for good.",
+                    tr("There is nothing to undo."),
+                    tr("Nothing was changed."),
+                    tr("Forgetting is for good."),
                     cause=ANSWER,
                 )
             ]
@@ -279,8 +280,8 @@ class Decisions:
                     now_ns,
                     "error",
                     str(error),
-                    "The person is not forgotten yet.",
-                    "Ask again when that is mended.",
+                    tr("The person is not forgotten yet."),
+                    tr("Ask again when that is mended."),
                     cause=ANSWER,
                 )
             ]
@@ -347,9 +348,9 @@ def _here_already(now_ns: int) -> Problem:
     return Problem(
         now_ns,
         "info",
-        "That person is here already.",
-        "Nobody can be here twice, so nothing was changed.",
-        "Say of the other one that it is not them; or merge the two, if they are one person.",
+        tr("That person is here already."),
+        tr("Nobody can be here twice, so nothing was changed."),
+        tr("Say of the other one that it is not them; or merge the two, if they are one person."),
         cause=ANSWER,
     )
 
@@ -358,8 +359,8 @@ def _unknown(now_ns: int) -> Problem:
     return Problem(
         now_ns,
         "warning",
-        "That person is not known any more.",
-        "Nothing was kept of what was asked.",
-        "Choose a person from the People panel.",
+        tr("That person is not known any more."),
+        tr("Nothing was kept of what was asked."),
+        tr("Choose a person from the People panel."),
         cause=ANSWER,
     )

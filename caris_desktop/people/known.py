@@ -9,6 +9,7 @@ from typing import TypeVar
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ConsentKind, Event, Problem
 from caris_desktop.domain.people import LooksKind
+from caris_desktop.domain.translation import tr
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.identities import Identities
 from caris_desktop.people.sealing import About
@@ -332,8 +333,8 @@ class KnownPeople:
                 now_ns,
                 "error",
                 self._problem,
-                "People are still followed, but their names are kept for this session only.",
-                "Choose another study folder, or repair this one, before the next session.",
+                tr("People are still followed, but their names are kept for this session only."),
+                tr("Choose another study folder, or repair this one, before the next session."),
             )
         ]
 

@@ -15,6 +15,7 @@ import platformdirs
 
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 
 _log = logging.getLogger(__name__)
@@ -101,9 +102,13 @@ def new_session_folder(
         raise _unusable(folder.path, error) from error
     if free_bytes < min_free_bytes:
         raise StudyFolderError(
-            f"Only {free_bytes / 1e6:.0f} MB are free where {folder.path} lies.",
-            "No session was started: a recording needs room for its video.",
-            f"Free at least {min_free_bytes / 1e6:.0f} MB, or choose another study folder.",
+            tr("Only {free_mb} MB are free where {path} lies.").format(
+                free_mb=f"{free_bytes / 1e6:.0f}", path=folder.path
+            ),
+            tr("No session was started: a recording needs room for its video."),
+            tr("Free at least {least_mb} MB, or choose another study folder.").format(
+                least_mb=f"{min_free_bytes / 1e6:.0f}"
+            ),
         )
     name = f"{now or datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}"
     participant = file_name_part(details.participant)
@@ -119,9 +124,9 @@ def new_session_folder(
             raise _unusable(folder.path, error) from error
         return path
     raise StudyFolderError(
-        f"{folder.sessions} holds a thousand sessions of this second already.",
-        "No session was started.",
-        "Check the computer's clock.",
+        tr("{sessions} holds a thousand sessions of this second already.").format(sessions=folder.sessions),
+        tr("No session was started."),
+        tr("Check the computer's clock."),
     )
 
 
@@ -165,7 +170,7 @@ def save_last_details(folder: StudyFolder, details: TrialDetails) -> None:
 
 def _unusable(path: Path, error: OSError) -> StudyFolderError:
     return StudyFolderError(
-        f"The study folder {path} cannot be used: {error.strerror or error}.",
-        "No session can be recorded there. Driving and speaking still work.",
-        "Choose a folder that you may write to, or make room on its disk.",
+        tr("The study folder {path} cannot be used: {why}.").format(path=path, why=error.strerror or error),
+        tr("No session can be recorded there. Driving and speaking still work."),
+        tr("Choose a folder that you may write to, or make room on its disk."),
     )

@@ -13,6 +13,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
 
@@ -117,7 +118,11 @@ def load_face(name: str, user_dir: Path | None = None) -> Face:
         if path.parent == folder and path.is_file():
             return read_face(path)
     known = ", ".join(face_names(user_dir))
-    raise FaceError(f"There is no face “{name}”.", "The robot shows another one.", f"Choose one of these: {known}.")
+    raise FaceError(
+        tr("There is no face “{name}”.").format(name=name),
+        tr("The robot shows another one."),
+        tr("Choose one of these: {known}.").format(known=known),
+    )
 
 
 def read_face(path: Path) -> Face:
@@ -126,10 +131,16 @@ def read_face(path: Path) -> Face:
         with path.open("rb") as file:
             raw = file.read(MAX_FILE_BYTES + 1)
         if len(raw) > MAX_FILE_BYTES:
-            raise _unusable(f"{path}: too large for a face.", f"Allowed: {MAX_FILE_BYTES} bytes.")
+            raise _unusable(
+                tr("{path}: too large for a face.").format(path=path),
+                tr("Allowed: {most} bytes.").format(most=MAX_FILE_BYTES),
+            )
         return parse_face(raw.decode("utf-8-sig"), file_name=str(path), name=path.stem)
     except (OSError, UnicodeDecodeError) as error:
-        raise _unusable(f"{path} cannot be read ({error}).", "Look whether it is there, and text.") from error
+        raise _unusable(
+            tr("{path} cannot be read ({error}).").format(path=path, error=error),
+            tr("Look whether it is there, and text."),
+        ) from error
 
 
 def parse_face(text: str, *, file_name: str, name: str) -> Face:
@@ -137,19 +148,25 @@ def parse_face(text: str, *, file_name: str, name: str) -> Face:
     try:
         source = parse_yaml(text)
     except YamlSourceError as error:
-        raise _unusable(f"{file_name}, line {error.line}: {error}", "Mend the file.") from error
+        raise _unusable(
+            tr("{file}, line {line}: {error}").format(file=file_name, line=error.line, error=error),
+            tr("Mend the file."),
+        ) from error
     if not isinstance(source.data, dict):
-        raise _unusable(f"{file_name}, line 1: a face is a list of 'key: value' lines.", "Mend the file.")
+        raise _unusable(
+            tr("{file}, line 1: a face is a list of 'key: value' lines.").format(file=file_name),
+            tr("Mend the file."),
+        )
     wrong = list(problems(Face, source.data)) or list(_twice(source.data))
     if wrong:
-        raise _unusable(told(file_name, source, wrong), "Mend the file.")
+        raise _unusable(told(file_name, source, wrong), tr("Mend the file."))
     face: Face = value_from(Face, source.data)
     return replace(face, name=name)
 
 
 def checked(face: Face) -> Face:
     """The same face, where a file could say it. Raises FaceError."""
-    return parse_face(face_text(face), file_name="The face", name=face.name)
+    return parse_face(face_text(face), file_name=tr("The face"), name=face.name)
 
 
 def face_text(face: Face) -> str:
@@ -161,7 +178,9 @@ def save_face(face: Face, user_dir: Path | None = None) -> Path:
     """Write it among the user's own, whole or not at all. Raises FaceError."""
     if not face.name or not all(character.isalnum() or character in "-_" for character in face.name):
         raise FaceError(
-            f"“{face.name}” cannot be the name of a face.", "Nothing was written.", "Use letters and digits."
+            tr("“{name}” cannot be the name of a face.").format(name=face.name),
+            tr("Nothing was written."),
+            tr("Use letters and digits."),
         )
     folder = user_faces_dir() if user_dir is None else user_dir
     path = folder / f"{face.name}.yaml"
@@ -169,7 +188,11 @@ def save_face(face: Face, user_dir: Path | None = None) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         replace_file(path, face_text(face).encode(), durable=True)
     except OSError as error:
-        raise FaceError(f"The face was not saved ({error}).", "The file is as it was.", "Look at the disk.") from error
+        raise FaceError(
+            tr("The face was not saved ({error}).").format(error=error),
+            tr("The file is as it was."),
+            tr("Look at the disk."),
+        ) from error
     return path
 
 
@@ -181,9 +204,12 @@ def _twice(data: dict[str, Any]) -> Iterator[Problem]:
     seen: set[str] = set()
     for index, expression in enumerate(data.get("expressions", [])):
         if expression["name"] in seen:
-            yield ("expressions", index), f"the expression '{expression['name']}' is listed twice."
+            yield (
+                ("expressions", index),
+                tr("the expression '{expression}' is listed twice.").format(expression=expression["name"]),
+            )
         seen.add(expression["name"])
 
 
 def _unusable(what: str, advice: str) -> FaceError:
-    return FaceError(what, "The robot shows another face.", advice)
+    return FaceError(what, tr("The robot shows another face."), advice)

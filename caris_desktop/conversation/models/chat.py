@@ -19,6 +19,7 @@ from caris_desktop.conversation.models.stream import check_type, documents, smal
 from caris_desktop.conversation.models.words import LanguageModelError, without
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import ChatMessage
+from caris_desktop.domain.translation import tr
 
 if TYPE_CHECKING:
     import httpx
@@ -129,7 +130,11 @@ async def stream_chat(
             if wait_s is None or asyncio.get_running_loop().time() + wait_s >= give_up_s:
                 raise _with_time(again) from again
             _log.info("%s is asked again in %.1f s: %s", endpoint.place, wait_s, again.failure.what)
-            told_wait(f"{again.failure.what} It is asked again in {max(1, round(wait_s))} s.")
+            told_wait(
+                tr("{what} It is asked again in {seconds} s.").format(
+                    what=again.failure.what, seconds=max(1, round(wait_s))
+                )
+            )
             await asyncio.sleep(wait_s)
         else:
             return
@@ -140,7 +145,9 @@ def _with_time(again: _TryAgainError) -> LanguageModelError:
     if not told_s:
         return failure
     return LanguageModelError(
-        failure.what, failure.meaning, f"It asks to be left alone for {told_s:.0f} s: ask again then."
+        failure.what,
+        failure.meaning,
+        tr("It asks to be left alone for {seconds} s: ask again then.").format(seconds=f"{told_s:.0f}"),
     )
 
 
@@ -194,7 +201,7 @@ async def _one_try(
                         if chunk.text:
                             characters += len(chunk.text)
                             if characters > MAX_ANSWER_CHARACTERS:
-                                raise failures.nonsense(endpoint, "the answer does not end")
+                                raise failures.nonsense(endpoint, tr("the answer does not end"))
                             before_s = loop.time()
                             yield chunk.text
                             deadline_s += loop.time() - before_s

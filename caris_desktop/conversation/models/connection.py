@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, bad_address
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
 from caris_desktop.domain.address import is_loopback
+from caris_desktop.domain.translation import tr
 
 if TYPE_CHECKING:
     import httpx
@@ -30,9 +31,11 @@ def check_place(endpoint: ModelEndpoint, *, local_only: bool) -> None:
 
 def _elsewhere(endpoint: ModelEndpoint) -> LanguageModelError:
     return LanguageModelError(
-        f"{endpoint.place} is not on this computer, and this scenario permits only models that are.",
-        "Nothing was sent.",
-        "Choose the embedded model, or one that runs here.",
+        tr("{place} is not on this computer, and this scenario permits only models that are.").format(
+            place=endpoint.place
+        ),
+        tr("Nothing was sent."),
+        tr("Choose the embedded model, or one that runs here."),
     )
 
 
@@ -58,12 +61,12 @@ async def connected(endpoint: ModelEndpoint, *, local_only: bool) -> "AsyncItera
             follow_redirects=False,
         )
     except httpx.InvalidURL as error:
-        raise bad_address(endpoint.base_url, "the endpoint") from error
+        raise bad_address(endpoint.base_url, tr("the endpoint")) from error
     except (ImportError, ValueError) as error:
         raise LanguageModelError(
-            f"The proxy settings of this computer cannot be used ({shortened(str(error))}).",
-            "The assistant cannot answer.",
-            "Correct HTTP_PROXY, HTTPS_PROXY or ALL_PROXY, or choose a local model.",
+            tr("The proxy settings of this computer cannot be used ({error}).").format(error=shortened(str(error))),
+            tr("The assistant cannot answer."),
+            tr("Correct HTTP_PROXY, HTTPS_PROXY or ALL_PROXY, or choose a local model."),
         ) from error
     async with opened:
         yield opened
@@ -100,16 +103,20 @@ async def api_key(endpoint: ModelEndpoint) -> str | None:
             _log.warning("the system keyring did not answer within %.0f s", _KEYRING_TIMEOUT_S)
     if not key and (endpoint.is_openai or endpoint.provider == "gemini"):
         raise LanguageModelError(
-            f"{'Gemini' if endpoint.provider == 'gemini' else 'OpenAI'} answers only with a key, and there is none.",
-            "The assistant cannot answer.",
-            f"Set the environment variable {endpoint.key_names[0]} before starting the console, keep the key in the "
-            f"system keyring (keyring set {KEYRING_SERVICE} {endpoint.key_names[0]}), or choose another model.",
+            tr("Gemini answers only with a key, and there is none.")
+            if endpoint.provider == "gemini"
+            else tr("OpenAI answers only with a key, and there is none."),
+            tr("The assistant cannot answer."),
+            tr(
+                "Set the environment variable {name} before starting the console, keep the key in the system keyring"
+                " (keyring set {service} {name}), or choose another model."
+            ).format(name=endpoint.key_names[0], service=KEYRING_SERVICE),
         )
     if key and not (key.isascii() and key.isprintable()):
         raise LanguageModelError(
-            f"The key in {name} has characters that no key has.",
-            "The assistant cannot answer.",
-            f"Set {name} again, without line breaks or quotation marks.",
+            tr("The key in {name} has characters that no key has.").format(name=name),
+            tr("The assistant cannot answer."),
+            tr("Set {name} again, without line breaks or quotation marks.").format(name=name),
         )
     if key and urlsplit(endpoint.base_url).scheme == "http" and not is_loopback(endpoint.base_url):
         _log.warning("the key in %s goes unencrypted to %s", name, endpoint.place)

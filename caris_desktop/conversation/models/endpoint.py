@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
 from caris_desktop.domain.address import is_loopback
+from caris_desktop.domain.translation import tr
 
 Provider = Literal["embedded", "openai", "ollama", "gemini"]
 
@@ -43,12 +44,12 @@ class ModelEndpoint:
         """As the subject of a sentence."""
         match self.provider:
             case "embedded":
-                return "The embedded language model"
+                return tr("The embedded language model")
             case "ollama":
-                return f"Ollama at {self.server}"
+                return tr("Ollama at {server}").format(server=self.server)
             case "gemini":
-                return f"Gemini at {self.server}"
-        return f"The language model server at {self.server}"
+                return tr("Gemini at {server}").format(server=self.server)
+        return tr("The language model server at {server}").format(server=self.server)
 
     @property
     def is_openai(self) -> bool:
@@ -87,11 +88,11 @@ def resolve_endpoint(
     if provider == "embedded" and not name:
         if embedded_url is None:
             raise LanguageModelError(
-                "The embedded language model is not running.",
-                "The assistant cannot answer.",
-                "Wait until it has started; if it failed, the Session log says why.",
+                tr("The embedded language model is not running."),
+                tr("The assistant cannot answer."),
+                tr("Wait until it has started; if it failed, the Session log says why."),
             )
-        return ModelEndpoint("embedded", _checked_url(embedded_url, "the embedded server's address"), "embedded")
+        return ModelEndpoint("embedded", _checked_url(embedded_url, tr("the embedded server's address")), "embedded")
     if provider == "ollama" and name:
         return ModelEndpoint("ollama", ollama_url(environment), name)
     if provider == "openai" and name:
@@ -101,9 +102,9 @@ def resolve_endpoint(
         url = _checked_url(base_url, "GOOGLE_GEMINI_BASE_URL")
         return ModelEndpoint("gemini", url, name.removeprefix("models/"), KEYED_BY["gemini"])
     raise LanguageModelError(
-        f"“{shortened(model)}” names no language model.",
-        "The assistant cannot answer in this scenario.",
-        "Set assistant.model to embedded, ollama:NAME, openai:NAME or gemini:NAME.",
+        tr("“{model}” names no language model.").format(model=shortened(model)),
+        tr("The assistant cannot answer in this scenario."),
+        tr("Set assistant.model to embedded, ollama:NAME, openai:NAME or gemini:NAME."),
     )
 
 
@@ -135,8 +136,8 @@ def bad_address(url: str, source: str) -> LanguageModelError:
     shown = "it" if "@" in url else f"“{shortened(url)}”"
     return LanguageModelError(
         f"The address of the language model in {source} is unusable: {shown} is not like http://HOST:PORT.",
-        "The assistant cannot answer.",
-        f"Correct {source}; keys do not belong into the address.",
+        tr("The assistant cannot answer."),
+        tr("Correct {source}; keys do not belong into the address.").format(source=source),
     )
 
 

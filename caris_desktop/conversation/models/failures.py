@@ -6,57 +6,65 @@ from typing import TYPE_CHECKING, Any
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 
 if TYPE_CHECKING:
     import httpx
 
 _log = logging.getLogger(__name__)
-_NO_ANSWER = "The assistant cannot answer."
-_HALF = "The answer is missing or incomplete."
+_NO_ANSWER = QT_TR_NOOP("The assistant cannot answer.")
+_HALF = QT_TR_NOOP("The answer is missing or incomplete.")
 
 
 def nonsense(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
     return LanguageModelError(
-        f"{endpoint.place} sent something that is no answer: {shortened(why)}.",
-        _HALF,
-        "Check that the address belongs to a language model server.",
+        tr("{place} sent something that is no answer: {why}.").format(place=endpoint.place, why=shortened(why)),
+        tr(_HALF),
+        tr("Check that the address belongs to a language model server."),
     )
 
 
 def blocked(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
     return LanguageModelError(
-        f"{endpoint.place} refused to answer this ({shortened(why, 60)}).",
-        _HALF,
-        "Ask in other words, take something out of what goes along, or choose another model.",
+        tr("{place} refused to answer this ({why}).").format(place=endpoint.place, why=shortened(why, 60)),
+        tr(_HALF),
+        tr("Ask in other words, take something out of what goes along, or choose another model."),
     )
 
 
 def broke_off(endpoint: ModelEndpoint) -> LanguageModelError:
     return LanguageModelError(
-        f"{endpoint.place} broke off.", "The answer is incomplete.", "Use what is there, or ask again."
+        tr("{place} broke off.").format(place=endpoint.place),
+        tr("The answer is incomplete."),
+        tr("Use what is there, or ask again."),
     )
 
 
 def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
     """Servers end the stream like this for a question beyond the model's context, and for one dropped for the next."""
     return LanguageModelError(
-        f"{endpoint.place} ended its answer before the first word.",
-        _NO_ANSWER,
-        "Ask again when no other question is under way; if it happens again, shorten the question or what goes along.",
+        tr("{place} ended its answer before the first word.").format(place=endpoint.place),
+        tr(_NO_ANSWER),
+        tr(
+            "Ask again when no other question is under way; if it happens again, shorten the question or what goes"
+            " along."
+        ),
     )
 
 
 def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -> LanguageModelError:
     if answer_started:
         return LanguageModelError(
-            f"{endpoint.place} fell silent for {seconds:g} s in the middle of the answer.",
-            "The answer is incomplete.",
-            "Use what is there, or ask again.",
+            tr("{place} fell silent for {seconds} s in the middle of the answer.").format(
+                place=endpoint.place, seconds=f"{seconds:g}"
+            ),
+            tr("The answer is incomplete."),
+            tr("Use what is there, or ask again."),
         )
     return LanguageModelError(
-        f"{endpoint.place} did not begin to answer within {seconds:g} s.",
-        "The assistant cannot answer now.",
-        "Ask again; a model that is being loaded needs longer the first time.",
+        tr("{place} did not begin to answer within {seconds} s.").format(place=endpoint.place, seconds=f"{seconds:g}"),
+        tr("The assistant cannot answer now."),
+        tr("Ask again; a model that is being loaded needs longer the first time."),
     )
 
 
@@ -73,9 +81,11 @@ def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: st
     if message.get("error"):
         _log.warning("%s reported an error in the stream", endpoint.place)
         raise LanguageModelError(
-            f"{endpoint.place} stopped with an error: {without(key, error_in(message))}",
-            _HALF,
-            "Ask again; if it happens again, choose another model or shorten the question.",
+            tr("{place} stopped with an error: {error}").format(
+                place=endpoint.place, error=without(key, error_in(message))
+            ),
+            tr(_HALF),
+            tr("Ask again; if it happens again, choose another model or shorten the question."),
         )
 
 
@@ -85,31 +95,47 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
     place = endpoint.place
     _log.warning("%s answered with HTTP status %d", place, status)
     if status in (401, 403) or (status == 400 and endpoint.provider == "gemini" and "api key" in detail.lower()):
-        where = " or ".join(endpoint.key_names) or "the server's access rules"
-        return LanguageModelError(f"{place} refused access{said}.", _NO_ANSWER, f"Check {where}.")
+        where = " or ".join(endpoint.key_names) or tr("the server's access rules")
+        return LanguageModelError(
+            tr("{place} refused access{said}.").format(place=place, said=said),
+            tr(_NO_ANSWER),
+            tr("Check {where}.").format(where=where),
+        )
     if status == 404:
         advice = (
-            f"Run “ollama pull {endpoint.model}”, or choose another model."
+            tr("Run “ollama pull {model}”, or choose another model.").format(model=endpoint.model)
             if endpoint.provider == "ollama"
-            else "Check the model's name and the server's address."
+            else tr("Check the model's name and the server's address.")
         )
-        return LanguageModelError(f"{place} does not know the model {endpoint.model}{said}.", _NO_ANSWER, advice)
+        return LanguageModelError(
+            tr("{place} does not know the model {model}{said}.").format(place=place, model=endpoint.model, said=said),
+            tr(_NO_ANSWER),
+            advice,
+        )
     if status == 429:
         return LanguageModelError(
-            f"{place} takes no more questions now{said}.", _NO_ANSWER, "Wait a little, then ask again."
+            tr("{place} takes no more questions now{said}.").format(place=place, said=said),
+            tr(_NO_ANSWER),
+            tr("Wait a little, then ask again."),
         )
     if status >= 500:
-        return LanguageModelError(f"{place} failed (HTTP status {status}){said}.", _NO_ANSWER, "Ask again in a moment.")
+        return LanguageModelError(
+            tr("{place} failed (HTTP status {status}){said}.").format(place=place, status=status, said=said),
+            tr(_NO_ANSWER),
+            tr("Ask again in a moment."),
+        )
     if 300 <= status < 400:
         return LanguageModelError(
-            f"{place} sends the question on to another address (HTTP status {status}), which is not followed.",
-            _NO_ANSWER,
-            "Give the model's own address.",
+            tr(
+                "{place} sends the question on to another address (HTTP status {status}), which is not followed."
+            ).format(place=place, status=status),
+            tr(_NO_ANSWER),
+            tr("Give the model's own address."),
         )
     return LanguageModelError(
-        f"{place} refused the question (HTTP status {status}){said}.",
-        _NO_ANSWER,
-        "Check the model's name and the assistant settings of the scenario.",
+        tr("{place} refused the question (HTTP status {status}){said}.").format(place=place, status=status, said=said),
+        tr(_NO_ANSWER),
+        tr("Check the model's name and the assistant settings of the scenario."),
     )
 
 
@@ -121,22 +147,26 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
     _log.info("exchange with %s failed: %s %s", place, type(error).__name__, error)
     if is_about_tls(error):
         return LanguageModelError(
-            f"{place} cannot prove who it is: its certificate is not accepted.",
-            "Nothing was sent to it.",
-            "Check the address and this computer's clock; a server of the lab needs a certificate that this computer "
-            "trusts.",
+            tr("{place} cannot prove who it is: its certificate is not accepted.").format(place=place),
+            tr("Nothing was sent to it."),
+            tr(
+                "Check the address and this computer's clock; a server of the lab needs a certificate that this"
+                " computer trusts."
+            ),
         )
     if isinstance(error, httpx.ConnectError | httpx.ConnectTimeout):
         advice = {
-            "ollama": "Start it with “ollama serve”, or set OLLAMA_HOST.",
-            "openai": "Check the network and OPENAI_BASE_URL.",
-            "gemini": "Check the network.",
-            "embedded": "It is restarted by opening the scenario again.",
+            "ollama": tr("Start it with “ollama serve”, or set OLLAMA_HOST."),
+            "openai": tr("Check the network and OPENAI_BASE_URL."),
+            "gemini": tr("Check the network."),
+            "embedded": tr("It is restarted by opening the scenario again."),
         }[endpoint.provider]
-        return LanguageModelError(f"{place} cannot be reached.", _NO_ANSWER, advice)
+        return LanguageModelError(tr("{place} cannot be reached.").format(place=place), tr(_NO_ANSWER), advice)
     if isinstance(error, httpx.RemoteProtocolError | httpx.ReadError) and answer_started:
         return broke_off(endpoint)
-    return LanguageModelError(f"The connection to {place} failed.", _NO_ANSWER, "Ask again; check the network.")
+    return LanguageModelError(
+        tr("The connection to {place} failed.").format(place=place), tr(_NO_ANSWER), tr("Ask again; check the network.")
+    )
 
 
 def is_about_tls(error: BaseException | None) -> bool:
