@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from xdist.workermanage import WorkerController
 
 from tests.support.examples import examples
@@ -66,7 +66,11 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["CARIS_TEST_LONG"] = "1"
     else:
         # A change is judged by the same examples each time; new ones are looked for where there is time for it.
-        settings.register_profile("same examples", derandomize=True, max_examples=examples(100))
+        # No verdict by the clock: how long examples take says how busy the machine is.
+        settings.register_profile(
+            "same examples", derandomize=True, max_examples=examples(100), deadline=None,
+            suppress_health_check=(HealthCheck.too_slow,),
+        )  # fmt: skip
         settings.load_profile("same examples")
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from caris_desktop.conversation.transcript import newest_heard, next_speaker
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import KEYS_OF_A_GROUP, Phrase, phrase_groups
@@ -21,7 +22,23 @@ LABEL_COUNT = 8
 PLACE_COUNT = 9
 CODE_COUNT = 9
 EXPRESSION_COUNT = 8
-QUEUE_GROUP = "What is said next"
+QUEUE_GROUP = QT_TR_NOOP("What is said next")
+SAFETY_GROUP = QT_TR_NOOP("Safety")
+DRIVING_HOLD_GROUP = QT_TR_NOOP("Driving (hold)")
+DRIVING_GROUP = QT_TR_NOOP("Driving")
+HEAD_HOLD_GROUP = QT_TR_NOOP("Head (hold)")
+PLACES_GROUP = QT_TR_NOOP("Places")
+SPEAKING_GROUP = QT_TR_NOOP("Speaking")
+CONVERSATION_GROUP = QT_TR_NOOP("Conversation")
+PEOPLE_GROUP = QT_TR_NOOP("People")
+FACE_GROUP = QT_TR_NOOP("Face")
+SESSION_GROUP = QT_TR_NOOP("Session")
+MARKS_GROUP = QT_TR_NOOP("Marks")
+SCENARIO_GROUP = QT_TR_NOOP("Scenario")
+ALARMS_GROUP = QT_TR_NOOP("Alarms")
+WINDOW_GROUP = QT_TR_NOOP("Window")
+REPLAY_GROUP = QT_TR_NOOP("Replay")
+TIMELINE_GROUP = QT_TR_NOOP("Timeline")
 
 
 def phrases_on_keys(scenario: Scenario, group: int) -> tuple[Phrase, ...]:
@@ -115,268 +132,393 @@ def _in_queue(action_id: str, text: str, icon: str, *keys: str, **more: Any) -> 
 
 
 ACTIONS: tuple[ActionSpec, ...] = (
-    ActionSpec("stop", "Stop the robot", "hand-palm", ("Esc",), kind="safety", intent=intents.Stop(), group="Safety"),
+    ActionSpec("stop", QT_TR_NOOP("Stop the robot"), "hand-palm", ("Esc",), kind="safety", intent=intents.Stop(),
+    group=SAFETY_GROUP),
     ActionSpec(
-        "emergency_stop", "Emergency stop", "warning-octagon", ("Esc, Esc", "Pause"), kind="safety",
-        intent=intents.EmergencyStop(), group="Safety",
+        "emergency_stop", QT_TR_NOOP("Emergency stop"), "warning-octagon", ("Esc, Esc", "Pause"), kind="safety",
+        intent=intents.EmergencyStop(), group=SAFETY_GROUP,
     ),
-    _held("drive_forward", "Drive forward", "arrow-up", "W", "Up", group="Driving (hold)"),
-    _held("drive_back", "Drive backward", "arrow-down", "S", "Down", group="Driving (hold)"),
-    _held("turn_left", "Turn left", "arrow-left", "A", "Left", group="Driving (hold)"),
-    _held("turn_right", "Turn right", "arrow-right", "D", "Right", group="Driving (hold)"),
+    _held("drive_forward", QT_TR_NOOP("Drive forward"), "arrow-up", "W", "Up", group=DRIVING_HOLD_GROUP),
+    _held("drive_back", QT_TR_NOOP("Drive backward"), "arrow-down", "S", "Down", group=DRIVING_HOLD_GROUP),
+    _held("turn_left", QT_TR_NOOP("Turn left"), "arrow-left", "A", "Left", group=DRIVING_HOLD_GROUP),
+    _held("turn_right", QT_TR_NOOP("Turn right"), "arrow-right", "D", "Right", group=DRIVING_HOLD_GROUP),
     _held(
-        "strafe_left", "Move sideways to the left", "arrow-line-left", "Z", group="Driving (hold)", needs="sideways"
+        "strafe_left", QT_TR_NOOP("Move sideways to the left"), "arrow-line-left", "Z", group=DRIVING_HOLD_GROUP,
+        needs="sideways"
     ),
     _held(
-        "strafe_right", "Move sideways to the right", "arrow-line-right", "C", group="Driving (hold)", needs="sideways"
+        "strafe_right", QT_TR_NOOP("Move sideways to the right"), "arrow-line-right", "C", group=DRIVING_HOLD_GROUP,
+        needs="sideways"
     ),
     ActionSpec(
-        "slower", "Slower", "minus", ("Alt+Q",), ("Q",), "driving", intent=change_speed, argument=-1,
-        group="Driving", by_position=True,
+        "slower", QT_TR_NOOP("Slower"), "minus", ("Alt+Q",), ("Q",), "driving", intent=change_speed, argument=-1,
+        group=DRIVING_GROUP, by_position=True,
     ),
     ActionSpec(
-        "faster", "Faster", "plus", ("Alt+E",), ("E",), "driving", intent=change_speed, argument=1,
-        group="Driving", by_position=True,
+        "faster", QT_TR_NOOP("Faster"), "plus", ("Alt+E",), ("E",), "driving", intent=change_speed, argument=1,
+        group=DRIVING_GROUP, by_position=True,
     ),
-    _held("look_up", "Look up", "caret-up", "I", group="Head (hold)", needs="head"),
-    _held("look_down", "Look down", "caret-down", "K", group="Head (hold)", needs="head"),
-    _held("look_left", "Look left", "caret-left", "J", group="Head (hold)", needs="head"),
-    _held("look_right", "Look right", "caret-right", "L", group="Head (hold)", needs="head"),
+    _held("look_up", QT_TR_NOOP("Look up"), "caret-up", "I", group=HEAD_HOLD_GROUP, needs="head"),
+    _held("look_down", QT_TR_NOOP("Look down"), "caret-down", "K", group=HEAD_HOLD_GROUP, needs="head"),
+    _held("look_left", QT_TR_NOOP("Look left"), "caret-left", "J", group=HEAD_HOLD_GROUP, needs="head"),
+    _held("look_right", QT_TR_NOOP("Look right"), "caret-right", "L", group=HEAD_HOLD_GROUP, needs="head"),
     ActionSpec(
-        "look_ahead", "Look ahead", "crosshair-simple", ("Alt+O",), ("O",), "driving",
-        intent=intents.LookAt(0.0, 0.0), group="Head (hold)", by_position=True, needs="head",
+        "look_ahead", QT_TR_NOOP("Look ahead"), "crosshair-simple", ("Alt+O",), ("O",), "driving",
+        intent=intents.LookAt(0.0, 0.0), group=HEAD_HOLD_GROUP, by_position=True, needs="head",
     ),
     ActionSpec(
-        "nod", "Nod", "arrows-down-up", ("Alt+N",), ("N",), "driving",
-        intent=intents.Nod(), group="Head (hold)", by_position=True, needs="head",
+        "nod", QT_TR_NOOP("Nod"), "arrows-down-up", ("Alt+N",), ("N",), "driving",
+        intent=intents.Nod(), group=HEAD_HOLD_GROUP, by_position=True, needs="head",
     ),
     *(
         ActionSpec(
-            f"place_{number}", f"Go to place {number}", "flag", (f"Alt+{number}",), (str(number),), "driving",
-            intent=go_to_nth_place, argument=number, group="Places", by_position=True,
+            f"place_{number}", QT_TR_NOOP("Go to place {number}"), "flag", (f"Alt+{number}",), (str(number),),
+            "driving",
+            intent=go_to_nth_place, argument=number, group=PLACES_GROUP, by_position=True,
         )
         for number in range(1, PLACE_COUNT + 1)
     ),
     ActionSpec(
-        "choose_place", "Go to a place…", "flag", ("Ctrl+Shift+G",), permission="driving", callback="choose_place",
-        group="Places",
+        "choose_place", QT_TR_NOOP("Go to a place…"), "flag", ("Ctrl+Shift+G",), permission="driving",
+        callback="choose_place",
+        group=PLACES_GROUP,
     ),
     ActionSpec(
-        "focus_driving", "Back to driving", "game-controller", ("Ctrl+D",), (), "driving", callback="focus_driving",
-        group="Driving",
+        "focus_driving", QT_TR_NOOP("Back to driving"), "game-controller", ("Ctrl+D",), (), "driving",
+        callback="focus_driving",
+        group=DRIVING_GROUP,
     ),
     ActionSpec(
-        "focus_speak", "Into the Speak field", "text-aa", ("Ctrl+L",), ("Return",), callback="focus_speak",
-        group="Speaking", panel="speak",
+        "focus_speak", QT_TR_NOOP("Into the Speak field"), "text-aa", ("Ctrl+L",), ("Return",), callback="focus_speak",
+        group=SPEAKING_GROUP, panel="speak",
     ),
     ActionSpec(
-        "focus_queue", "Change what is said next", "list-numbers", ("Ctrl+Shift+L",), enabled_when="queued",
-        callback="focus_queue", group="Speaking", panel="speak",
+        "focus_queue", QT_TR_NOOP("Change what is said next"), "list-numbers", ("Ctrl+Shift+L",), enabled_when="queued",
+        callback="focus_queue", group=SPEAKING_GROUP, panel="speak",
     ),
-    _in_queue("queued_above", "The one before", "caret-up", "Up", callback="go_up"),
-    _in_queue("queued_below", "The one after", "caret-down", "Down", callback="go_down"),
-    _in_queue("queued_earlier", "Say it earlier", "arrow-up", "Shift+Up", callback="move_earlier"),
-    _in_queue("queued_later", "Say it later", "arrow-down", "Shift+Down", callback="move_later"),
-    _in_queue("queued_edit", "Say it differently", "pencil-simple", "Return", "Enter", callback="edit"),
-    _in_queue("queued_cancel", "Do not say it", "x", "Del", "Backspace", callback="cancel"),
+    _in_queue("queued_above", QT_TR_NOOP("The one before"), "caret-up", "Up", callback="go_up"),
+    _in_queue("queued_below", QT_TR_NOOP("The one after"), "caret-down", "Down", callback="go_down"),
+    _in_queue("queued_earlier", QT_TR_NOOP("Say it earlier"), "arrow-up", "Shift+Up", callback="move_earlier"),
+    _in_queue("queued_later", QT_TR_NOOP("Say it later"), "arrow-down", "Shift+Down", callback="move_later"),
+    _in_queue("queued_edit", QT_TR_NOOP("Say it differently"), "pencil-simple", "Return", "Enter", callback="edit"),
+    _in_queue("queued_cancel", QT_TR_NOOP("Do not say it"), "x", "Del", "Backspace", callback="cancel"),
     *(
         ActionSpec(
-            f"phrase_{number}", f"Say phrase {number}", "chat-text", (f"F{number}",), permission="speech",
-            intent=say_phrase, argument=number, group="Speaking",
+            f"phrase_{number}", QT_TR_NOOP("Say phrase {number}"), "chat-text", (f"F{number}",), permission="speech",
+            intent=say_phrase, argument=number, group=SPEAKING_GROUP,
         )
         for number in range(1, PHRASE_COUNT + 1)
     ),
     ActionSpec(
-        "next_phrases", "Next group of phrases", "stack", ("F10",), permission="speech", callback="show_next_phrases",
-        group="Speaking",
+        "next_phrases", QT_TR_NOOP("Next group of phrases"), "stack", ("F10",), permission="speech",
+        callback="show_next_phrases",
+        group=SPEAKING_GROUP,
     ),
     ActionSpec(
-        "filler", "Say the filler", "dots-three", ("F9",), permission="speech", intent=say_filler, group="Speaking"
+        "filler", QT_TR_NOOP("Say the filler"), "dots-three", ("F9",), permission="speech", intent=say_filler,
+        group=SPEAKING_GROUP
     ),
     *(
         ActionSpec(
-            f"suggestion_{number}", f"Say suggestion {number}", "chat-text", (f"Ctrl+{number}",),
+            f"suggestion_{number}", QT_TR_NOOP("Say suggestion {number}"), "chat-text", (f"Ctrl+{number}",),
             permission="assistant", also="speech", enabled_when="suggested", intent=say_nth_suggestion,
-            argument=number, group="Speaking",
+            argument=number, group=SPEAKING_GROUP,
         )
         for number in range(1, SUGGESTION_COUNT + 1)
     ),
     *(
         ActionSpec(
-            f"edit_suggestion_{number}", f"Edit suggestion {number} first", "pencil-simple", (f"Ctrl+Shift+{number}",),
+            f"edit_suggestion_{number}", QT_TR_NOOP("Edit suggestion {number} first"), "pencil-simple",
+            (f"Ctrl+Shift+{number}",),
             permission="assistant", enabled_when="suggested", callback="edit_suggestion", argument=number,
-            group="Speaking", panel="speak",
+            group=SPEAKING_GROUP, panel="speak",
         )
         for number in range(1, SUGGESTION_COUNT + 1)
     ),
     ActionSpec(
-        "no_suggestion", "Dismiss the suggestions", "x", ("Ctrl+0",), permission="speech",
-        enabled_when="suggested", intent=intents.DismissSuggestions(), group="Speaking",
+        "no_suggestion", QT_TR_NOOP("Dismiss the suggestions"), "x", ("Ctrl+0",), permission="speech",
+        enabled_when="suggested", intent=intents.DismissSuggestions(), group=SPEAKING_GROUP,
     ),
     ActionSpec(
-        "silence", "Silence", "speaker-slash", ("F12",), permission="speech", intent=intents.Silence(), group="Speaking"
+        "silence", QT_TR_NOOP("Silence"), "speaker-slash", ("F12",), permission="speech", intent=intents.Silence(),
+        group=SPEAKING_GROUP
     ),
     ActionSpec(
-        "push_to_talk", "Speak through the robot (hold)", "microphone", ("Ctrl+Space",), ("T",), "own_voice", "talk",
-        argument="robot", group="Speaking",
+        "push_to_talk", QT_TR_NOOP("Speak through the robot (hold)"), "microphone", ("Ctrl+Space",), ("T",),
+        "own_voice", "talk",
+        argument="robot", group=SPEAKING_GROUP,
     ),
     ActionSpec(
-        "dictate", "Dictate into the Speak field (hold)", "headset", ("Ctrl+Shift+Space",), ("Shift+T",),
-        "transcription", "talk", argument="dictation", group="Speaking", panel="speak",
+        "dictate", QT_TR_NOOP("Dictate into the Speak field (hold)"), "headset", ("Ctrl+Shift+Space",), ("Shift+T",),
+        "transcription", "talk", argument="dictation", group=SPEAKING_GROUP, panel="speak",
     ),
     ActionSpec(
-        "hear", "Hear the robot", "headphones", ("Ctrl+H",), intent=toggle_hearing, group="Speaking",
+        "hear", QT_TR_NOOP("Hear the robot"), "headphones", ("Ctrl+H",), intent=toggle_hearing, group=SPEAKING_GROUP,
     ),
     ActionSpec(
-        "correct_speaker", "Somebody else said that", "user-focus", ("Ctrl+Shift+S",), intent=correct_newest_speaker,
-        group="Conversation", panel="conversation",
+        "correct_speaker", QT_TR_NOOP("Somebody else said that"), "user-focus", ("Ctrl+Shift+S",),
+        intent=correct_newest_speaker,
+        group=CONVERSATION_GROUP, panel="conversation",
     ),
     ActionSpec(
-        "answer_yes", "Yes, to what is asked", "check", ("Ctrl+Return",), ("Y",),
-        enabled_when="asked", intent=answer_asked, argument=True, group="People",
+        "answer_yes", QT_TR_NOOP("Yes, to what is asked"), "check", ("Ctrl+Return",), ("Y",),
+        enabled_when="asked", intent=answer_asked, argument=True, group=PEOPLE_GROUP,
     ),
     ActionSpec(
-        "answer_no", "No, to what is asked", "x", ("Ctrl+Shift+Return",), ("Shift+Y",),
-        enabled_when="asked", intent=answer_asked, argument=False, group="People",
+        "answer_no", QT_TR_NOOP("No, to what is asked"), "x", ("Ctrl+Shift+Return",), ("Shift+Y",),
+        enabled_when="asked", intent=answer_asked, argument=False, group=PEOPLE_GROUP,
     ),
     ActionSpec(
-        "name_person", "Name who is in front", "user-plus", ("Ctrl+I",), permission="naming_people",
-        callback="name_person", group="People", panel="people",
+        "name_person", QT_TR_NOOP("Name who is in front"), "user-plus", ("Ctrl+I",), permission="naming_people",
+        callback="name_person", group=PEOPLE_GROUP, panel="people",
     ),
     *PROTOCOL_ACTIONS,
     *(
         ActionSpec(
-            f"expression_{number}", f"Face: expression {number}", "smiley", (f"Ctrl+Shift+F{number}",),
-            permission="face", intent=show_nth_expression, argument=number, group="Face",
+            f"expression_{number}", QT_TR_NOOP("Face: expression {number}"), "smiley", (f"Ctrl+Shift+F{number}",),
+            permission="face", intent=show_nth_expression, argument=number, group=FACE_GROUP,
         )
         for number in range(1, EXPRESSION_COUNT + 1)
     ),
     ActionSpec(
-        "photo", "Photo", "camera", ("Ctrl+P",), ("P",), "photos", enabled_when="photo",
-        intent=intents.TakePhoto(), group="Session",
+        "photo", QT_TR_NOOP("Photo"), "camera", ("Ctrl+P",), ("P",), "photos", enabled_when="photo",
+        intent=intents.TakePhoto(), group=SESSION_GROUP,
     ),
     ActionSpec(
-        "mark", "Mark", "bookmark-simple", ("Ctrl+M",), ("M",), kind="mark", enabled_when="recording",
-        callback="mark_moment", group="Marks",
+        "mark", QT_TR_NOOP("Mark"), "bookmark-simple", ("Ctrl+M",), ("M",), kind="mark", enabled_when="recording",
+        callback="mark_moment", group=MARKS_GROUP,
     ),
     *(
         ActionSpec(
-            f"label_{number}", f"Mark with label {number}", "bookmark-simple", (f"Shift+F{number}",), kind="mark",
-            enabled_when="recording", callback="mark_label", argument=number, group="Marks",
+            f"label_{number}", QT_TR_NOOP("Mark with label {number}"), "bookmark-simple", (f"Shift+F{number}",),
+            kind="mark",
+            enabled_when="recording", callback="mark_label", argument=number, group=MARKS_GROUP,
         )
         for number in range(1, LABEL_COUNT + 1)
     ),
     ActionSpec(
-        "stretch", "Start or end a stretch", "brackets-square", ("Ctrl+R",), kind="mark", enabled_when="recording",
-        callback="toggle_stretch", group="Marks",
+        "stretch", QT_TR_NOOP("Start or end a stretch"), "brackets-square", ("Ctrl+R",), kind="mark",
+        enabled_when="recording",
+        callback="toggle_stretch", group=MARKS_GROUP,
     ),
     ActionSpec(
-        "mark_earlier", "That mark was 3 s earlier", "rewind", ("Ctrl+J",), kind="mark", enabled_when="recording",
-        callback="mark_earlier", group="Marks",
+        "mark_earlier", QT_TR_NOOP("That mark was 3 s earlier"), "rewind", ("Ctrl+J",), kind="mark",
+        enabled_when="recording",
+        callback="mark_earlier", group=MARKS_GROUP,
     ),
     ActionSpec(
-        "mark_undo", "Take the last mark back", "arrow-u-up-left", ("Ctrl+Shift+J",), kind="mark",
-        enabled_when="recording", callback="withdraw_mark", group="Marks",
+        "mark_undo", QT_TR_NOOP("Take the last mark back"), "arrow-u-up-left", ("Ctrl+Shift+J",), kind="mark",
+        enabled_when="recording", callback="withdraw_mark", group=MARKS_GROUP,
     ),
     ActionSpec(
-        "note", "Write a note", "note-pencil", ("Ctrl+N",), permission="notes", kind="mark", enabled_when="recording",
-        callback="write_note", group="Marks",
+        "note", QT_TR_NOOP("Write a note"), "note-pencil", ("Ctrl+N",), permission="notes", kind="mark",
+        enabled_when="recording",
+        callback="write_note", group=MARKS_GROUP,
     ),
     ActionSpec(
-        "wizard_error", "Wizard error", "warning", ("Ctrl+Shift+M",), ("Shift+M",), kind="mark",
-        enabled_when="recording", callback="mark_wizard_error", group="Marks",
+        "wizard_error", QT_TR_NOOP("Wizard error"), "warning", ("Ctrl+Shift+M",), ("Shift+M",), kind="mark",
+        enabled_when="recording", callback="mark_wizard_error", group=MARKS_GROUP,
     ),
     ActionSpec(
-        "choose_scenario", "Open a scenario…", "map-trifold", ("Ctrl+O",), callback="choose_scenario",
-        group="Scenario",
+        "choose_scenario", QT_TR_NOOP("Open a scenario…"), "map-trifold", ("Ctrl+O",), callback="choose_scenario",
+        group=SCENARIO_GROUP,
     ),
-    ActionSpec("choose_wizard", "Another wizard…", "user-gear", callback="choose_wizard", group="Scenario"),
-    ActionSpec("alarms", "What is wrong now", "warning-octagon", callback="show_alarms", group="Alarms"),
+    ActionSpec("choose_wizard", QT_TR_NOOP("Another wizard…"), "user-gear", callback="choose_wizard",
+    group=SCENARIO_GROUP),
+    ActionSpec("alarms", QT_TR_NOOP("What is wrong now"), "warning-octagon", callback="show_alarms",
+    group=ALARMS_GROUP),
     ActionSpec(
-        "next_camera", "Show the next camera", "video-camera", ("Ctrl+Shift+V",), ("V",), enabled_when="cameras",
-        callback="show_next_camera", group="Window", panel="video",
+        "next_camera", QT_TR_NOOP("Show the next camera"), "video-camera", ("Ctrl+Shift+V",), ("V",),
+        enabled_when="cameras",
+        callback="show_next_camera", group=WINDOW_GROUP, panel="video",
     ),
     ActionSpec(
-        "find", "Find anything", "magnifying-glass", ("Ctrl+K",), ("/",), callback="show_command_palette",
-        group="Window",
+        "find", QT_TR_NOOP("Find anything"), "magnifying-glass", ("Ctrl+K",), ("/",), callback="show_command_palette",
+        group=WINDOW_GROUP,
     ),
     ActionSpec(
-        "find_said", "Search what was said", "chats", ("Ctrl+F",), callback="search_said", group="Window",
+        "find_said", QT_TR_NOOP("Search what was said"), "chats", ("Ctrl+F",), callback="search_said",
+        group=WINDOW_GROUP,
         panel="conversation",
     ),
     ActionSpec(
-        "preflight", "Checks before a recording", "clipboard-text", ("Ctrl+Shift+C",),
-        callback="show_preflight", group="Session",
+        "preflight", QT_TR_NOOP("Checks before a recording"), "clipboard-text", ("Ctrl+Shift+C",),
+        callback="show_preflight", group=SESSION_GROUP,
     ),
     ActionSpec(
-        "set_up", "Set up robot, camera, sound and language model", "wrench", callback="show_set_up", group="Session",
+        "set_up", QT_TR_NOOP("Set up robot, camera, sound and language model"), "wrench", callback="show_set_up",
+        group=SESSION_GROUP,
     ),
     ActionSpec(
-        "shortcuts", "All shortcuts", "keyboard", ("Ctrl+/",), ("?",), callback="show_shortcuts", group="Window",
+        "shortcuts", QT_TR_NOOP("All shortcuts"), "keyboard", ("Ctrl+/",), ("?",), callback="show_shortcuts",
+        group=WINDOW_GROUP,
     ),
 )  # fmt: skip
 
 REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
-    ActionSpec("replay_play", "Play or pause", "play", ("Space",), callback="toggle_playing", group="Replay"),
-    ActionSpec("frame_back", "One frame back", "caret-left", (",",), callback="step", argument=-1, group="Replay"),
-    ActionSpec("frame_on", "One frame on", "caret-right", (".",), callback="step", argument=1, group="Replay"),
     ActionSpec(
-        "previous_mark", "To the previous mark", "skip-back", ("Ctrl+Left",), callback="jump", argument=("mark", -1),
-        group="Replay",
+        "replay_play", QT_TR_NOOP("Play or pause"), "play", ("Space",), callback="toggle_playing", group=REPLAY_GROUP
     ),
     ActionSpec(
-        "next_mark", "To the next mark", "skip-forward", ("Ctrl+Right",), callback="jump", argument=("mark", 1),
-        group="Replay",
+        "frame_back",
+        QT_TR_NOOP("One frame back"),
+        "caret-left",
+        (",",),
+        callback="step",
+        argument=-1,
+        group=REPLAY_GROUP,
     ),
     ActionSpec(
-        "previous_utterance", "To the previous utterance", "chat-text", ("Ctrl+Shift+Left",), callback="jump",
-        argument=("utterance", -1), group="Replay",
+        "frame_on", QT_TR_NOOP("One frame on"), "caret-right", (".",), callback="step", argument=1, group=REPLAY_GROUP
     ),
     ActionSpec(
-        "next_utterance", "To the next utterance", "chat-text", ("Ctrl+Shift+Right",), callback="jump",
-        argument=("utterance", 1), group="Replay",
+        "previous_mark",
+        QT_TR_NOOP("To the previous mark"),
+        "skip-back",
+        ("Ctrl+Left",),
+        callback="jump",
+        argument=("mark", -1),
+        group=REPLAY_GROUP,
     ),
-    ActionSpec("replay_slower", "Play slower", "minus", ("<",), callback="change_rate", argument=-1, group="Replay"),
-    ActionSpec("replay_faster", "Play faster", "plus", (">",), callback="change_rate", argument=1, group="Replay"),
-)  # fmt: skip
+    ActionSpec(
+        "next_mark",
+        QT_TR_NOOP("To the next mark"),
+        "skip-forward",
+        ("Ctrl+Right",),
+        callback="jump",
+        argument=("mark", 1),
+        group=REPLAY_GROUP,
+    ),
+    ActionSpec(
+        "previous_utterance",
+        QT_TR_NOOP("To the previous utterance"),
+        "chat-text",
+        ("Ctrl+Shift+Left",),
+        callback="jump",
+        argument=("utterance", -1),
+        group=REPLAY_GROUP,
+    ),
+    ActionSpec(
+        "next_utterance",
+        QT_TR_NOOP("To the next utterance"),
+        "chat-text",
+        ("Ctrl+Shift+Right",),
+        callback="jump",
+        argument=("utterance", 1),
+        group=REPLAY_GROUP,
+    ),
+    ActionSpec(
+        "replay_slower",
+        QT_TR_NOOP("Play slower"),
+        "minus",
+        ("<",),
+        callback="change_rate",
+        argument=-1,
+        group=REPLAY_GROUP,
+    ),
+    ActionSpec(
+        "replay_faster",
+        QT_TR_NOOP("Play faster"),
+        "plus",
+        (">",),
+        callback="change_rate",
+        argument=1,
+        group=REPLAY_GROUP,
+    ),
+)
 """What a replay brings along. Keys without Ctrl or Alt never take anything from a text field."""
 
 
 def _on_timeline(action_id: str, text: str, icon: str, *keys: str, **more: Any) -> ActionSpec:
-    return ActionSpec(action_id, text, icon, keys, group="Timeline", within="timeline", **more)
+    return ActionSpec(action_id, text, icon, keys, group=TIMELINE_GROUP, within="timeline", **more)
 
 
 TIMELINE_ACTIONS: tuple[ActionSpec, ...] = (
-    ActionSpec("focus_timeline", "Into the timeline", "rows", ("Ctrl+T",), callback="focus_timeline", group="Timeline"),
-    ActionSpec("undo", "Undo", "arrow-u-up-left", ("Ctrl+Z",), callback="undo", group="Timeline"),
-    ActionSpec("redo", "Redo", "arrow-u-up-right", ("Ctrl+Shift+Z", "Ctrl+Y"), callback="redo", group="Timeline"),
+    ActionSpec(
+        "focus_timeline",
+        QT_TR_NOOP("Into the timeline"),
+        "rows",
+        ("Ctrl+T",),
+        callback="focus_timeline",
+        group=TIMELINE_GROUP,
+    ),
+    ActionSpec("undo", QT_TR_NOOP("Undo"), "arrow-u-up-left", ("Ctrl+Z",), callback="undo", group=TIMELINE_GROUP),
+    ActionSpec(
+        "redo",
+        QT_TR_NOOP("Redo"),
+        "arrow-u-up-right",
+        ("Ctrl+Shift+Z", "Ctrl+Y"),
+        callback="redo",
+        group=TIMELINE_GROUP,
+    ),
     *(
         _on_timeline(
-            f"code_{number}", f"Start or end label {number}", "tag", str(number), callback="code", argument=number
+            f"code_{number}",
+            QT_TR_NOOP("Start or end label {number}"),
+            "tag",
+            str(number),
+            callback="code",
+            argument=number,
         )
         for number in range(1, CODE_COUNT + 1)
     ),
-    _on_timeline("annotation_new", "New annotation at the playhead", "plus", "N", callback="add_at_playhead"),
-    _on_timeline("annotation_split", "Split at the playhead", "scissors", "S", callback="split_at_playhead"),
-    _on_timeline("annotation_rename", "Rename", "pencil-simple", "Return", callback="rename_selected"),
-    _on_timeline("annotation_remove", "Remove", "trash", "Del", "Backspace", callback="remove_selected"),
-    _on_timeline("annotation_begin", "Begin at the playhead", "arrow-line-left", "B", callback="begin_at_playhead"),
-    _on_timeline("annotation_end", "End at the playhead", "arrow-line-right", "E", callback="end_at_playhead"),
     _on_timeline(
-        "annotation_earlier", "Move a little earlier", "arrow-left", "Shift+Left", callback="nudge", argument=-1
-    ),
-    _on_timeline("annotation_later", "Move a little later", "arrow-right", "Shift+Right", callback="nudge", argument=1),
-    _on_timeline(
-        "annotation_previous", "Previous annotation", "caret-double-left", "PgUp", callback="select_next", argument=-1
+        "annotation_new", QT_TR_NOOP("New annotation at the playhead"), "plus", "N", callback="add_at_playhead"
     ),
     _on_timeline(
-        "annotation_next", "Next annotation", "caret-double-right", "PgDown", callback="select_next", argument=1
+        "annotation_split", QT_TR_NOOP("Split at the playhead"), "scissors", "S", callback="split_at_playhead"
     ),
-    _on_timeline("second_back", "One second back", "caret-left", "Left", callback="seek_by", argument=-1.0),
-    _on_timeline("second_on", "One second on", "caret-right", "Right", callback="seek_by", argument=1.0),
-    _on_timeline("tier_above", "Tier above", "caret-up", "Up", callback="select_tier", argument=-1),
-    _on_timeline("tier_below", "Tier below", "caret-down", "Down", callback="select_tier", argument=1),
-    _on_timeline("timeline_larger", "Zoom in", "magnifying-glass-plus", "+", "=", callback="zoom", argument=1),
-    _on_timeline("timeline_smaller", "Zoom out", "magnifying-glass-minus", "-", callback="zoom", argument=-1),
-    _on_timeline("timeline_fit", "Show the whole session", "arrows-out-line-horizontal", "F", callback="fit"),
-)  # fmt: skip
+    _on_timeline("annotation_rename", QT_TR_NOOP("Rename"), "pencil-simple", "Return", callback="rename_selected"),
+    _on_timeline("annotation_remove", QT_TR_NOOP("Remove"), "trash", "Del", "Backspace", callback="remove_selected"),
+    _on_timeline(
+        "annotation_begin", QT_TR_NOOP("Begin at the playhead"), "arrow-line-left", "B", callback="begin_at_playhead"
+    ),
+    _on_timeline(
+        "annotation_end", QT_TR_NOOP("End at the playhead"), "arrow-line-right", "E", callback="end_at_playhead"
+    ),
+    _on_timeline(
+        "annotation_earlier",
+        QT_TR_NOOP("Move a little earlier"),
+        "arrow-left",
+        "Shift+Left",
+        callback="nudge",
+        argument=-1,
+    ),
+    _on_timeline(
+        "annotation_later",
+        QT_TR_NOOP("Move a little later"),
+        "arrow-right",
+        "Shift+Right",
+        callback="nudge",
+        argument=1,
+    ),
+    _on_timeline(
+        "annotation_previous",
+        QT_TR_NOOP("Previous annotation"),
+        "caret-double-left",
+        "PgUp",
+        callback="select_next",
+        argument=-1,
+    ),
+    _on_timeline(
+        "annotation_next",
+        QT_TR_NOOP("Next annotation"),
+        "caret-double-right",
+        "PgDown",
+        callback="select_next",
+        argument=1,
+    ),
+    _on_timeline("second_back", QT_TR_NOOP("One second back"), "caret-left", "Left", callback="seek_by", argument=-1.0),
+    _on_timeline("second_on", QT_TR_NOOP("One second on"), "caret-right", "Right", callback="seek_by", argument=1.0),
+    _on_timeline("tier_above", QT_TR_NOOP("Tier above"), "caret-up", "Up", callback="select_tier", argument=-1),
+    _on_timeline("tier_below", QT_TR_NOOP("Tier below"), "caret-down", "Down", callback="select_tier", argument=1),
+    _on_timeline(
+        "timeline_larger", QT_TR_NOOP("Zoom in"), "magnifying-glass-plus", "+", "=", callback="zoom", argument=1
+    ),
+    _on_timeline(
+        "timeline_smaller", QT_TR_NOOP("Zoom out"), "magnifying-glass-minus", "-", callback="zoom", argument=-1
+    ),
+    _on_timeline(
+        "timeline_fit", QT_TR_NOOP("Show the whole session"), "arrows-out-line-horizontal", "F", callback="fit"
+    ),
+)

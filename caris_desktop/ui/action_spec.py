@@ -1,10 +1,11 @@
 """What a row of the table of actions says."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Self
 
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import PanelName, Scenario
 
@@ -31,7 +32,8 @@ class ActionSpec:
     present layout types there; hold-to-drive listens for them.
     ``also`` is another permission that it needs. ``panel``: what it does happens in that panel. ``needs`` is what the
     robot must have. ``within`` names the part of the window that listens for the keys itself
-    while it has the focus; empty for keys that work anywhere.
+    while it has the focus; empty for keys that work anywhere. ``text`` and ``group`` stand here as ``tr`` looks them
+    up; {number} in the text is ``argument``.
     """
 
     id: str
@@ -62,3 +64,8 @@ class ActionSpec:
     def runs(self) -> bool:
         """Whether it does something by itself; what is held drives, and that is another matter."""
         return self.intent is not None or bool(self.callback)
+
+    def in_words(self) -> Self:
+        """The row with its text in the wizard's language; the group, by which rows are found, stays as it is."""
+        text = tr(self.text).replace("{number}", str(self.argument))
+        return self if text == self.text else replace(self, text=text)

@@ -14,6 +14,7 @@ from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, QComboBox, QWidget
 
 from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import Phrase, phrase_groups
@@ -21,6 +22,7 @@ from caris_desktop.ui.action_rows import (
     ACTIONS,
     EXPRESSION_COUNT,
     PLACE_COUNT,
+    SPEAKING_GROUP,
     go_to_nth_place,
     phrases_on_keys,
     say_filler,
@@ -32,6 +34,7 @@ from caris_desktop.ui.action_spec import ActionSpec, Condition, Feature
 from caris_desktop.ui.key_choices import Choices, Settled, conflicts, settle, types_something
 from caris_desktop.ui.key_positions import modifier_name
 from caris_desktop.ui.panel_table import possible_panels
+from caris_desktop.ui.step_acts import PROTOCOL_GROUP
 
 logger = logging.getLogger(__name__)
 
@@ -57,6 +60,7 @@ def rows_of(scenario: Scenario) -> tuple[ActionSpec, ...]:
     groups = phrase_groups(scenario.phrases)
     longest = max((group.phrases for group in groups), key=len, default=())
     for spec in offered(ACTIONS, scenario):
+        spec = spec.in_words()  # noqa: PLW2901
         if spec.intent is say_phrase:
             if spec.argument > len(longest):
                 continue
@@ -68,8 +72,10 @@ def rows_of(scenario: Scenario) -> tuple[ActionSpec, ...]:
         elif spec.callback == "mark_label":
             if spec.argument > len(scenario.recording.labels):
                 continue
-            spec = _with_text(spec, f"Mark: {scenario.recording.labels[spec.argument - 1]}")  # noqa: PLW2901
-        elif (spec.group == "Protocol" and not scenario.protocol.steps) or (
+            spec = _with_text(  # noqa: PLW2901
+                spec, tr("Mark: {label}").format(label=scenario.recording.labels[spec.argument - 1])
+            )
+        elif (spec.group == PROTOCOL_GROUP and not scenario.protocol.steps) or (
             spec.id == "hear" and not scenario.sound.hear
         ):
             continue
@@ -90,7 +96,7 @@ def keyed_phrases(scenario: Scenario) -> list[Phrase]:
 def _of_keyed_phrase(number: int, phrase: Phrase) -> ActionSpec:
     return ActionSpec(
         f"keyed_phrase_{number}", phrase.say, "chat-text", (phrase.key,), permission="speech", intent=say_keyed_phrase,
-        argument=phrase, group="Speaking",
+        argument=phrase, group=SPEAKING_GROUP,
     )  # fmt: skip
 
 
@@ -180,13 +186,13 @@ class Actions(QObject):
         if spec.intent is go_to_nth_place:
             if spec.argument > len(self._places):
                 return None
-            return _with_text(spec, f"Go to {self._places[spec.argument - 1]}")
+            return _with_text(spec, tr("Go to {place}").format(place=self._places[spec.argument - 1]))
         if spec.callback == "choose_place" and not self._places:
             return None
         if spec.intent is show_nth_expression:
             if spec.argument > len(self._expressions):
                 return None
-            return _with_text(spec, f"Face: {self._expressions[spec.argument - 1]}")
+            return _with_text(spec, tr("Face: {expression}").format(expression=self._expressions[spec.argument - 1]))
         if spec.intent is say_phrase:
             phrases = phrases_on_keys(self._scenario, self._console.state.phrase_group.value)
             if spec.argument > len(phrases):
@@ -284,7 +290,7 @@ class Actions(QObject):
         app = QApplication.instance()
         if not self._brought and isinstance(app, QApplication):
             app.focusChanged.connect(self._on_focus_changed)
-        for spec in specs:
+        for spec in (spec.in_words() for spec in specs):
             self._brought[spec.id] = (spec, handlers)
             self._standard.append(spec)
         self._settle()

@@ -2,11 +2,14 @@
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import Phrase, phrase_groups
 from caris_desktop.scenario.protocol import Branch, ProtocolStep, step_named
 from caris_desktop.ui.action_spec import ActionSpec
+
+PROTOCOL_GROUP = QT_TR_NOOP("Protocol")
 
 
 def present_step(scenario: Scenario, state: LiveState) -> ProtocolStep | None:
@@ -40,31 +43,73 @@ def go_to_step_place(scenario: Scenario, state: LiveState, _argument: None) -> I
 
 PROTOCOL_ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec(
-        "next_step", "Next step", "arrow-right", ("Ctrl+PgDown",), ("PgDown",), enabled_when="step_ahead",
-        intent=intents.NextStep(), group="Protocol",
+        "next_step",
+        QT_TR_NOOP("Next step"),
+        "arrow-right",
+        ("Ctrl+PgDown",),
+        ("PgDown",),
+        enabled_when="step_ahead",
+        intent=intents.NextStep(),
+        group=PROTOCOL_GROUP,
     ),
     ActionSpec(
-        "branch", "The participant does something else", "git-branch", ("Ctrl+B",), ("B",),
-        enabled_when="step_branches", callback="choose_branch", group="Protocol",
+        "branch",
+        QT_TR_NOOP("The participant does something else"),
+        "git-branch",
+        ("Ctrl+B",),
+        ("B",),
+        enabled_when="step_branches",
+        callback="choose_branch",
+        group=PROTOCOL_GROUP,
     ),
     ActionSpec(
-        "previous_step", "Back to the step before", "arrow-left", ("Ctrl+PgUp",), ("PgUp",), enabled_when="step_back",
-        intent=intents.PreviousStep(), group="Protocol",
+        "previous_step",
+        QT_TR_NOOP("Back to the step before"),
+        "arrow-left",
+        ("Ctrl+PgUp",),
+        ("PgUp",),
+        enabled_when="step_back",
+        intent=intents.PreviousStep(),
+        group=PROTOCOL_GROUP,
     ),
     ActionSpec(
-        "skip_step", "Skip this step", "skip-forward", ("Ctrl+Shift+PgDown",), ("Shift+PgDown",), enabled_when="step",
-        intent=intents.SkipStep(), group="Protocol",
+        "skip_step",
+        QT_TR_NOOP("Skip this step"),
+        "skip-forward",
+        ("Ctrl+Shift+PgDown",),
+        ("Shift+PgDown",),
+        enabled_when="step",
+        intent=intents.SkipStep(),
+        group=PROTOCOL_GROUP,
     ),
     ActionSpec(
-        "say_step", "Say what belongs to this step", "chat-text", ("F11",), permission="speech",
-        enabled_when="step_says", intent=say_step, group="Protocol",
+        "say_step",
+        QT_TR_NOOP("Say what belongs to this step"),
+        "chat-text",
+        ("F11",),
+        permission="speech",
+        enabled_when="step_says",
+        intent=say_step,
+        group=PROTOCOL_GROUP,
     ),
     ActionSpec(
-        "go_to_step_place", "Go to the place of this step", "flag", ("Alt+0",), ("0",), "driving",
-        enabled_when="step_goes", intent=go_to_step_place, group="Protocol", by_position=True,
+        "go_to_step_place",
+        QT_TR_NOOP("Go to the place of this step"),
+        "flag",
+        ("Alt+0",),
+        ("0",),
+        "driving",
+        enabled_when="step_goes",
+        intent=go_to_step_place,
+        group=PROTOCOL_GROUP,
+        by_position=True,
     ),
     ActionSpec(
-        "all_steps", "All steps of the protocol", "list-numbers", ("Ctrl+Shift+PgUp",), callback="show_steps",
-        group="Protocol",
+        "all_steps",
+        QT_TR_NOOP("All steps of the protocol"),
+        "list-numbers",
+        ("Ctrl+Shift+PgUp",),
+        callback="show_steps",
+        group=PROTOCOL_GROUP,
     ),
-)  # fmt: skip
+)

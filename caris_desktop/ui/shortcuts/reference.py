@@ -29,7 +29,7 @@ def reference_files() -> dict[Path, str]:
 
 def _table(specs: Iterable[ActionSpec]) -> str:
     groups: dict[str, list[ActionSpec]] = {}
-    for spec in specs:
+    for spec in (spec.in_words() for spec in specs):
         groups.setdefault(spec.group, []).append(spec)
     return "\n\n".join(_part(group, rows) for group, rows in groups.items())
 

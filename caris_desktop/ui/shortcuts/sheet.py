@@ -168,7 +168,7 @@ class ShortcutSheet(Overlay):
             row.wanted.connect(lambda cell, wanted=row: self.ask_for(wanted, cell))
             row.put_back.connect(lambda wanted=row: self._keys.reset(wanted.spec))
             rows.append(row)
-        group = ShortcutGroup(self._theme, name, rows)
+        group = ShortcutGroup(self._theme, tr(name), rows)
         self._groups.append(group)
         side.insertWidget(side.count() - 1, group)
         self._show_found()

@@ -127,7 +127,7 @@ class ShortcutRow(QWidget):
     def is_found_by(self, query: str) -> bool:
         """Whether its words, its group or its keys contain every word of the query."""
         caps = " ".join(cap for cell in self.cells.values() for cap in cell.caps)
-        there = f"{self._words.text()} {self.spec.group} {caps} {caps.replace(' ', '+')}".casefold()
+        there = f"{self._words.text()} {tr(self.spec.group)} {caps} {caps.replace(' ', '+')}".casefold()
         return all(word in there for word in query.casefold().split())
 
 
