@@ -43,6 +43,30 @@ SENTENCES = (
     "Please tell my daughter | that I will / call her in the evening.",
 )
 
+HELD_OUT = (
+    "If it is not too far, | I would like / to walk there.",
+    "My brother and I / have never seen / such a large machine.",
+    "Do you think | that a robot like you / could work in a hospital?",
+    "We came by train, | and then we had to / wait for the bus.",
+    "After the second floor | we lost / our guide somewhere.",
+    "The thing / that surprised me most | was how quiet it is.",
+    "I am looking for / the room with the old telephones.",
+    "When does / the next film begin, | and how long is it?",
+    "She told me yesterday / that she would be here | before noon.",
+    "Because of the rain | we decided / to stay inside today.",
+    "Could we perhaps / go back to the first picture?",
+    "I feel / a bit tired now, | but I want to see the rest.",
+    "On Mondays | I visit my neighbour / and we cook together.",
+    "It hurts / when I lift my left arm | above my shoulder.",
+    "Last winter / I fell on the stairs, | and since then I am careful.",
+    "Normally | I go to bed at ten / and read for an hour.",
+    "There was / a very friendly nurse | who helped me with everything.",
+    "I forgot / to bring my glasses, | so please read it to me.",
+    "Whenever I see / a dog in the street, | I think of my grandmother.",
+    "Is it true | that this one / was made by students?",
+)
+"""The same, and nothing in the program was ever chosen by them: what is fitted, is fitted to the others."""
+
 
 @dataclass(frozen=True, slots=True)
 class Pause:
