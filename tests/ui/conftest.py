@@ -1,5 +1,6 @@
 """A window on a fake console."""
 
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.scenario.library import ScenarioChoice
+from caris_desktop.ui.layout.tree import panels_in, without
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
@@ -63,8 +65,16 @@ def settings() -> MemorySettings:
 
 
 @pytest.fixture
-def console() -> FakeConsole:
-    return FakeConsole(samples.TOUR, {samples.MENTAL.path: samples.MENTAL, samples.TOUR.path: samples.TOUR})
+def console(request: pytest.FixtureRequest) -> FakeConsole:
+    """Its scenario is the tour; with ``@pytest.mark.panels("map")`` only those panels of it. To build the others costs
+    twice as much as the window itself.
+    """
+    tour, mark = samples.TOUR, request.node.get_closest_marker("panels")
+    if mark is not None:
+        layout = without(tour.layout, set(panels_in(tour.layout)).difference(mark.args))
+        assert layout is not None, f"the tour has none of {mark.args}"
+        tour = dataclasses.replace(tour, layout=layout)
+    return FakeConsole(tour, {samples.MENTAL.path: samples.MENTAL, tour.path: tour})
 
 
 @pytest.fixture(scope="session")

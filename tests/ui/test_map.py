@@ -39,6 +39,8 @@ from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("map")
+
 ROBOT = RobotProfile(
     "simulated", "Simulated robot", navigation=NavigationServer("move_base", "/move_base"), initial_pose="/initialpose"
 )
