@@ -15,6 +15,8 @@ from caris_desktop.ui.panels.video import VideoPanel
 from caris_desktop.ui.widgets.camera_strip import SmallPicture, strip_place
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("video")
+
 COLORS = {"front": (40, 40, 200), "desk": (40, 200, 40), "rear": (200, 40, 40)}
 
 
@@ -159,6 +161,7 @@ def test_a_camera_that_is_gone_takes_its_picture_along(panel: VideoPanel, consol
     assert not panel.strip.isVisible()
 
 
+@pytest.mark.panels()
 def test_the_people_panel_goes_on_while_another_camera_sees(
     panel: VideoPanel, console: FakeConsole, window: MainWindow
 ) -> None:

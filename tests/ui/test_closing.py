@@ -13,6 +13,8 @@ from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("video", "speak", "drive")
+
 ALT = Qt.KeyboardModifier.AltModifier
 
 

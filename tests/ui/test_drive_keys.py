@@ -23,6 +23,8 @@ from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("video", "speak", "drive", "assistant")
+
 ALT = Qt.KeyboardModifier.AltModifier
 BARE = Qt.KeyboardModifier.NoModifier
 
@@ -59,6 +61,7 @@ def test_directions_add_up_and_opposites_cancel() -> None:
     assert merged((MotionWish(forward=1.0), MotionWish(forward=0.5, pan=-0.2))) == MotionWish(forward=1.0, pan=-0.2)
 
 
+@pytest.mark.panels()
 @pytest.mark.parametrize("panel", ["video_view", "map_view", "drive_panel"])
 def test_bare_keys_drive_in_the_driving_panels(window: MainWindow, console: FakeConsole, panel: str) -> None:
     widget = find(window, panel)
@@ -136,6 +139,7 @@ def test_losing_the_driving_focus_releases(window: MainWindow, view: QWidget, co
     assert field.property("text") == ""
 
 
+@pytest.mark.panels()
 def test_moving_between_driving_panels_keeps_driving(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
     QTest.keyPress(view, Qt.Key.Key_W)
     find(window, "map_view").setFocus()

@@ -16,6 +16,8 @@ from tests.support.virtual_gamepad import VirtualGamepad
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("drive")
+
 
 @pytest.fixture
 def gamepads(window: MainWindow, console: FakeConsole) -> Iterator[Gamepads]:

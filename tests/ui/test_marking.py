@@ -20,6 +20,8 @@ from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("video", "speak", "session")
+
 LABELS = ("Interested", "Confused", "Laughs")
 CTRL, SHIFT, ALT, NONE = (
     Qt.KeyboardModifier.ControlModifier,

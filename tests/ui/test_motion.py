@@ -15,6 +15,8 @@ from tests.support.yardstick import in_yardsticks
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("drive")
+
 
 @pytest.fixture
 def panel(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> MotionPanel:

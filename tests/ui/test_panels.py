@@ -99,6 +99,7 @@ def test_the_newest_frame_is_painted(window: MainWindow, console: FakeConsole) -
     assert pixel(view, 0.5, 0.3).getRgb()[:3] == (30, 160, 10)
 
 
+@pytest.mark.panels("video")
 def test_a_stale_picture_is_dimmed_and_a_lost_one_is_gone(window: MainWindow, console: FakeConsole) -> None:
     panel, view = video(window)
     show_flat(console, (255, 255, 255), age_s=0.9)
@@ -112,6 +113,7 @@ def test_a_stale_picture_is_dimmed_and_a_lost_one_is_gone(window: MainWindow, co
     assert panel.fact[0].startswith("no picture for 3")
 
 
+@pytest.mark.panels("video")
 def test_a_lost_robot_is_not_waited_for_in_silence(window: MainWindow, console: FakeConsole) -> None:
     _, view = video(window)
     console.state.clear_robot_streams()
@@ -121,6 +123,7 @@ def test_a_lost_robot_is_not_waited_for_in_silence(window: MainWindow, console: 
     assert view.grab().toImage() != waiting
 
 
+@pytest.mark.panels("video")
 def test_a_fresh_picture_says_its_age(window: MainWindow, console: FakeConsole) -> None:
     panel, _ = video(window)
     show_flat(console, (9, 9, 9), age_s=0.041)
@@ -164,6 +167,7 @@ def test_boxes_keep_up_with_a_turning_robot() -> None:
     assert moved_since(None, now, frame_at(10.2)) == {}
 
 
+@pytest.mark.panels("video")
 def test_boxes_carry_names_and_are_solid_only_with_one(window: MainWindow, console: FakeConsole) -> None:
     _, view = video(window)
     frame = show_flat(console, (0, 0, 0))
@@ -185,6 +189,7 @@ def test_boxes_carry_names_and_are_solid_only_with_one(window: MainWindow, conso
     assert not all(dashes)
 
 
+@pytest.mark.panels("video")
 def test_black_frames_without_people_have_no_boxes(window: MainWindow, console: FakeConsole) -> None:
     _, view = video(window)
     frame = show_flat(console, (0, 0, 0))
@@ -226,6 +231,7 @@ def test_beams_on_one_spot_are_one_dot() -> None:
     assert distinct_dots(points, 60, 40).tolist() == [[11, 5], [31, 9]]
 
 
+@pytest.mark.panels("map")
 def test_the_map_is_painted_at_its_own_pace(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = window.panels["map"]
     assert isinstance(panel, MapPanel)
@@ -239,6 +245,7 @@ def test_the_map_is_painted_at_its_own_pace(qtbot: QtBot, window: MainWindow, co
     qtbot.waitUntil(lambda: painted.count >= 1)
 
 
+@pytest.mark.panels("map")
 def test_the_map_view_turns_clicks_back_into_metres(window: MainWindow) -> None:
     panel = window.panels["map"]
     assert isinstance(panel, MapPanel)
@@ -246,6 +253,7 @@ def test_the_map_view_turns_clicks_back_into_metres(window: MainWindow) -> None:
     assert (point.x(), point.y()) == pytest.approx((3.25, -1.5))
 
 
+@pytest.mark.panels("map")
 def test_the_map_follows_the_robot_until_it_is_dragged(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = window.panels["map"]
     assert isinstance(panel, MapPanel)
@@ -260,6 +268,7 @@ def test_the_map_follows_the_robot_until_it_is_dragged(qtbot: QtBot, window: Mai
     assert not panel.view.follow
 
 
+@pytest.mark.panels("map")
 def test_a_lost_link_takes_the_robot_off_the_map(window: MainWindow, console: FakeConsole) -> None:
     panel = window.panels["map"]
     assert isinstance(panel, MapPanel)
@@ -290,6 +299,7 @@ def test_the_drive_panel_says_what_happens(window: MainWindow, console: FakeCons
     assert not find(window, "drive_pad").isEnabled()
 
 
+@pytest.mark.panels("drive")
 def test_the_drive_panel_says_where_the_robot_goes_by_itself(window: MainWindow, console: FakeConsole) -> None:
     line = find(window, "drive_line")
     assert isinstance(line, QLabel)
@@ -300,6 +310,7 @@ def test_the_drive_panel_says_where_the_robot_goes_by_itself(window: MainWindow,
     assert line.text() == "Standing still"
 
 
+@pytest.mark.panels("drive")
 def test_how_fast_a_goal_is_driven_is_said_while_it_is(window: MainWindow, console: FakeConsole) -> None:
     navigation = NavigationServer("move_base", "/move_base", 0.6)
     velocity = VelocityTopic(timeout_s=0.5, timeout_source="its driver")
@@ -316,6 +327,7 @@ def test_how_fast_a_goal_is_driven_is_said_while_it_is(window: MainWindow, conso
     assert window.panels["drive"].fact == ("goals: own speed", "amber")
 
 
+@pytest.mark.panels("drive")
 def test_the_speed_has_three_steps(window: MainWindow, console: FakeConsole) -> None:
     steps = find(window, "speed_steps")
     console.set_speed_fraction(0.6)
@@ -356,6 +368,7 @@ def test_people_have_rows_with_names_or_numbers(window: MainWindow) -> None:
     assert str(told).startswith("Person 4, left 4")
 
 
+@pytest.mark.panels("people", "video")
 def test_a_person_is_named_in_the_row(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     field = press_name_button(qtbot, panel, "p3")
@@ -367,6 +380,7 @@ def test_a_person_is_named_in_the_row(qtbot: QtBot, window: MainWindow, console:
     assert not field.isVisible()
 
 
+@pytest.mark.panels()
 def test_an_unfinished_name_changes_nothing(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     QTest.keyClicks(press_name_button(qtbot, panel, "p3"), "Mar")
@@ -375,6 +389,7 @@ def test_an_unfinished_name_changes_nothing(qtbot: QtBot, window: MainWindow, co
     assert names(panel)[2] == "Person 3"
 
 
+@pytest.mark.panels("people", "video")
 def test_the_field_for_a_name_stays_with_its_person(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     field = press_name_button(qtbot, panel, "p3")
@@ -389,6 +404,7 @@ def test_the_field_for_a_name_stays_with_its_person(qtbot: QtBot, window: MainWi
     assert names(panel) == ["Ana Torres", "Mara", "Person 4"]
 
 
+@pytest.mark.panels()
 def test_letters_for_somebody_who_is_no_more_go_nowhere(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     field = press_name_button(qtbot, panel, "p3")
@@ -409,6 +425,7 @@ def test_letters_for_somebody_who_is_no_more_go_nowhere(qtbot: QtBot, window: Ma
     assert find(window, "speak_field").property("text") == ""
 
 
+@pytest.mark.panels("people", "video")
 def test_after_a_name_no_key_drives_or_speaks(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     for key in (Qt.Key.Key_Return, Qt.Key.Key_Escape):
@@ -421,6 +438,7 @@ def test_after_a_name_no_key_drives_or_speaks(qtbot: QtBot, window: MainWindow, 
     assert [name for name, _ in console.calls] == ["stop"], "Esc gave up the second name"
 
 
+@pytest.mark.panels("people", "video")
 def test_no_row_moves_under_the_mouse(window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     viewport = panel.list.viewport()
@@ -438,6 +456,7 @@ def test_no_row_moves_under_the_mouse(window: MainWindow, console: FakeConsole) 
     assert names(panel).index("Luis") > names(panel).index("Person 3"), "those who left go to the end"
 
 
+@pytest.mark.panels("people", "video")
 def test_people_are_named_with_the_keyboard(window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     panel.list.setFocus()
@@ -451,6 +470,7 @@ def test_people_are_named_with_the_keyboard(window: MainWindow, console: FakeCon
     assert console.calls == [("rename_person", ("p2", "Eva"))]
 
 
+@pytest.mark.panels("people", "video")
 def test_what_nobody_could_see_draws_no_row_anew(window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     changed: list[int] = []
@@ -463,6 +483,7 @@ def test_what_nobody_could_see_draws_no_row_anew(window: MainWindow, console: Fa
     assert 0 in changed
 
 
+@pytest.mark.panels("people", "video")
 def test_an_empty_room_is_said(window: MainWindow, console: FakeConsole) -> None:
     console.state.persons.set(())
     empty = find(window, "people_empty")
@@ -490,6 +511,7 @@ def test_enter_says_the_line_and_empties_the_field(window: MainWindow, console: 
     assert len(console.calls) == 1
 
 
+@pytest.mark.panels("speak")
 def test_arrow_keys_bring_earlier_lines_back(window: MainWindow) -> None:
     field = find(window, "speak_field")
     field.setFocus()
@@ -504,6 +526,7 @@ def test_arrow_keys_bring_earlier_lines_back(window: MainWindow) -> None:
     assert seen == ["two", "one", "one", "two", "draft"]
 
 
+@pytest.mark.panels("speak")
 def test_a_phrase_is_one_click_and_keeps_the_cursor(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     field = find(window, "speak_field")
     field.setFocus()
@@ -514,6 +537,7 @@ def test_a_phrase_is_one_click_and_keeps_the_cursor(qtbot: QtBot, window: MainWi
     assert console.calls[-1] == ("silence", None)
 
 
+@pytest.mark.panels("speak")
 def test_what_is_said_and_what_waits_is_shown(window: MainWindow, console: FakeConsole) -> None:
     assert window.panels["speak"].fact[0].startswith("now saying “Over there")
     queue = find(window, "speak_queue")
@@ -545,6 +569,7 @@ def test_an_answer_streams_and_is_said(qtbot: QtBot, window: MainWindow, console
     assert console.calls[-1] == ("say_answer", "Five kilos.")
 
 
+@pytest.mark.panels("assistant", "speak")
 def test_an_answer_can_be_edited_first(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     click(qtbot, find(window, "assistant_edit"))
     answer = find(window, "assistant_answer")
@@ -554,6 +579,7 @@ def test_an_answer_can_be_edited_first(qtbot: QtBot, window: MainWindow, console
     assert console.calls[-1][1].endswith("safety zone around it. Really.")
 
 
+@pytest.mark.panels("assistant", "speak")
 def test_enter_says_an_answer_that_is_edited(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     answer = find(window, "assistant_answer")
     QTest.keyClick(answer, Qt.Key.Key_Return)
@@ -567,6 +593,7 @@ def test_enter_says_an_answer_that_is_edited(qtbot: QtBot, window: MainWindow, c
     assert console.calls[0][1].endswith("safety zone around it. Really. Yes.")
 
 
+@pytest.mark.panels("assistant", "speak")
 def test_a_failed_answer_is_explained_in_place(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     console.state.assistant.set(AssistantStatus("failed", "SmolLM2", "x2", "Why?", "", "The model ended. Ask again."))
     note = find(window, "assistant_note")
@@ -589,6 +616,7 @@ def session(window: MainWindow) -> SessionPanel:
     return panel
 
 
+@pytest.mark.panels("assistant", "speak")
 def test_a_question_that_is_too_long_is_said_and_not_cut(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
@@ -615,6 +643,7 @@ def test_the_log_tells_events_in_sentences(window: MainWindow, console: FakeCons
     assert lines[-2:] == ["The robot is out of reach: no answer for 1 s", "Marked: laughed"]
 
 
+@pytest.mark.panels("session")
 def test_the_log_can_be_narrowed(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     console.state.take(UtteranceChanged(clock.now_ns(), "u", "robot", "Hello", "typed", "started"))
@@ -625,6 +654,7 @@ def test_the_log_can_be_narrowed(window: MainWindow, console: FakeConsole) -> No
     assert panel.log_lines() == ["Robot: “Hello”", "Marked"]
 
 
+@pytest.mark.panels("session")
 def test_the_log_stays_at_its_newest_line(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     log = session(window).findChild(QAbstractItemView, "event_log")
     assert isinstance(log, QAbstractItemView)
@@ -641,6 +671,7 @@ def test_the_log_stays_at_its_newest_line(qtbot: QtBot, window: MainWindow, cons
     assert bar.value() == 10, "the wizard is reading"
 
 
+@pytest.mark.panels("session")
 def test_the_log_is_in_order_of_time(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     now_ns = clock.now_ns()
@@ -656,6 +687,7 @@ def test_the_log_is_in_order_of_time(window: MainWindow, console: FakeConsole) -
     assert panel.log_lines()[-3] == "Marked: two"
 
 
+@pytest.mark.panels("session")
 def test_the_log_is_bounded(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     for number in range(LOG_ROWS + 20):
@@ -665,6 +697,7 @@ def test_the_log_is_bounded(window: MainWindow, console: FakeConsole) -> None:
     assert lines[-1] == f"Marked: {LOG_ROWS + 19}"
 
 
+@pytest.mark.panels("session")
 def test_in_a_low_panel_some_lines_of_the_log_stay(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, theme: Theme
 ) -> None:
@@ -698,6 +731,7 @@ class LookedAt(QIdentityProxyModel):
         return super().data(index, role)
 
 
+@pytest.mark.panels("session")
 def test_a_new_line_costs_the_same_in_a_long_log(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     log = panel.findChild(QAbstractItemView, "event_log")
@@ -716,6 +750,7 @@ def test_a_new_line_costs_the_same_in_a_long_log(window: MainWindow, console: Fa
     assert len(set(looked_at.rows)) <= 2 * in_view
 
 
+@pytest.mark.panels("session")
 def test_recording_starts_and_stops_in_the_panel(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     click(qtbot, find(panel, "session_toggle"))
@@ -725,6 +760,7 @@ def test_recording_starts_and_stops_in_the_panel(qtbot: QtBot, window: MainWindo
     find(window, "start_dialog").close()
 
 
+@pytest.mark.panels("session")
 def test_an_ended_session_can_be_exported(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     window.dock_host.show_panel("session")
     assert not any(button.isVisible() for button in window.findChildren(QWidget, "session_export"))
@@ -738,6 +774,7 @@ def test_an_ended_session_can_be_exported(qtbot: QtBot, window: MainWindow, cons
     dialog.close()
 
 
+@pytest.mark.panels("session")
 def test_a_failed_recording_is_said(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     console.state.recording.set(RecordingStatus("failed", Path("/s"), detail="The disk is full."))
@@ -790,6 +827,7 @@ def test_the_picture_says_why_the_robot_does_not_drive(window: MainWindow, conso
     assert panel._hints() == [("Driving is off: The robot is out of reach", "warning")]
 
 
+@pytest.mark.panels("video")
 def test_a_photo_that_was_kept_is_shown_small(window: MainWindow, console: FakeConsole) -> None:
     _panel, view = video(window)
     frame = show_flat(console, (20, 200, 40))
@@ -813,6 +851,7 @@ def test_a_photo_that_was_kept_is_shown_small(window: MainWindow, console: FakeC
     assert small.image is None, "that picture was not seen here"
 
 
+@pytest.mark.panels("video")
 def test_a_photo_is_offered_whether_recording_or_not_but_never_in_a_pause(
     window: MainWindow, console: FakeConsole
 ) -> None:

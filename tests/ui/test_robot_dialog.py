@@ -20,6 +20,8 @@ from caris_desktop.ui.robot_dialog import RobotDialog
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("drive")
+
 OFFER = Offer(
     {
         "/cmd_vel": "geometry_msgs/Twist", "/scan": "sensor_msgs/LaserScan", "/scan_rear": "sensor_msgs/LaserScan",

@@ -21,6 +21,8 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("drive")
+
 SERVICE = CallService("/do", "std_srvs/Trigger", {})
 TOPIC = PublishMessage("/set", "std_msgs/Float32", {"data": "$value"})
 TOLD = Reading("/told", "std_msgs/Float32", "data")

@@ -34,6 +34,8 @@ from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole, FakeLibrary
 from tests.ui.test_window import choose, choose_from_window_menu
 
+pytestmark = pytest.mark.panels("session")
+
 
 def change(console: FakeConsole, **values: object) -> None:
     console.state.recording.set(dataclasses.replace(console.state.recording.value, **values))  # type: ignore[arg-type]
@@ -113,6 +115,7 @@ def test_the_room_that_is_left_is_told_in_time(window: MainWindow, console: Fake
     assert "1 piece of sound was not recorded" in items["dropped"].toolTip()
 
 
+@pytest.mark.panels()
 def test_long_words_do_not_make_the_window_wider(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     change(console, room_s=200.0, dropped={"frame": 12_345})
     window.status_bar.refresh()  # as it does four times a second
@@ -163,6 +166,7 @@ def test_a_jump_in_time_rebuilds_the_log(window: MainWindow, console: FakeConsol
     assert panel.log_lines() == ["Marked: Laughs, 7.0 s", "Robot: “Hello”"]
 
 
+@pytest.mark.panels()
 def test_a_replay_records_and_marks_nothing(window: MainWindow, console: FakeConsole) -> None:
     panel = session_panel(window)
     window.actions_table.keep_only(("Window",))
@@ -541,6 +545,7 @@ def test_the_window_opens_sessions_and_exports(
 # The arrangement of the panels
 
 
+@pytest.mark.panels()
 def test_an_arrangement_is_told_once_it_is_at_rest(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     def settle() -> None:
         qtbot.waitUntil(lambda: not window.layout_keeper.rest.isActive(), timeout=5000)

@@ -21,6 +21,8 @@ from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("drive")
+
 CTRL, SHIFT, ALT = (
     Qt.KeyboardModifier.ControlModifier,
     Qt.KeyboardModifier.ShiftModifier,

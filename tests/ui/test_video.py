@@ -27,6 +27,8 @@ from tests.support.yardstick import in_yardsticks
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("video")
+
 # Half the size that the frames have: the model is scaled to them.
 MODEL = dataclasses.replace(
     CameraModel.from_field_of_view(width_px=320, height_px=240, horizontal_rad=1.2), x_m=0.1, z_m=1.0, tilt_rad=0.2
@@ -192,6 +194,7 @@ def test_the_title_names_the_camera_on_show(window: MainWindow, panel: VideoPane
     assert panel.shown_title == "Video"
 
 
+@pytest.mark.panels()
 def test_the_people_panel_says_who_is_seen_by_another_camera_only(
     window: MainWindow, panel: VideoPanel, console: FakeConsole
 ) -> None:

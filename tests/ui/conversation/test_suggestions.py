@@ -19,6 +19,8 @@ from caris_desktop.ui.people.asked import AskedAbout
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("video", "speak")
+
 CTRL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
 TEXTS = ("It stops as soon as it touches something.", "Good question, {p-9}!", "Shall we go there?")
 SHOWN = SuggestionsStatus(

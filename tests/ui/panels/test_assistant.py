@@ -16,6 +16,8 @@ from caris_desktop.ui.panels.assistant import AssistantPanel
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("assistant")
+
 SETUP = AssistantSetup(
     model="embedded",
     models=(
@@ -54,6 +56,7 @@ def asked(console: FakeConsole, *exchanges: ExchangeStatus) -> None:
     )
 
 
+@pytest.mark.panels()
 def test_what_goes_along_is_seen_with_its_size_and_taken_out_before_sending(
     panel: AssistantPanel, console: FakeConsole
 ) -> None:
@@ -140,6 +143,7 @@ def test_the_model_is_one_drop_down_and_a_refusal_puts_it_back(
     assert console.calls[-1] == ("choose_prompt", ("style", "Short"))
 
 
+@pytest.mark.panels()
 def test_the_model_can_be_chosen_however_low_the_panel_is(panel: AssistantPanel, console: FakeConsole) -> None:
     asked(console, ANSWERED)
     assert panel.height() < 210 and panel._answer.isVisible() and not panel.setup_bar.model.isVisible()

@@ -30,6 +30,8 @@ from tests.ui.conftest import MemorySettings, click, find
 from tests.ui.fake_console import FakeConsole
 from tests.ui.fake_replay import STARTED_NS, FakeReplay
 
+pytestmark = pytest.mark.panels("speak")
+
 
 @pytest.fixture
 def panel(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> Iterator[ConversationPanel]:

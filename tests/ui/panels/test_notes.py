@@ -15,6 +15,8 @@ from caris_desktop.ui.panels.notes import NotesPanel
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("speak")
+
 KEYPAD, CTRL = Qt.KeyboardModifier.KeypadModifier, Qt.KeyboardModifier.ControlModifier
 
 

@@ -28,6 +28,8 @@ from tests.ui import people_samples, samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("people")
+
 CTRL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
 
 
@@ -209,6 +211,7 @@ def test_another_suggestion_for_the_same_person_is_to_be_read_first() -> None:
     assert soon.from_ns > 100, "the question before was answered just now"
 
 
+@pytest.mark.panels()
 def test_a_suggestion_is_confirmed_by_one_key_from_anywhere(
     window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
@@ -224,6 +227,7 @@ def test_a_suggestion_is_confirmed_by_one_key_from_anywhere(
     assert len(console.calls) == 1, "nothing is asked any more"
 
 
+@pytest.mark.panels()
 def test_while_driving_y_says_yes_and_shift_y_no(window: MainWindow, panel: PeoplePanel, console: FakeConsole) -> None:
     view = find(window, "video_view")
     view.setFocus()
@@ -261,6 +265,7 @@ def test_a_suggestion_is_answered_by_a_click(qtbot: QtBot, panel: PeoplePanel, c
     assert console.calls[1:] == [("confirm_person", ("p-3", "p-mara"))]
 
 
+@pytest.mark.panels()
 def test_the_row_and_the_box_that_are_asked_about_have_the_key(
     window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
@@ -286,6 +291,7 @@ def test_the_row_and_the_box_that_are_asked_about_have_the_key(
     assert view.visible_boxes() == [("Mara Silva? 82 % · Ctrl Enter", False)]
 
 
+@pytest.mark.panels()
 def test_a_question_comes_into_view_once(panel: PeoplePanel, console: FakeConsole) -> None:
     viewport = panel.list.viewport()
     assert viewport.height() < 3 * ROW_PX, "there is room for less than three rows"
@@ -310,6 +316,7 @@ def test_whoever_was_recognised_can_be_somebody_else_after_all(
 # Selecting, searching, taking back
 
 
+@pytest.mark.panels()
 def test_a_click_selects_somebody_and_the_next_one_nobody(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:

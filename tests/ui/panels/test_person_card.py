@@ -26,6 +26,8 @@ from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 from tests.ui.panels.test_people import press
 
+pytestmark = pytest.mark.panels("people")
+
 NOW_NS = round(datetime(2026, 11, 22, 14, 30).timestamp() * 1e9)
 MINUTE_NS = people_samples.MINUTE_NS
 HISTORY = (
@@ -68,6 +70,7 @@ def asked(console: FakeConsole) -> list[tuple[str, object]]:
     return [call for call in console.calls if call[0] != "look_up_person"]
 
 
+@pytest.mark.panels()
 def test_the_card_opens_beside_the_row_and_takes_no_key_from_driving(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
@@ -125,6 +128,7 @@ def test_what_cannot_be_promised_is_said() -> None:
     assert how_known(dataclasses.replace(luis, confidence=0.0), "clothing", both) == "You said who this is."
 
 
+@pytest.mark.panels()
 def test_what_is_written_down_is_kept_when_the_field_is_left(
     window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:

@@ -31,6 +31,8 @@ from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("speak")
+
 ALT, SHIFT, CTRL = (
     Qt.KeyboardModifier.AltModifier,
     Qt.KeyboardModifier.ShiftModifier,
@@ -145,6 +147,7 @@ def test_what_was_written_is_kept_when_something_is_brought_to_be_edited(
     assert console.named("say") == [("Mine", "typed")], "what was to be edited is gone"
 
 
+@pytest.mark.panels()
 def test_a_suggestion_is_edited_in_the_field_first(window: MainWindow, console: FakeConsole, field: SpeakField) -> None:
     console.state.persons.set((PersonRow("p-1", 1, "Luis", True, 0, 0),))
     card = ShownSuggestion("s-1", 2, "No, {p-1}, it stops.")
@@ -234,6 +237,7 @@ def test_the_queue_is_changed_by_mouse(qtbot: QtBot, window: MainWindow, console
     assert queue.texts == ["“Three.”", "“Two.”"]
 
 
+@pytest.mark.panels()
 def test_the_queue_is_changed_by_keys_alone_while_driving(window: MainWindow, console: FakeConsole) -> None:
     console.state.speech.set(waiting("One.", "Two.", "Three."))
     view, queue = find(window, "video_view"), queue_of(window)
@@ -343,6 +347,7 @@ def test_escape_leaves_it_unsaid_and_what_was_typed_comes_back(
     assert field.toPlainText() == "Hello, {name}!"
 
 
+@pytest.mark.panels()
 def test_whoever_drives_by_bare_keys_goes_on_driving(window: MainWindow, console: FakeConsole) -> None:
     view = find(window, "video_view")
     view.setFocus()
