@@ -166,7 +166,8 @@ IN_SESSION = ("starting", "recording", "paused", "stopping")
 class GoingOnStatus:
     """A trial that broke off with the program, in the session ``folder``: offered, then gone on with.
 
-    ``unconfirmed`` is what nobody has looked at since; ``people`` are the ids of those who were there.
+    ``unconfirmed`` is what nobody has looked at since; ``people`` are the ids of those who were there, and
+    ``unconfirmed_people`` of those of them who have not been looked at.
     """
 
     state: Literal["", "offered", "unconfirmed", "confirmed"] = ""
@@ -174,6 +175,7 @@ class GoingOnStatus:
     details: TrialDetails = field(default_factory=TrialDetails)
     unconfirmed: tuple[AsBefore, ...] = ()
     people: tuple[str, ...] = ()
+    unconfirmed_people: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

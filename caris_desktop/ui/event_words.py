@@ -161,8 +161,9 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
         case events.PracticeEnded(done=done, steps=steps, score=score):
             text = tr("Practice ended: {done} of {steps} steps, {score} of 100 points")
             return "Session", text.format(done=done, steps=steps, score=score)
-        case events.ConfirmedAsBefore(what=what):
-            return "Session", tr(CONFIRMED[what])
+        case events.ConfirmedAsBefore(what=what, person_id=person_id):
+            of_one = tr("Confirmed: {name} is who the list says").format(name=name_of(person_id)) if person_id else ""
+            return "Session", of_one or tr(CONFIRMED[what])
         case _:
             return None
 

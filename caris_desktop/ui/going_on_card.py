@@ -18,6 +18,8 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 
 _WIDTH_PX, _FROM_EDGE_PX = 520, 20
+_FROM_TOP_PX = 82
+"""Below the tabs and titles of the uppermost panels, so that what they say and do stays at hand."""
 _ASKED: dict[AsBefore, str] = {
     "map": QT_TR_NOOP("The robot stands where the map shows it"),
     "people": QT_TR_NOOP("People are who the list says"),
@@ -128,7 +130,7 @@ class GoingOnCard(QWidget):
     def _place(self) -> None:
         self.setFixedWidth(min(_WIDTH_PX, self._over.width() - 2 * _FROM_EDGE_PX))
         self.resize(self.width(), self._column.heightForWidth(self.width()))
-        self.move((self._over.width() - self.width()) // 2, _FROM_EDGE_PX)
+        self.move((self._over.width() - self.width()) // 2, _FROM_TOP_PX)
         self.raise_()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
 
@@ -9,6 +10,8 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import GoingOnStatus
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.map import MapPanel
+from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.widgets.check_box import CheckBox
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
@@ -49,3 +52,58 @@ def test_the_next_part_is_recorded_once_everything_was_looked_at(
     assert dialog is not None
     assert (dialog.details().participant, dialog.details().trial) == ("P07", "2")
     dialog.reject()
+
+
+def test_the_rows_of_people_say_it_until_each_is_confirmed(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    panel = window.findChild(PeoplePanel)
+    assert panel is not None
+    persons = panel.model.persons
+    first, second = persons[0].person_id, persons[1].person_id
+    before = panel.list.viewport().grab(panel.list.row_rect(0)).toImage()
+    unconfirmed = replace(OFFERED, state="unconfirmed", unconfirmed=("map", "people"))
+    console.state.going_on.set(replace(unconfirmed, unconfirmed_people=(first, second)))
+
+    def told(row: int) -> str:
+        return str(panel.model.index(row).data(Qt.ItemDataRole.AccessibleTextRole))
+
+    assert "not confirmed" in told(0) and "not confirmed" in told(1) and "not confirmed" not in told(2)
+    row = panel.list.row_rect(0)
+    assert panel.list.viewport().grab(row).toImage() != before, "in look, too"
+    qtbot.mouseClick(panel.list.viewport(), Qt.MouseButton.LeftButton, pos=panel.list.button_rect(0, "same").center())
+    panel.list.setFocus()
+    panel.list.setCurrentIndex(panel.model.index(1))
+    qtbot.keyClick(panel.list, Qt.Key.Key_Return)
+    assert console.named("ConfirmAsBefore") == [
+        intents.ConfirmAsBefore("people", first), intents.ConfirmAsBefore("people", second),
+    ]  # fmt: skip
+    console.state.going_on.set(replace(unconfirmed, unconfirmed_people=(second,)))
+    assert "not confirmed" not in told(0) and "not confirmed" in told(1)
+    assert panel.list.button_rect(0, "same").isEmpty()
+    console.state.going_on.set(replace(unconfirmed, unconfirmed=("map",)))
+    assert "not confirmed" not in told(1)
+
+
+def test_the_map_says_it_in_words_and_look_until_it_is_confirmed(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    panel = window.findChild(MapPanel)
+    assert panel is not None
+    before = panel.view.grab().toImage()
+    console.state.going_on.set(replace(OFFERED, state="unconfirmed", unconfirmed=("map",)))
+    assert ("Position not confirmed", "warning") in panel.view.shown.chips
+    assert "Position not confirmed" in panel.view.accessibleDescription()
+    confirm = find(panel, "map_confirm")
+    confirm.hide()
+    without = panel.view.shown.chips
+    panel.view.show_chips([])
+    pin = panel.view.grab().toImage()
+    panel.view.show_chips(without)
+    confirm.show()
+    assert pin != before, "the pin is hollow and its outline dashed"
+    click(qtbot, confirm)
+    assert console.named("ConfirmAsBefore") == [intents.ConfirmAsBefore("map")]
+    console.state.going_on.set(GoingOnStatus())
+    assert confirm.isHidden() and not panel.view.shown.unconfirmed
+    assert ("Position not confirmed", "warning") not in panel.view.shown.chips

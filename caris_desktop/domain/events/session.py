@@ -205,12 +205,13 @@ class TrialResumed:
 @dataclass(frozen=True, slots=True)
 class ConfirmedAsBefore:
     """After that somebody looked: the ``map`` shows where the robot is, ``people`` are who the list says, and the
-    participant gave ``consent`` once more.
+    participant gave ``consent`` once more. With ``person_id`` only this one of the people was looked at.
     """
 
     stamp_ns: int
     what: Literal["map", "people", "consent"]
     actor: Actor = ""
+    person_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)

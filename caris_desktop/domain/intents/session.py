@@ -120,9 +120,10 @@ class LeaveTrial(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ConfirmAsBefore(Intent):
-    """It was looked at, and holds as before."""
+    """It was looked at, and holds as before; with a ``person_id`` of ``people`` that this one is who the list says."""
 
     what: AsBefore
+    person_id: str = ""
 
 
 SESSION: IntentTable = {

@@ -9,12 +9,12 @@ from typing import TypeVar, get_args
 from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import ConfirmedAsBefore, Event, TrialResumed
+from caris_desktop.domain.events import ConfirmedAsBefore, Event, InitialPoseSet, TrialResumed
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.service import Handlers, Service
+from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.robot import RobotService
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
@@ -83,6 +83,9 @@ class GoingOnService(Service):
             intents.LeaveTrial: self._leave,
             intents.ConfirmAsBefore: self._confirm,
         }
+
+    def follows(self) -> Follows:
+        return {InitialPoseSet: self._on_pose_set}
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._scenario = scenario
@@ -173,7 +176,13 @@ class GoingOnService(Service):
         self._resumed = TrialResumed(clock.now_ns(), trial.session.name, asked.actor)
         self._bus.publish(self._resumed)
         self._state.going_on.set(
-            replace(status, state="unconfirmed", unconfirmed=get_args(intents.AsBefore), people=trial.people)
+            replace(
+                status,
+                state="unconfirmed",
+                unconfirmed=get_args(intents.AsBefore),
+                people=trial.people,
+                unconfirmed_people=trial.people,
+            )
         )
 
     def _leave(self, asked: intents.LeaveTrial) -> None:
@@ -185,11 +194,35 @@ class GoingOnService(Service):
         status: GoingOnStatus = self._state.going_on.value
         if asked.what not in status.unconfirmed:
             return
-        event = ConfirmedAsBefore(clock.now_ns(), asked.what, asked.actor)
+        if asked.person_id:
+            if asked.person_id not in status.unconfirmed_people:
+                return
+            self._note(ConfirmedAsBefore(clock.now_ns(), asked.what, asked.actor, asked.person_id))
+            people = tuple(person for person in status.unconfirmed_people if person != asked.person_id)
+            status = replace(status, unconfirmed_people=people)
+            if self._have_rows(people):
+                self._state.going_on.set(status)
+                return
+        # The last of the rows that were there makes it true of all people.
+        self._note(ConfirmedAsBefore(clock.now_ns(), asked.what, asked.actor))
+        left = tuple(what for what in status.unconfirmed if what != asked.what)
+        people = status.unconfirmed_people if "people" in left else ()
+        self._state.going_on.set(
+            replace(status, unconfirmed=left, unconfirmed_people=people, state="unconfirmed" if left else "confirmed")
+        )
+
+    def _note(self, event: ConfirmedAsBefore) -> None:
         self._confirmed.append(event)
         self._bus.publish(event)
-        left = tuple(what for what in status.unconfirmed if what != asked.what)
-        self._state.going_on.set(replace(status, unconfirmed=left, state="unconfirmed" if left else "confirmed"))
+
+    def _have_rows(self, people: tuple[str, ...]) -> bool:
+        """Whether one of them can still be looked at: who is in no row has nothing that could be confirmed."""
+        rows = (*self._state.persons.value, *self._state.everybody.value)
+        return any(row.person_id in people for row in rows)
+
+    def _on_pose_set(self, event: InitialPoseSet) -> None:
+        """Who says where the robot is has looked where it is."""
+        self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))
 
 
 def _told(work: Callable[[], T]) -> Callable[[], T]:

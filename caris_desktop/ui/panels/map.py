@@ -3,13 +3,14 @@
 import time
 from collections.abc import Callable
 
-from PySide6.QtCore import QPoint, QSize, Qt
+from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QMenu, QVBoxLayout, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
@@ -57,6 +58,12 @@ class MapPanel(Panel):
         self.tools.told.connect(self._on_told)
         self.tools.changed.connect(self._refresh)
         self._make_title_widgets()
+        self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", look="primary", height_px=32)
+        self._confirm.setObjectName("map_confirm")
+        self._confirm.setToolTip(tr("The robot stands where the map shows it"))
+        self._confirm.setParent(self.view)
+        self._confirm.clicked.connect(lambda: self.console.do(intents.ConfirmAsBefore("map")))
+        self._confirm.hide()
         view = self.view
         view.follow_changed.connect(self._follow.setChecked)
         view.rotate_changed.connect(self._refresh)
@@ -80,6 +87,7 @@ class MapPanel(Panel):
         state.mapping.changed.connect(self._refresh)
         state.drive.changed.connect(self._on_drive_changed)
         state.link.changed.connect(self._refresh)
+        state.going_on.changed.connect(self._show_unconfirmed)
         state.event_happened.connect(self._on_event)
         for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path, state.odometry):
             stream.freshness_changed.connect(self._on_freshness_changed)
@@ -98,7 +106,25 @@ class MapPanel(Panel):
         self._on_drive_changed(state.drive.value)
         self._on_people_changed()
         self._on_goal_changed(state.goal.value)
+        self._show_unconfirmed()
         self._on_freshness_changed()
+
+    def _show_unconfirmed(self, _status: object = None) -> None:
+        """After an unexpected end the robot may have been moved: the map says so until somebody has looked."""
+        if not self.in_view:
+            return
+        unconfirmed = "map" in self.state.going_on.value.unconfirmed
+        self.view.shown.unconfirmed = unconfirmed
+        self.view.update()
+        show_part(self._confirm, unconfirmed)
+        self._place_confirm()
+        self._refresh()
+
+    def _place_confirm(self) -> None:
+        size = self._confirm.sizeHint()
+        # The scale stands in the other corner, the tools above or beside it.
+        at = QPoint(self.view.left_px + 8, self.view.height() - size.height() - 8)
+        self._confirm.setGeometry(QRect(at, size))
 
     def _make_title_widgets(self) -> None:
         self._go_menu = QMenu(self)
@@ -136,6 +162,7 @@ class MapPanel(Panel):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self.tools.arrange()
+        self._place_confirm()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() == Qt.Key.Key_G and not event.modifiers() and self.tools.toggle_goal():
@@ -357,6 +384,8 @@ class MapPanel(Panel):
             for name, stream in self._aging_layers()
             if stream.freshness in ("stale", "lost")
         ]
+        if self.view.shown.unconfirmed:
+            chips.insert(0, (tr("Position not confirmed"), "warning"))
         if self.tools.by_odometry:
             chips.append(("No map: drawn by odometry", "hint"))
         if state.mapping.value.busy:

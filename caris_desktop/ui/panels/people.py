@@ -100,6 +100,7 @@ class PeoplePanel(Panel):
         state.frame.freshness_changed.connect(self._refresh)
         state.selected_person.changed.connect(self._show_meant)
         state.asked_person.changed.connect(self._show_asked)
+        state.going_on.changed.connect(self._show_unconfirmed)
         state.event_happened.connect(self._on_event)
         state.person_history.changed.connect(self._on_history_found)
         self.table.keys_changed.connect(self._show_asked)
@@ -130,6 +131,7 @@ class PeoplePanel(Panel):
         self._show_everyone()
         self._show_meant()
         self._show_asked()
+        self._show_unconfirmed()
 
     # ---- who is shown
 
@@ -169,6 +171,11 @@ class PeoplePanel(Panel):
         if self.in_view:
             keys = self.table.key_text("answer_yes"), self.table.key_text("answer_no")
             self.list.show_asked("" if asked is None else asked.person_id, *keys)
+
+    def _show_unconfirmed(self, _status: object = None) -> None:
+        if self.in_view:
+            self.model.show_unconfirmed(frozenset(self.state.going_on.value.unconfirmed_people))
+            self.list.viewport().update()
 
     def _refresh(self) -> None:
         if not self.in_view:
@@ -330,6 +337,8 @@ class PeoplePanel(Panel):
             self.console.do(intents.ConfirmPerson(person_id, suggested.person_id))
         elif act == "no" and suggested is not None:
             self.console.do(intents.RejectPerson(person_id, suggested.person_id))
+        elif act == "same":
+            self.console.do(intents.ConfirmAsBefore("people", person_id))
         elif act == "not":
             self.console.do(intents.RejectPerson(person_id, person_id))
 

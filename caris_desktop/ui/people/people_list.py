@@ -21,7 +21,7 @@ from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.people.people_model import PERSON_ROLE, Index, PeopleModel
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
-from caris_desktop.ui.people.shown_people import SPEAKING, RowButton, buttons_of
+from caris_desktop.ui.people.shown_people import SPEAKING, UNCONFIRMED, RowButton, buttons_of
 from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
@@ -38,6 +38,7 @@ _BUTTON_PX = 30
 _ICON_PX = 17
 _TEXT_AT_LEAST_PX = 96
 _RESTS_MS = 4_000
+_ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 _NAME_HINT = "Name, then Enter"
 _NOBODY_HINT = "Nobody is named: this person is gone"
 
@@ -53,7 +54,7 @@ class PeopleList(RowList):
     named = Signal(str, str)  # person id, name
     let_go = Signal()
     picked = Signal(str)  # person id: a click on the row
-    asked_for = Signal(str, str)  # yes, no, not or card; person id
+    asked_for = Signal(str, str)  # yes, no, same, not or card; person id
 
     def __init__(self, theme: Theme, model: PeopleModel, portraits: PortraitPixmaps, *, may_decide: bool) -> None:
         super().__init__(row_px=ROW_PX)
@@ -143,6 +144,7 @@ class PeopleList(RowList):
         yes_key, no_key = self._keys if person.person_id == self._asked else ("", "")
         buttons = buttons_of(
             person,
+            unconfirmed=self._people.is_unconfirmed(person.person_id) and person.person_id != self._naming,
             can_be_named=person.person_id != self._naming and self._people.knows(person.person_id),
             yes_key=yes_key,
             no_key=no_key,
@@ -357,7 +359,9 @@ class PeopleList(RowList):
         key = event.key()
         if not person_id:
             super().keyPressEvent(event)
-        elif key in (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_F2):
+        elif key in _ENTER and self._may_decide and self._people.is_unconfirmed(person_id):
+            self.asked_for.emit("same", person_id)
+        elif key in (*_ENTER, Qt.Key.Key_F2):
             self.name(person_id)
         elif key == Qt.Key.Key_Space:
             self.picked.emit(person_id)
@@ -402,6 +406,12 @@ class PersonDelegate(QStyledItemDelegate):
         mark = QRect(rect.left() + _SIDE_PX, rect.center().y() - avatar.SIZE_PX // 2, avatar.SIZE_PX, avatar.SIZE_PX)
         if not self._portraits.draw(painter, mark, person.portrait):
             avatar.draw_avatar(painter, theme, mark.toRectF(), person.name, known=named, here=person.here)
+        if self._people.is_unconfirmed(person.person_id):
+            pen = QPen(theme.color("amber"), 2)
+            pen.setDashPattern([2.5, 2.0])
+            painter.setPen(pen)
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawEllipse(QRectF(mark).adjusted(-3, -3, 3, 3))
         buttons = self._view.buttons(index.row())
         left = mark.right() + _GAP_PX
         right = buttons[0][1].left() - 8 if buttons else rect.right() - _SIDE_PX
@@ -450,6 +460,10 @@ class PersonDelegate(QStyledItemDelegate):
         seen = self._people.seen(person)
         below = f"{words.person_name(person)} · {seen}" if suggested else seen
         lower = QRect(rect.left(), rect.top() + 20, rect.width(), 20)
+        if self._people.is_unconfirmed(person.person_id):
+            mark = tr(UNCONFIRMED)
+            used = self._paint_cut(painter, lower, mark, small, "amber")
+            lower, below = lower.adjusted(used, 0, 0, 0), below.removeprefix(mark)
         if person.speaking and seen.startswith(SPEAKING) and not suggested:
             used = self._paint_cut(painter, lower, SPEAKING, small, "green")
             lower, below = lower.adjusted(used, 0, 0, 0), below.removeprefix(SPEAKING)
@@ -467,7 +481,7 @@ class PersonDelegate(QStyledItemDelegate):
     def _paint_button(self, painter: QPainter, rect: QRect, button: RowButton, *, hovered: bool) -> None:
         theme = self._theme
         under = hovered and rect.contains(self._view.viewport().mapFromGlobal(QCursor.pos()))
-        asks = button.act == "yes"
+        asks = button.act in ("yes", "same")
         bare = not button.text or rect.width() == _BUTTON_PX
         painter.setPen(QPen(theme.color("amber" if asks else "line"), 1) if not bare or under else Qt.PenStyle.NoPen)
         ground = "raised_hover" if under else "amber_soft" if asks else "raised"

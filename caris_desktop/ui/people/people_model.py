@@ -6,10 +6,11 @@ from typing import Any
 
 from PySide6.QtCore import QAbstractListModel, QModelIndex, QObject, QPersistentModelIndex, Qt, Signal
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import PresentClock
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import words
-from caris_desktop.ui.people.shown_people import captions, in_order, standing_of, what_is_seen
+from caris_desktop.ui.people.shown_people import UNCONFIRMED, captions, in_order, standing_of, what_is_seen
 
 PERSON_ROLE = int(Qt.ItemDataRole.UserRole)
 _MANY = 20
@@ -32,6 +33,7 @@ class PeopleModel(QAbstractListModel):
         self._row_of: dict[str, int] = {}
         self._known: frozenset[str] = frozenset()
         self._captions: dict[int, str] = {}
+        self._unconfirmed: frozenset[str] = frozenset()
 
     @property
     def persons(self) -> Sequence[PersonRow]:
@@ -49,6 +51,15 @@ class PeopleModel(QAbstractListModel):
     def knows(self, person_id: str) -> bool:
         """Whether this person can still be named."""
         return person_id in self._known
+
+    def show_unconfirmed(self, person_ids: frozenset[str]) -> None:
+        """Of these nobody has confirmed since an unexpected end that they are who the rows say."""
+        if person_ids != self._unconfirmed:
+            self._unconfirmed = person_ids
+            self.refresh_ages()
+
+    def is_unconfirmed(self, person_id: str) -> bool:
+        return person_id in self._unconfirmed
 
     def show_persons(
         self, persons: Sequence[PersonRow], *, known: frozenset[str], in_place: bool, camera: str = ""
@@ -116,12 +127,13 @@ class PeopleModel(QAbstractListModel):
         for row, person in enumerate(self._persons):
             # Nothing of who is only known changes by itself: five hundred of them cost nothing each second.
             if standing_of(person) == "known":
-                seen: tuple[object, ...] = (person, self.knows(person.person_id))
+                seen: tuple[object, ...] = (person, self.knows(person.person_id), self.is_unconfirmed(person.person_id))
             else:
                 seen = (
                     _without_time(person),
                     *what_is_seen(person, now_ns, camera_on_show=self._camera),
                     self.knows(person.person_id),
+                    self.is_unconfirmed(person.person_id),
                 )
             if seen != self._told[row]:
                 self._told[row] = seen
@@ -129,7 +141,8 @@ class PeopleModel(QAbstractListModel):
 
     def seen(self, person: PersonRow) -> str:
         """The second line of the row."""
-        return " · ".join(what_is_seen(person, self._present.now_ns(), camera_on_show=self._camera))
+        parts = what_is_seen(person, self._present.now_ns(), camera_on_show=self._camera)
+        return " · ".join([tr(UNCONFIRMED), *parts] if self.is_unconfirmed(person.person_id) else parts)
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
         return 0 if parent.isValid() else len(self._persons)

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.people.presence import PersonRow, unnamed_label
 from caris_desktop.ui import words
@@ -12,10 +13,11 @@ from caris_desktop.ui import words
 Standing = Literal["here", "was", "known"]
 """In front of a camera, gone since this start of the console, or only known of the study."""
 
-ButtonAct = Literal["yes", "no", "name", "not", "card"]
+ButtonAct = Literal["yes", "no", "same", "name", "not", "card"]
 
 CAPTIONS: dict[Standing, str] = {"here": "Here", "was": "Was here", "known": "Known in this study"}
 SPEAKING = "speaking"
+UNCONFIRMED = QT_TR_NOOP("not confirmed")
 _AHEAD_RAD = math.radians(8)
 _BESIDE_RAD = math.radians(110)
 
@@ -160,8 +162,13 @@ class RowButton:
     key: str = ""
 
 
-def buttons_of(person: PersonRow, *, can_be_named: bool, yes_key: str = "", no_key: str = "") -> tuple[RowButton, ...]:
-    """From left to right. There are none in a replay, or where the scenario names nobody."""
+def buttons_of(
+    person: PersonRow, *, can_be_named: bool, unconfirmed: bool = False, yes_key: str = "", no_key: str = ""
+) -> tuple[RowButton, ...]:
+    """From left to right. There are none in a replay, or where the scenario names nobody.
+
+    ``unconfirmed``: it has to be said first that this is still who the row says.
+    """
     name = words.person_name(person)
     card = RowButton("card", "", "identification-card", f"All about {name}")
     if person.suggestion is not None:
@@ -171,11 +178,14 @@ def buttons_of(person: PersonRow, *, can_be_named: bool, yes_key: str = "", no_k
             RowButton("no", "No", "", f"This is not {other}. It is remembered.", no_key),
             card,
         )
+    rename = RowButton("name", "", "pencil-simple", f"Rename {name}")
+    if unconfirmed:
+        same = RowButton("same", tr("Confirm"), "check", tr("Yes, this is {name}, as before (Enter)").format(name=name))
+        return same, rename, card
     if not can_be_named:
         return ()
     if not words.has_given_name(person):
         return RowButton("name", "Name", "pencil-simple", f"Give {name} a name"), card
-    rename = RowButton("name", "", "pencil-simple", f"Rename {name}")
     if is_identified(person) and standing_of(person) == "here":
         return RowButton("not", "", "user-minus", f"This is not {name}. It is remembered."), rename, card
     return rename, card

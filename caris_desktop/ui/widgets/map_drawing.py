@@ -57,12 +57,14 @@ class MapShown:
 
     ``people`` says where they are, what they are called, and whether that is a name that the wizard gave; ``meant`` is
     the id of whom the wizard selected. ``chips`` are lines of (words, role) at the upper edge; a role is warning, good,
-    bad or hint. ``mark`` is the point that a card asks about.
+    bad or hint. ``mark`` is the point that a card asks about. ``unconfirmed``: nobody has looked whether the robot is
+    where its pose says.
     """
 
     places: tuple[Place, ...] = ()
     pose: Pose2D | None = None
     pose_freshness: str = "none"
+    unconfirmed: bool = False
     scan_points_m: NDArray[np.float64] | None = None
     scan_freshness: str = "none"
     path_m: NDArray[np.float64] | None = None
@@ -284,12 +286,13 @@ class MapDrawing:
     def _paint_robot(self, painter: QPainter, pose: Pose2D) -> None:
         tip = self._viewport.to_view(pose.x_m, pose.y_m)
         stale = self.shown.pose_freshness in ("stale", "lost")
-        color = self._theme.color("dim" if stale else "blue")
+        doubtful = stale or self.shown.unconfirmed
+        color = self._theme.color("dim" if stale else "amber" if self.shown.unconfirmed else "blue")
         if self.shown.outline_m:
             outline = polygon(outline_in_map(self.shown.outline_m, pose), self._viewport.transform())
             ground = self._theme.color("blue")
-            ground.setAlpha(0 if stale else 40)
-            pen = QPen(color, 1.5, Qt.PenStyle.DashLine if stale else Qt.PenStyle.SolidLine)
+            ground.setAlpha(0 if doubtful else 40)
+            pen = QPen(color, 1.5, Qt.PenStyle.DashLine if doubtful else Qt.PenStyle.SolidLine)
             painter.setPen(pen)
             painter.setBrush(ground)
             painter.drawPolygon(outline)
@@ -304,7 +307,7 @@ class MapDrawing:
             painter.drawEllipse(tip, radius, radius)
         draw_pin(
             painter, tip, pose.heading_rad + self._viewport.turn_rad, color=color, ground=self._theme.color("panel"),
-            beam_px=max(34.0, min(70.0, self._viewport.scale * 0.9)), hollow=stale,
+            beam_px=max(34.0, min(70.0, self._viewport.scale * 0.9)), hollow=doubtful,
         )  # fmt: skip
 
     def _paint_aim(self, painter: QPainter) -> None:

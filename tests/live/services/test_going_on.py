@@ -10,14 +10,16 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import ConfirmedAsBefore, TrialResumed
+from caris_desktop.domain.events import ConfirmedAsBefore, InitialPoseSet, TrialResumed
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.going_on import GoingOnParts, GoingOnService
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ProtocolStatus
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.library import find_scenario
 from tests.support.crashed import of_one_that_is_gone
@@ -128,6 +130,52 @@ def test_going_on_holds_the_robot_and_asks_everything_again(after_a_crash: Run) 
     assert said == [
         (TrialResumed, ""), (ConfirmedAsBefore, "people"), (ConfirmedAsBefore, "map"), (ConfirmedAsBefore, "consent"),
     ]  # fmt: skip
+
+
+def test_each_of_those_who_were_there_is_confirmed_for_themselves(run: Run, runs: Callable[[], Run]) -> None:
+    there = tuple(PersonRow(f"p-{number}", number, "", since_ns=1, last_seen_ns=2, here=True) for number in (1, 2))
+    run.state.persons.set(there)
+    run.record("one")
+    run.crash()
+    another = runs()
+    another.start()
+    another.state.persons.set(there)
+    another.ask(intents.GoOnWithTrial())
+    assert another.state.going_on.value.unconfirmed_people == ("p-1", "p-2")
+    another.ask(intents.ConfirmAsBefore("people", "p-2"))
+    another.ask(intents.ConfirmAsBefore("people", "p-9"))
+    status = another.state.going_on.value
+    assert status.unconfirmed_people == ("p-1",) and "people" in status.unconfirmed
+    another.ask(intents.ConfirmAsBefore("people", "p-1"))
+    status = another.state.going_on.value
+    assert status.unconfirmed_people == () and status.unconfirmed == ("map", "consent")
+    told = [event.person_id for event in another.told if isinstance(event, ConfirmedAsBefore)]
+    assert told == ["p-2", "p-1", ""], "each is recorded, and that it was all of them"
+
+
+def test_who_can_be_looked_at_no_more_keeps_nothing_open(run: Run, runs: Callable[[], Run]) -> None:
+    there = tuple(PersonRow(f"p-{number}", number, "", since_ns=1, last_seen_ns=2, here=True) for number in (1, 2))
+    run.state.persons.set(there)
+    run.record("one")
+    run.crash()
+    another = runs()
+    another.start()
+    another.state.persons.set(there[:1])
+    another.ask(intents.GoOnWithTrial())
+    another.ask(intents.ConfirmAsBefore("people", "p-1"))
+    assert "people" not in another.state.going_on.value.unconfirmed
+
+
+def test_saying_where_the_robot_is_confirms_the_map(after_a_crash: Run) -> None:
+    run = after_a_crash
+    pose_set = InitialPoseSet(1, Pose2D(1.0, 2.0, 0.0), "wizard")
+    follow = run.service.follows()[InitialPoseSet]
+    follow(pose_set)
+    assert run.told == [], "nothing goes on yet"
+    run.ask(intents.GoOnWithTrial())
+    follow(pose_set)
+    assert run.state.going_on.value.unconfirmed == ("people", "consent")
+    assert [event.what for event in run.told if isinstance(event, ConfirmedAsBefore)] == ["map"]
 
 
 def test_the_next_recording_is_headed_by_it_and_ends_it(after_a_crash: Run) -> None:
