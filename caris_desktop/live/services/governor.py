@@ -9,6 +9,7 @@ from collections.abc import Callable
 from PySide6.QtCore import QObject, Qt, QTimer
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import ModelClient
@@ -40,7 +41,11 @@ STEPS_WITH_BLUR: tuple[tuple[float, float, str], ...] = (
     (0.0, 0.15, QT_TR_NOOP("picture and panels slower")),
 )
 _ANSWERING = 2
-"""While a language model on this computer answers, whatever it is asked for, who waits for it comes before boxes."""
+"""While a language model on this computer answers, whatever it is asked for, who waits for it comes before boxes. So
+does, in a pause of a participant, who waits for the last words; while somebody speaks, their mouth tells who it is.
+"""
+_HEARD_WITHIN_NS = 5_000_000_000
+"""Longer than any pause within a turn. What was heard before that says nothing of now: the recogniser may be gone."""
 
 
 class LoadSteps:
@@ -92,12 +97,16 @@ class GovernorService(Service):
         self._steps = LoadSteps()
         self._due_ns = 0
         self._blurs = False
+        self._hears_here = False
+        for source in PARTICIPANT_SOURCES:
+            state.hearing_of(source).changed.connect(self._apply)
         self._timer = QTimer(self, interval=LOOK_EVERY_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._look)
         models.answering_changed.connect(self._apply)
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._blurs = scenario.covers_people
+        self._hears_here = scenario.listening.engine == "local"
 
     def start(self) -> None:
         self._due_ns = self._now_ns() + LOOK_EVERY_MS * 1_000_000
@@ -105,6 +114,22 @@ class GovernorService(Service):
 
     def stop(self) -> None:
         self._timer.stop()
+
+    def _waited_for(self) -> int:
+        """The step that looking for people takes so that what somebody waits for comes first."""
+        if self._models.answering and self._models.answers_here:
+            return _ANSWERING
+        heard = (self._state.hearing_of(source).value for source in PARTICIPANT_SOURCES if self._hears_here)
+        return _ANSWERING if any(map(self._makes_out_words, heard)) else 0
+
+    def _makes_out_words(self, hearing: Hearing | None) -> bool:
+        return (
+            hearing is not None
+            and bool(hearing.utterance_id)
+            and not hearing.speaking
+            and hearing.speaker in ("", "participant")
+            and self._now_ns() - hearing.stamp_ns < _HEARD_WITHIN_NS
+        )
 
     def _look(self) -> None:
         now_ns = self._now_ns()
@@ -114,9 +139,8 @@ class GovernorService(Service):
         self._apply()
 
     def _apply(self) -> None:
-        answering = self._models.answering and self._models.answers_here
         step, steps = self._steps.step, STEPS_WITH_BLUR if self._blurs else STEPS
-        look_every_s = steps[max(step, _ANSWERING) if answering else step][0]
+        look_every_s = steps[max(step, self._waited_for())][0]
         _, panels_every_s, detail = steps[step]
         self._people.look_at_most_every(look_every_s)
         self._bus.pass_at_most_every(panels_every_s)

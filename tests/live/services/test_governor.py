@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.domain.events import ChatMessage
+from caris_desktop.domain.sound import MICROPHONE, Hearing
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import Asking, ModelClient, Purpose
@@ -162,6 +163,28 @@ def test_an_answer_of_a_model_on_this_computer_comes_before_boxes(
         assert governed.people.every_s == every_s, "another one is still waited for"
         second.cancel()
         assert governed.people.every_s == 0.0
+
+
+def test_the_last_words_of_a_participant_come_before_boxes(qapp: QApplication) -> None:
+    governed = Governed()
+    governed.governor.use_scenario(tour := find_scenario("tour-guide"))
+    pause = Hearing(0, MICROPHONE, speaking=False, speaker="participant", utterance_id="u-1", silent_since_ns=0)
+
+    def hear(hearing: Hearing) -> float:
+        governed.state.take(hearing)
+        return governed.people.every_s
+
+    assert hear(pause) == STEPS[2][0] > 0.0
+    assert hear(replace(pause, speaking=True, silent_since_ns=None)) == 0.0, "whose mouth moves is looked at"
+    assert hear(pause) == STEPS[2][0]
+    assert hear(replace(pause, utterance_id="")) == 0.0, "the turn is over"
+    assert hear(replace(pause, speaker="robot")) == 0.0
+    assert hear(pause) > 0.0
+    governed.run(6.0, late_ms=0.0)
+    assert governed.people.every_s == 0.0, "whoever listened is gone"
+    assert governed.state.load.value == LoadStatus()
+    governed.governor.use_scenario(replace(tour, listening=replace(tour.listening, engine="server")))
+    assert hear(replace(pause, stamp_ns=governed.now_ns)) == 0.0, "another computer makes them out"
 
 
 def test_where_people_have_to_be_covered_an_answer_does_not_take_their_looks(
