@@ -3,7 +3,7 @@
 import time
 
 from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import Marked
@@ -16,6 +16,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.floating_card import draw_card
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 WIDTH_PX = 720
@@ -390,11 +391,7 @@ class MarkCard(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self._theme.color("blue"), 1.2))
-        painter.setBrush(self._theme.color("panel"))
-        rect = QRectF(self.rect()).adjusted(1, 1, -1, -1)
-        painter.drawRoundedRect(rect, tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX)
+        draw_card(painter, self._theme, QRectF(self.rect()).adjusted(1, 1, -1, -1))
         kind = "" if self._mark is None else self._mark.kind
         name = "note-pencil" if self.writes_note or kind == "note" else "bookmark-simple"
         name = "warning" if kind == "wizard_error" else name

@@ -17,6 +17,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.practice.training_record import PracticeRun, keep, practised
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.floating_card import draw_card
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 _BUTTON_PX = 30
@@ -184,9 +185,4 @@ class PracticeStrip(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self._theme.color("blue"), 1.2))
-        painter.setBrush(self._theme.color("panel"))
-        painter.drawRoundedRect(
-            QRectF(self.rect()).adjusted(8.6, 1, -8.6, -1), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
-        )
+        draw_card(painter, self._theme, QRectF(self.rect()).adjusted(8.6, 1, -8.6, -1))

@@ -235,28 +235,14 @@ class Line(QLineEdit):
         super().focusOutEvent(event)
 
 
-class Prose(QPlainTextEdit):
-    """Paragraphs, as tall as what is in it. Tab leads on, undo belongs to the editor."""
+class Lines(QPlainTextEdit):
+    """Several lines of text. Tab leads on, undo belongs to the editor, and leaving them ends a step."""
 
     def __init__(self, context: FormContext) -> None:
         super().__init__()
         self._context = context
         self.setTabChangesFocus(True)
         self.setUndoRedoEnabled(False)
-        self.textChanged.connect(self.updateGeometry)
-
-    def sizeHint(self) -> QSize:
-        line = self.fontMetrics().lineSpacing()
-        document = self.document()
-        lines = max(_LEAST_PROSE_LINES, min(_MOST_PROSE_LINES, round(document.size().height())))
-        return QSize(240, lines * line + 26)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(120, self.sizeHint().height())
-
-    def resizeEvent(self, event: Any) -> None:
-        super().resizeEvent(event)
-        self.updateGeometry()
 
     def event(self, event: QEvent) -> bool:
         if event.type() == QEvent.Type.ShortcutOverride and without_own_undo(event):
@@ -273,6 +259,27 @@ class Prose(QPlainTextEdit):
     def focusOutEvent(self, event: QFocusEvent) -> None:
         self._context.editing.document.pause()
         super().focusOutEvent(event)
+
+
+class Prose(Lines):
+    """Paragraphs, as tall as what is in it."""
+
+    def __init__(self, context: FormContext) -> None:
+        super().__init__(context)
+        self.textChanged.connect(self.updateGeometry)
+
+    def sizeHint(self) -> QSize:
+        line = self.fontMetrics().lineSpacing()
+        document = self.document()
+        lines = max(_LEAST_PROSE_LINES, min(_MOST_PROSE_LINES, round(document.size().height())))
+        return QSize(240, lines * line + 26)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(120, self.sizeHint().height())
+
+    def resizeEvent(self, event: Any) -> None:
+        super().resizeEvent(event)
+        self.updateGeometry()
 
 
 class TextField(Field):

@@ -4,13 +4,11 @@ import difflib
 import time
 from typing import Any
 
-from PySide6.QtCore import QEvent, QRect, QSize, Qt, QTimer
+from PySide6.QtCore import QRect, QSize, Qt, QTimer
 from PySide6.QtGui import (
     QColor,
-    QFocusEvent,
     QFont,
     QFontDatabase,
-    QKeyEvent,
     QPainter,
     QPaintEvent,
     QTextCursor,
@@ -21,7 +19,7 @@ from PySide6.QtWidgets import QPlainTextEdit, QTextEdit, QVBoxLayout, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.scenario_editor.editing import FormContext
-from caris_desktop.ui.scenario_editor.fields import without_own_undo
+from caris_desktop.ui.scenario_editor.fields import Lines
 
 _TYPING_PAUSE_MS = 200
 _ONE_STEP_S = 1.5
@@ -113,19 +111,16 @@ class TextPage(QWidget):
         self.editor.setFocus(Qt.FocusReason.OtherFocusReason)
 
 
-class CodeEditor(QPlainTextEdit):
-    """Text with its line numbers. Undo belongs to the editor of the scenario."""
+class CodeEditor(Lines):
+    """Text with its line numbers."""
 
     def __init__(self, context: FormContext, *, read_only: bool = False) -> None:
-        super().__init__()
-        self._context = context
+        super().__init__(context)
         self._changed: set[int] = set()
         self._gone: set[int] = set()
         self._wrong: dict[int, str] = {}
-        self.setUndoRedoEnabled(False)
         self.setReadOnly(read_only)
         self.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
-        self.setTabChangesFocus(True)
         font = QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont)
         font.setPixelSize(tokens.BODY_PX - 1)
         font.setStyleHint(QFont.StyleHint.Monospace)
@@ -200,22 +195,6 @@ class CodeEditor(QPlainTextEdit):
         if line in self._gone:
             painter.setPen(theme.color("amber"))
             painter.drawLine(rect.topLeft(), rect.topRight())
-
-    def event(self, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.ShortcutOverride and without_own_undo(event):
-            event.ignore()
-            return False
-        return super().event(event)
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if without_own_undo(event):
-            event.ignore()
-            return
-        super().keyPressEvent(event)
-
-    def focusOutEvent(self, event: QFocusEvent) -> None:
-        self._context.editing.document.pause()
-        super().focusOutEvent(event)
 
 
 class _LineNumbers(QWidget):

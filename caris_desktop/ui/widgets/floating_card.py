@@ -15,6 +15,14 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
 
 
+def draw_card(painter: QPainter, theme: Theme, rect: QRectF) -> None:
+    """A rounded card with a thin blue border, on which ``painter`` goes on smoothly."""
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    painter.setPen(QPen(theme.color("blue"), 1.2))
+    painter.setBrush(theme.color("panel"))
+    painter.drawRoundedRect(rect, tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX)
+
+
 class FloatingCard(QWidget):
     """A rounded card that opens beside a point and stays inside its parent."""
 
