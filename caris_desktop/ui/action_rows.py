@@ -350,6 +350,10 @@ ACTIONS: tuple[ActionSpec, ...] = (
         group=SESSION_GROUP,
     ),
     ActionSpec(
+        "layout_undo", QT_TR_NOOP("Undo the last change of the layout"), "arrow-u-up-left", ("Ctrl+Shift+D",),
+        callback="undo_layout", group=WINDOW_GROUP,
+    ),
+    ActionSpec(
         "shortcuts", QT_TR_NOOP("All shortcuts"), "keyboard", ("Ctrl+/",), ("?",), callback="show_shortcuts",
         group=WINDOW_GROUP,
     ),

@@ -27,12 +27,13 @@ _SAME_WEIGHT = 0.01  # a pixel here or there is no other arrangement
 
 @dataclass(frozen=True, slots=True)
 class LayoutCommand:
-    """What can be asked for, and whether it can be done now."""
+    """What can be asked for, and whether it can be done now. ``action`` is the row of the table that does it too."""
 
     text: str
     icon: str
     do: Callable[[], None]
     possible: bool = True
+    action: str = ""
 
 
 class LayoutKeeper(QObject):
@@ -254,7 +255,7 @@ class LayoutKeeper(QObject):
         redo = tr("Redo: {what}").format(what=self._history.redoes) if self._history.redoes else tr("Redo")
         free, live = not self.locked, not self._in_replay
         return (
-            LayoutCommand(undo, "arrow-u-up-left", self.undo, bool(self._history.undoes) and free),
+            LayoutCommand(undo, "arrow-u-up-left", self.undo, bool(self._history.undoes) and free, "layout_undo"),
             LayoutCommand(redo, "arrow-u-up-right", self.redo, bool(self._history.redoes) and free),
             LayoutCommand(tr("Save into the scenario"), "floppy-disk", self.save, self.is_unsaved and live),
             LayoutCommand(tr("Save as another scenario…"), "floppy-disk", self.title_wanted.emit, live),

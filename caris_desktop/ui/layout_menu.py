@@ -5,6 +5,7 @@ from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QMen
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.layout import SizeClass
 from caris_desktop.scenario.model import PanelName
+from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.layout_keeper import LayoutKeeper
 from caris_desktop.ui.panel_board import PanelBoard
 from caris_desktop.ui.theme import Theme
@@ -21,8 +22,11 @@ _SIZES: dict[SizeClass, str] = {
 class LayoutMenu:
     """Fills a menu each time it opens."""
 
-    def __init__(self, keeper: LayoutKeeper, board: PanelBoard, theme: Theme, window: QWidget) -> None:
+    def __init__(
+        self, keeper: LayoutKeeper, board: PanelBoard, actions: Actions, theme: Theme, window: QWidget
+    ) -> None:
         self._keeper = keeper
+        self._actions = actions
         self._board = board
         self._theme = theme
         self._window = window
@@ -40,7 +44,8 @@ class LayoutMenu:
         for number, command in enumerate(keeper.commands()):
             if number == _UNDO_AND_REDO:
                 menu.addSeparator()
-            action = menu.addAction(command.text.replace("&", "&&"))
+            key = self._actions.key_text(command.action) if command.action else ""
+            action = menu.addAction("\t".join(part for part in (command.text.replace("&", "&&"), key) if part))
             action.setEnabled(command.possible)
             action.triggered.connect(keeper.soon(command.do))
         menu.addSeparator()

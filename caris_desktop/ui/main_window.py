@@ -387,6 +387,9 @@ class MainWindow(QWidget):
     def show_set_up(self) -> None:
         self.first_use.open()
 
+    def undo_layout(self) -> None:
+        self.layout_keeper.soon(self.layout_keeper.undo)()
+
     def show_preflight(self) -> None:
         self._preflight.open()
 

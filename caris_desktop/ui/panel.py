@@ -29,6 +29,8 @@ class PanelContext:
     theme: Theme
     actions: Actions
     hold: HoldToDrive
+    discreet: bool = False
+    """Whether a participant may look on: what a wizard noted of people and turns is not shown."""
 
 
 class Panel(QWidget):

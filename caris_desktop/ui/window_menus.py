@@ -27,7 +27,7 @@ class WindowMenus:
         self._top_bar = top_bar
         self._show_shortcuts = show_shortcuts
         self._sound = SoundMenu(parts.console)
-        self._layout = LayoutMenu(parts.layout, parts.panels, parts.theme, window)
+        self._layout = LayoutMenu(parts.layout, parts.panels, parts.actions, parts.theme, window)
         parts.layout.changed.connect(self._show_layout_state)
         self._scenario_menu = as_menu(parts.theme, window, "scenario_menu")
         self._window_menu = as_menu(parts.theme, window, "window_menu")

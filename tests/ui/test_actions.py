@@ -78,6 +78,7 @@ TABLE = {
     "find_said": ({"Ctrl+F"}, set()),
     "find": ({"Ctrl+K"}, {"/"}),
     "set_up": (set(), set()),
+    "layout_undo": ({"Ctrl+Shift+D"}, set()),
     "preflight": ({"Ctrl+Shift+C"}, set()),
     "shortcuts": ({"Ctrl+/"}, {"?"}),
     "focus_speak": ({"Ctrl+L"}, {"Return"}),

@@ -7,6 +7,7 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
 
+from caris_desktop.ui.conversation.transcript import TranscriptView
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import ObserverWindow, Sees
 from tests.support.window_check import painted_texts
@@ -29,15 +30,23 @@ def _said_in(observer: QWidget) -> str:
     return " ".join(text.text for text in painted_texts(observer))
 
 
+def _tags_in(observer: QWidget) -> set[str]:
+    transcript = observer.findChild(TranscriptView)
+    assert transcript is not None and transcript.rows
+    return {tag for row in transcript.rows for tag in row.tags}
+
+
 def test_everything_is_there_for_whoever_may_see_it(window: MainWindow, console: FakeConsole) -> None:
     observer = _opened(window, console, "everything")
     assert "Luis" in _said_in(observer)
+    assert _tags_in(observer) == {"amused"}
 
 
 def test_without_names_nobody_is_named_and_nothing_suggested(window: MainWindow, console: FakeConsole) -> None:
     observer = _opened(window, console, "no_names")
     said = _said_in(observer)
     assert "Luis" not in said and "Ana" not in said and "Person" in said
+    assert _tags_in(observer) == set(), "what the wizard thinks of a turn is not for whom it is about"
     cards = [card.text for card in console.state.suggestions.value.cards]
     assert cards and not any(text[:20] in said for text in cards)
 

@@ -61,8 +61,9 @@ class _Made:
 class RowMaker:
     """Makes rows of turns, each only once as long as nothing of it changes: an hour has two thousand of them."""
 
-    def __init__(self, anchor: ClockAnchor) -> None:
+    def __init__(self, anchor: ClockAnchor, *, with_tags: bool = True) -> None:
         self._anchor = anchor
+        self._with_tags = with_tags
         self._made: dict[str, _Made] = {}
 
     def rows(
@@ -96,7 +97,7 @@ class RowMaker:
             "" if hearing is None else hearing.tentative.strip(),
             cut_short=turn.state == "interrupted",
             heard_text=turn.heard_text,
-            tags=turn.tags,
+            tags=turn.tags if self._with_tags else (),
             changeable=is_heard(turn),
         )
 

@@ -19,7 +19,7 @@ from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.theme import Theme
 
 Sees = Literal["everything", "no_names"]
-"""``no_names``: neither names nor suggestions, notes and log, as where a participant can look on."""
+"""``no_names``: neither names nor suggestions, tags, notes and log, as where a participant can look on."""
 
 SEES: tuple[Sees, ...] = ("everything", "no_names")
 _COLUMNS: dict[Sees, tuple[tuple[PanelName, ...], tuple[PanelName, ...]]] = {
@@ -46,7 +46,7 @@ class ObserverWindow(QWidget):
         actions = Actions(self, only_looks, self)
         actions.keep_only(())
         actions.rebuild(only_looks.scenario)
-        self._context = PanelContext(only_looks, theme, actions, hold)
+        self._context = PanelContext(only_looks, theme, actions, hold, discreet=sees == "no_names")
         column = QVBoxLayout(self)
         column.setContentsMargins(8, 8, 8, 8)
         column.addWidget(GlanceSigns(theme, console.state))

@@ -342,7 +342,8 @@ class PaletteEntries:
         layout = self._parts.layout
         return [
             Entry(
-                tr("Layout: {what}").format(what=command.text), tr("Window"), command.icon, "", layout.soon(command.do),
+                tr("Layout: {what}").format(what=command.text), tr("Window"), command.icon,
+                self._parts.actions.key_text(command.action) if command.action else "", layout.soon(command.do),
                 also="panels arrangement put back save reset",
             )
             for command in layout.commands()

@@ -42,7 +42,7 @@ class ConversationPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("conversation_panel")
-        self._maker = RowMaker(self.state.present.anchor)
+        self._maker = RowMaker(self.state.present.anchor, with_tags=not context.discreet)
         self._names: dict[str, str] = {}
         self._ordered_from: tuple[Turn, ...] = ()
         self._ordered: list[Turn] = []

@@ -77,6 +77,17 @@ def test_what_the_wizard_arranges_is_hers_until_she_saves_it(
     assert arranged(other) == mine, "a revert can be undone"
 
 
+def test_a_key_undoes_the_last_change_also_from_a_field(window: MainWindow, qtbot: QtBot) -> None:
+    before = arranged(window)
+    window.dock_host.move_panel("map", "video", "right")
+    assert arranged(window) != before
+    qtbot.keyClick(window, Qt.Key.Key_L, Qt.KeyboardModifier.ControlModifier)
+    field = QApplication.focusWidget()
+    assert field is not None
+    qtbot.keyClick(field, Qt.Key.Key_D, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
+    qtbot.waitUntil(lambda: arranged(window) == before)
+
+
 def test_each_change_is_undone_exactly_and_done_again(window: MainWindow) -> None:
     keeper, host = window.layout_keeper, window.dock_host
     seen = [arranged(window)]
@@ -264,7 +275,8 @@ def test_one_menu_has_it_all(window: MainWindow, settings: MemorySettings) -> No
     layout.fill(menu)
     texts = {action.text(): action.isEnabled() for action in menu.actions()}
     assert {
-        "Undo: Move Map": True, "Redo": False, "Save into the scenario": True, "Save as another scenario…": True,
+        "Undo: Move Map\t⇧Ctrl D": True, "Redo": False,
+        "Save into the scenario": True, "Save as another scenario…": True,
         "Revert to the scenario’s layout": True, "Reset: as the scenario came": True, "Lock for a study": True,
     }.items() <= texts.items()  # fmt: skip
 
