@@ -41,8 +41,9 @@ async def serving(answer: Answer, *, tls: ssl.SSLContext | None = None) -> Async
     served = Served()
 
     async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        # The end of the loop cancels what still speaks; a stream server calls that an error.
-        with contextlib.suppress(asyncio.CancelledError):
+        # The end of the loop cancels what still speaks, and a client that gave up says nothing or half of it; a stream
+        # server calls both errors.
+        with contextlib.suppress(asyncio.CancelledError, asyncio.IncompleteReadError, ConnectionError):
             await converse(reader, writer)
 
     async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
