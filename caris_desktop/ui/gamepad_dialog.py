@@ -7,6 +7,7 @@ from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QCloseEvent, QFontMetricsF, QHideEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QDialog, QGridLayout, QHBoxLayout, QLabel, QScrollArea, QSlider, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.gamepad import GamepadDevice, Gamepads, GamepadSample
 from caris_desktop.live.gamepad_mapping import (
     AXIS_ACTIONS,
@@ -28,19 +29,22 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 _AXIS_TEXTS: dict[AxisAction, tuple[str, str]] = {
-    "forward": ("Drive forward and back", "push it the way that drives forward"),
-    "turn": ("Turn left and right", "push it the way that turns left"),
-    "left": ("Move sideways", "push it the way that moves left, or press a button"),
-    "pan": ("Turn the head", "push it the way that looks left"),
-    "tilt": ("Tilt the head", "push it the way that looks down"),
-    "boost": ("Full speed", "pull the trigger"),
-    "slow": ("Slow speed", "pull the trigger"),
+    "forward": (QT_TR_NOOP("Drive forward and back"), QT_TR_NOOP("push it the way that drives forward")),
+    "turn": (QT_TR_NOOP("Turn left and right"), QT_TR_NOOP("push it the way that turns left")),
+    "left": (QT_TR_NOOP("Move sideways"), QT_TR_NOOP("push it the way that moves left, or press a button")),
+    "pan": (QT_TR_NOOP("Turn the head"), QT_TR_NOOP("push it the way that looks left")),
+    "tilt": (QT_TR_NOOP("Tilt the head"), QT_TR_NOOP("push it the way that looks down")),
+    "boost": (QT_TR_NOOP("Full speed"), QT_TR_NOOP("pull the trigger")),
+    "slow": (QT_TR_NOOP("Slow speed"), QT_TR_NOOP("pull the trigger")),
 }
 _BUTTON_TEXTS: dict[ButtonAction, str] = {
-    "stop": "Stop the robot", "emergency_stop": "Emergency stop", "phrase_1": "Say phrase 1",
-    "phrase_2": "Say phrase 2", "phrase_3": "Say phrase 3", "phrase_4": "Say phrase 4", "filler": "Say the filler",
-    "silence": "Silence", "photo": "Photo", "mark": "Mark", "slower": "Slower", "faster": "Faster",
-    "look_ahead": "Look ahead", "push_to_talk": "Speak through the robot (hold)",
+    "stop": QT_TR_NOOP("Stop the robot"), "emergency_stop": QT_TR_NOOP("Emergency stop"),
+    "phrase_1": QT_TR_NOOP("Say phrase 1"), "phrase_2": QT_TR_NOOP("Say phrase 2"),
+    "phrase_3": QT_TR_NOOP("Say phrase 3"),
+    "phrase_4": QT_TR_NOOP("Say phrase 4"), "filler": QT_TR_NOOP("Say the filler"),
+    "silence": QT_TR_NOOP("Silence"), "photo": QT_TR_NOOP("Photo"), "mark": QT_TR_NOOP("Mark"),
+    "slower": QT_TR_NOOP("Slower"), "faster": QT_TR_NOOP("Faster"),
+    "look_ahead": QT_TR_NOOP("Look ahead"), "push_to_talk": QT_TR_NOOP("Speak through the robot (hold)"),
 }  # fmt: skip
 
 
@@ -50,7 +54,7 @@ class GamepadDialog(QDialog):
     def __init__(self, theme: Theme, state: LiveState, gamepads: Gamepads, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName("gamepad_dialog")
-        self.setWindowTitle("Gamepad")
+        self.setWindowTitle(tr("Gamepad"))
         self._theme = theme
         self._state = state
         self._gamepads = gamepads
@@ -85,8 +89,8 @@ class GamepadDialog(QDialog):
         scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(rows)
-        self._dead_zone = self._slider("gamepad_dead_zone", "Dead zone", 0, 40)
-        self._speed = self._slider("gamepad_speed", "Speed without a trigger", 20, 100)
+        self._dead_zone = self._slider("gamepad_dead_zone", tr("Dead zone"), 0, 40)
+        self._speed = self._slider("gamepad_speed", tr("Speed without a trigger"), 20, 100)
         self._dead_zone_words, self._speed_words = QLabel(), QLabel()
         self._dead_zone.valueChanged.connect(self._on_slider_moved)
         self._speed.valueChanged.connect(self._on_slider_moved)
@@ -94,8 +98,8 @@ class GamepadDialog(QDialog):
         sliders.setHorizontalSpacing(16)
         for line, (text, slider, words) in enumerate(
             (
-                ("Dead zone", self._dead_zone, self._dead_zone_words),
-                ("Speed without a trigger", self._speed, self._speed_words),
+                (tr("Dead zone"), self._dead_zone, self._dead_zone_words),
+                (tr("Speed without a trigger"), self._speed, self._speed_words),
             )
         ):
             label = QLabel(text)
@@ -103,10 +107,10 @@ class GamepadDialog(QDialog):
             sliders.addWidget(slider, line, 1)
             words.setMinimumWidth(56)
             sliders.addWidget(words, line, 2)
-        self._reset = ActionButton(theme, "Back to how it came", icon="arrow-counter-clockwise")
+        self._reset = ActionButton(theme, tr("Back to how it came"), icon="arrow-counter-clockwise")
         self._reset.setObjectName("gamepad_reset")
         self._reset.clicked.connect(self._on_reset)
-        close = ActionButton(theme, "Close", look="primary")
+        close = ActionButton(theme, tr("Close"), look="primary")
         close.setObjectName("gamepad_close")
         close.clicked.connect(self.close)
         foot = QHBoxLayout()
@@ -217,7 +221,7 @@ class GamepadDialog(QDialog):
     def _refresh(self) -> None:
         device, mapping = self._gamepads.device, self._gamepads.mapping
         status: GamepadStatus = self._state.gamepad.value
-        self._name.setText(device.name if device is not None else "No gamepad is plugged in")
+        self._name.setText(device.name if device is not None else tr("No gamepad is plugged in"))
         names = part_names(device.controller if device is not None else None)
         for action, row in self._rows.items():
             row.show_binding(binding_words(mapping.bound(action), names), learning=action == self._learned)
@@ -237,14 +241,15 @@ class GamepadDialog(QDialog):
         status = status or self._state.gamepad.value
         role = "dim"
         if self._gamepads.device is None:
-            text = status.detail or "Plug one in, or switch it on. It is found by itself."
+            text = status.detail or tr("Plug one in, or switch it on. It is found by itself.")
         elif self._learned is not None:
             role = "blue"
-            text = f"{_title(self._learned)}: {_wanted(self._learned, second=bool(self._first_way))}."
+            wanted = _wanted(self._learned, second=bool(self._first_way))
+            text = tr("{action}: {wanted}.").format(action=_title(self._learned), wanted=wanted)
         elif status.detail:
-            text, role = f"This gamepad is {status.detail}.", "amber"
+            text, role = tr("This gamepad is {what}.").format(what=status.detail), "amber"
         else:
-            text = "It does not drive while this window is in front. What you change is kept for this gamepad."
+            text = tr("It does not drive while this window is in front. What you change is kept for this gamepad.")
         self._hint.setText(text)
         self._theme.color_text(self._hint, role)
 
@@ -269,9 +274,9 @@ class BindingRow(QWidget):
         self._title = QLabel(title)
         self._bound = QLabel()
         self._bound.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        self.change = ActionButton(theme, "Change", height_px=30, text_px=tokens.STATUS_PX)
+        self.change = ActionButton(theme, tr("Change"), height_px=30, text_px=tokens.STATUS_PX)
         self.change.setObjectName(f"change_{action}")
-        self.change.setAccessibleName(f"Change: {title}")
+        self.change.setAccessibleName(tr("Change: {action}").format(action=title))
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(12)
@@ -286,8 +291,8 @@ class BindingRow(QWidget):
         return self._bound.text()
 
     def show_binding(self, words: str, *, learning: bool) -> None:
-        self._bound.setText("waiting…" if learning else words)
-        self.change.set_label("Cancel" if learning else "Change", look="amber" if learning else "plain")
+        self._bound.setText(tr("waiting…") if learning else words)
+        self.change.set_label(tr("Cancel") if learning else tr("Change"), look="amber" if learning else "plain")
 
     def _style(self) -> None:
         self._bound.setFont(self._theme.font(tokens.STATUS_PX))
@@ -304,7 +309,7 @@ class GamepadView(QWidget):
         self._names: dict[str, str] = {}
         self._dead_zone = 0.0
         self.setFixedHeight(112)
-        self.setAccessibleName("The gamepad, live")
+        self.setAccessibleName(tr("The gamepad, live"))
         theme.changed.connect(self.update)
 
     def show_sample(self, sample: GamepadSample, device: GamepadDevice | None, dead_zone: float) -> None:
@@ -323,7 +328,7 @@ class GamepadView(QWidget):
         painter.setFont(theme.font(tokens.STATUS_PX))
         if not self._raw.axes and not self._raw.buttons:
             painter.setPen(theme.color("dim"))
-            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, "Nothing to show")
+            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, tr("Nothing to show"))
             return
         self._paint_axes(painter, QRectF(14, 10, self.width() * 0.56 - 14, self.height() - 20))
         left = self.width() * 0.56 + 14
@@ -339,8 +344,8 @@ class GamepadView(QWidget):
             left = area.left() + (index // lines) * (area.width() / columns)
             width = area.width() / columns - 14
             top = area.top() + (index % lines) * height
-            name = self._names.get(f"a{index}", f"Axis {index + 1}")
-            short = name.replace(" stick", "").replace("up and down", "↕").replace("sideways", "↔")
+            name = self._names.get(f"a{index}", tr("Axis {number}").format(number=index + 1))
+            short = _short_names().get(name, name)
             painter.setPen(theme.color("dim" if value is None else "text"))
             painter.drawText(QRectF(left, top, 96, height), int(Qt.AlignmentFlag.AlignVCenter), short)
             bar = QRectF(left + 98, top + height / 2 - 4, width - 98, 8)
@@ -359,13 +364,12 @@ class GamepadView(QWidget):
         metrics = QFontMetricsF(painter.font())
         left, top = area.left(), area.top()
         lamps = [(self._names.get(f"b{index}", str(index + 1)), down) for index, down in enumerate(self._raw.buttons)]
-        short = {"Left shoulder": "L1", "Right shoulder": "R1", "Left stick pressed": "L3", "Right stick pressed": "R3"}
+        short = _short_names()
         for hat, bits in enumerate(self._raw.hats):
             lamps += [(self._names.get(f"h{hat}.{bit}", name), bool(bits & bit))
-                      for bit, name in ((1, "Pad up"), (2, "Pad right"), (4, "Pad down"), (8, "Pad left"))]  # fmt: skip
+                      for bit, name in ((1, "↑"), (2, "→"), (4, "↓"), (8, "←"))]  # fmt: skip
         for name, down in lamps:
-            text = short.get(name, name.replace("Pad up", "↑").replace("Pad down", "↓"))
-            text = text.replace("Pad left", "←").replace("Pad right", "→")
+            text = short.get(name, name)
             width = max(26.0, metrics.horizontalAdvance(text) + 14)
             if left + width > area.right():
                 left, top = area.left(), top + 30
@@ -378,14 +382,25 @@ class GamepadView(QWidget):
             left += width + 6
 
 
+def _short_names() -> dict[str, str]:
+    """What is written of a part in little room, by the words for it."""
+    return {
+        tr("Left stick sideways"): tr("Left ↔"), tr("Left stick up and down"): tr("Left ↕"),
+        tr("Right stick sideways"): tr("Right ↔"), tr("Right stick up and down"): tr("Right ↕"),
+        tr("Left shoulder"): "L1", tr("Right shoulder"): "R1", tr("Left stick pressed"): "L3",
+        tr("Right stick pressed"): "R3", tr("Pad up"): "↑", tr("Pad right"): "→", tr("Pad down"): "↓",
+        tr("Pad left"): "←",
+    }  # fmt: skip
+
+
 def _title(action: AxisAction | ButtonAction) -> str:
     for axis, (title, _wanted_text) in _AXIS_TEXTS.items():
         if axis == action:
-            return title
-    return next(title for button, title in _BUTTON_TEXTS.items() if button == action)
+            return tr(title)
+    return next(tr(title) for button, title in _BUTTON_TEXTS.items() if button == action)
 
 
 def _wanted(action: AxisAction | ButtonAction, *, second: bool) -> str:
     if second:
-        return "now the button for the other way"
-    return next((text for axis, (_, text) in _AXIS_TEXTS.items() if axis == action), "press the button for it")
+        return tr("now the button for the other way")
+    return next((tr(text) for axis, (_, text) in _AXIS_TEXTS.items() if axis == action), tr("press the button for it"))

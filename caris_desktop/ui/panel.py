@@ -8,6 +8,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui import tokens
@@ -62,6 +63,7 @@ class Panel(QWidget):
         self._ticking: list[QTimer] = []
         self._fact = ("", "")
         self._fact_lead = 0
+        self.title = tr(type(self).title)
         self._shown_title = self.title
         self.setAccessibleName(self.title)
         self.theme.changed.connect(self.update)

@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QMenu, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.live.wizard_console import RobotChoice, WizardConsole
@@ -24,12 +25,12 @@ def motion_that_ends(state: LiveState) -> list[str]:
     """What moves the robot now and would end with its link."""
     drive: DriveStatus = state.drive.value
     goal: GoalChanged | None = state.goal.value
-    present = shortened(state.link.value.robot, 40) or "The present robot"
+    present = shortened(state.link.value.robot, 40) or tr("The present robot")
     if goal is not None and goal.state in UNDER_WAY:
-        place = shortened(goal.place or "", 40) or "a point on the map"
-        return [f"{present} is on its way to {place} and will stop."]
+        place = shortened(goal.place or "", 40) or tr("a point on the map")
+        return [tr("{robot} is on its way to {place} and will stop.").format(robot=present, place=place)]
     if drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps:
-        return [f"{present} is being driven and will stop."]
+        return [tr("{robot} is being driven and will stop.").format(robot=present)]
     return []
 
 
@@ -65,7 +66,9 @@ class RobotChooser(QObject):
             self._use(choice)
             return
         self._question.ask(
-            f"Connect to {choice.title} now? {ends}", f"Connect to {choice.title}", lambda: self._use(choice)
+            tr("Connect to {robot} now? {consequences}").format(robot=choice.title, consequences=ends),
+            tr("Connect to {robot}").format(robot=choice.title),
+            lambda: self._use(choice),
         )
 
     def chooser(self, choice: RobotChoice) -> Callable[[], None]:
@@ -81,7 +84,9 @@ class RobotChooser(QObject):
         menu.setToolTipsVisible(True)
         group = QActionGroup(menu)
         for choice in self._console.robots():
-            action = menu.addAction(f"{choice.title} · cannot be used" if choice.problem else choice.title)
+            action = menu.addAction(
+                tr("{robot} · cannot be used").format(robot=choice.title) if choice.problem else choice.title
+            )
             action.setCheckable(True)
             action.setChecked(self._is_current(choice))
             action.setActionGroup(group)
@@ -90,7 +95,7 @@ class RobotChooser(QObject):
             action.triggered.connect(self.chooser(choice))
         if self.can_look:
             menu.addSeparator()
-            menu.addAction("Connect another robot…").triggered.connect(self.open_dialog)
+            menu.addAction(tr("Connect another robot…")).triggered.connect(self.open_dialog)
 
     def open_dialog(self) -> None:
         """Look at a robot that has no profile yet. One dialog at a time."""
@@ -120,7 +125,7 @@ class RobotChooser(QObject):
     def _what_ends(self) -> str:
         ends = motion_that_ends(self._console.state)
         if self._console.state.recording.value.state in ("recording", "starting"):
-            ends.append("The recording goes on with the other robot.")
+            ends.append(tr("The recording goes on with the other robot."))
         return " ".join(ends)
 
     def _is_current(self, choice: RobotChoice) -> bool:

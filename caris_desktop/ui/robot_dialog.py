@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import ProfileError, RobotProfile, SecuritySettings, check_address, load_profile
 from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
@@ -86,46 +87,46 @@ class RobotDialog(QDialog):
     def __init__(self, theme: Theme, explorer: RobotExplorer, parent: QWidget, *, address: str = "") -> None:
         super().__init__(parent)
         self.setObjectName("robot_dialog")
-        self.setWindowTitle("Connect another robot")
+        self.setWindowTitle(tr("Connect another robot"))
         self._theme = theme
         self._explorer = explorer
         self._found: Exploration | None = None
         self._proposal: Proposal | None = None
         self._busy = ""
         self._rows: dict[str, MappingRow] = {}
-        self._heading = QLabel("Which robot?")
+        self._heading = QLabel(tr("Which robot?"))
         self._hint = QLabel(
-            "The address is that of rosbridge on the robot. Looking reads only: nothing is sent that could move it."
+            tr("The address is that of rosbridge on the robot. Looking reads only: nothing is sent that could move it.")
         )
         self._hint.setWordWrap(True)
         self.address_field = QLineEdit(address)
         self.address_field.setObjectName("robot_address")
-        self.address_field.setAccessibleName("Address of the robot")
-        self.address_field.setPlaceholderText("ws://192.168.1.20:9090 or wss://…")
+        self.address_field.setAccessibleName(tr("Address of the robot"))
+        self.address_field.setPlaceholderText(tr("ws://192.168.1.20:9090 or wss://…"))
         self.address_field.setMinimumHeight(36)
         self.address_field.setMaxLength(300)
         self.address_field.returnPressed.connect(self.look)
         self.address_field.textChanged.connect(self._on_address_changed)
-        self._look = ActionButton(theme, "Look", icon="magnifying-glass", key="Enter", look="primary", height_px=36)
+        self._look = ActionButton(theme, tr("Look"), icon="magnifying-glass", key="Enter", look="primary", height_px=36)
         self._look.setObjectName("robot_look")
         self._look.clicked.connect(self.look)
         self._certificates = self._optional_field(
-            "robot_certificates", "a PEM file, if it is not signed by a known one"
+            "robot_certificates", tr("a PEM file, if it is not signed by a known one")
         )
-        self._secret = self._optional_field("robot_secret", "for example MY_ROBOT_SECRET")
+        self._secret = self._optional_field("robot_secret", tr("for example MY_ROBOT_SECRET"))
         self._security = QWidget()
         security = QGridLayout(self._security)
         security.setContentsMargins(0, 0, 0, 0)
         for line, (text, field) in enumerate(
-            (("Certificate file", self._certificates), ("Environment variable with its secret", self._secret))
+            ((tr("Certificate file"), self._certificates), (tr("Environment variable with its secret"), self._secret))
         ):
             security.addWidget(QLabel(text), line, 0)
             security.addWidget(field, line, 1)
         self._security.hide()
-        self._security_toggle = ActionButton(theme, "Security", icon="lock-simple", look="ghost", height_px=36)
+        self._security_toggle = ActionButton(theme, tr("Security"), icon="lock-simple", look="ghost", height_px=36)
         self._security_toggle.setObjectName("robot_security")
         self._security_toggle.setCheckable(True)
-        self._security_toggle.setToolTip("Own certificates (wss://) and the secret of rosauth")
+        self._security_toggle.setToolTip(tr("Own certificates (wss://) and the secret of rosauth"))
         self._security_toggle.toggled.connect(self._security.setVisible)
         self._note = NoteLine(theme)
         self._note.setObjectName("robot_note")
@@ -134,27 +135,29 @@ class RobotDialog(QDialog):
         self._pages.addWidget(self._make_offer_page())
         self._pages.hide()
         self._empty = QLabel(
-            "Enter the address and look. Then you see what the robot offers, choose what is used for what, "
-            "and check live that it comes."
+            tr(
+                "Enter the address and look. Then you see what the robot offers, choose what is used for what, "
+                "and check live that it comes."
+            )
         )
         self._empty.setWordWrap(True)
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._tabs = self._make_tabs()
         self.name_field = QLineEdit()
         self.name_field.setObjectName("robot_name")
-        self.name_field.setAccessibleName("Name of the robot")
-        self.name_field.setPlaceholderText("for example Lab robot")
+        self.name_field.setAccessibleName(tr("Name of the robot"))
+        self.name_field.setPlaceholderText(tr("for example Lab robot"))
         self.name_field.setMaxLength(60)
         self.name_field.setMinimumHeight(36)
         self.name_field.textChanged.connect(self._refresh)
-        self._check = ActionButton(theme, "Check live", icon="activity", height_px=38)
+        self._check = ActionButton(theme, tr("Check live"), icon="activity", height_px=38)
         self._check.setObjectName("robot_check")
-        self._check.setToolTip("Listen to every stream for a few seconds")
+        self._check.setToolTip(tr("Listen to every stream for a few seconds"))
         self._check.clicked.connect(self.check)
-        self._save = ActionButton(theme, "Save and connect", look="primary", height_px=38)
+        self._save = ActionButton(theme, tr("Save and connect"), look="primary", height_px=38)
         self._save.setObjectName("robot_save")
         self._save.clicked.connect(self.save)
-        cancel = ActionButton(theme, "Cancel", look="ghost", height_px=38)
+        cancel = ActionButton(theme, tr("Cancel"), look="ghost", height_px=38)
         cancel.setObjectName("robot_cancel")
         cancel.clicked.connect(self.reject)
         self._lay_out(cancel)
@@ -181,7 +184,7 @@ class RobotDialog(QDialog):
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(6)
         group = QButtonGroup(holder)
-        for page, text in enumerate(("What is used for what", "All that it offers")):
+        for page, text in enumerate((tr("What is used for what"), tr("All that it offers"))):
             button = ActionButton(self._theme, text, look="ghost")
             button.setObjectName(f"robot_page_{page}")
             button.setCheckable(True)
@@ -196,11 +199,11 @@ class RobotDialog(QDialog):
 
     def _make_mapping_page(self) -> QWidget:
         page = QWidget()
-        self._start_label, self._namespace_label = QLabel("Begin with"), QLabel("Robot on it")
-        self.start_from = DropDown(self._theme, "robot_start_from", "Begin with")
+        self._start_label, self._namespace_label = QLabel(tr("Begin with")), QLabel(tr("Robot on it"))
+        self.start_from = DropDown(self._theme, "robot_start_from", tr("Begin with"))
         self.start_from.setMinimumWidth(340)
         self.start_from.activated.connect(self._on_start_chosen)
-        self.namespace = DropDown(self._theme, "robot_namespace", "Which robot on this server")
+        self.namespace = DropDown(self._theme, "robot_namespace", tr("Which robot on this server"))
         self.namespace.setMinimumWidth(180)
         self.namespace.activated.connect(self._on_namespace_chosen)
         choices = QHBoxLayout()
@@ -228,12 +231,12 @@ class RobotDialog(QDialog):
         page = QWidget()
         self._filter = QLineEdit()
         self._filter.setObjectName("robot_filter")
-        self._filter.setPlaceholderText("Show only what contains…")
-        self._filter.setAccessibleName("Filter")
+        self._filter.setPlaceholderText(tr("Show only what contains…"))
+        self._filter.setAccessibleName(tr("Filter"))
         self._filter.textChanged.connect(self._fill_offer)
         self.offer_list = QListWidget()
         self.offer_list.setObjectName("robot_offer")
-        self.offer_list.setAccessibleName("All that the robot offers")
+        self.offer_list.setAccessibleName(tr("All that the robot offers"))
         column = QVBoxLayout(page)
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(self._filter)
@@ -250,7 +253,7 @@ class RobotDialog(QDialog):
         foot.setSpacing(8)
         foot.addWidget(cancel)
         foot.addStretch(1)
-        foot.addWidget(QLabel("Name"))
+        foot.addWidget(QLabel(tr("Name")))
         foot.addWidget(self.name_field, 2)
         foot.addWidget(self._check)
         foot.addWidget(self._save)
@@ -283,7 +286,7 @@ class RobotDialog(QDialog):
             self._note.show_note("amber", "warning", str(error))
             return
         self._forget()
-        self._set_busy("Looking")
+        self._set_busy(tr("Looking"))
         self._explorer.explore(
             address, security=self._security_settings(), progress=self._on_progress, done=self._on_explored
         )
@@ -296,7 +299,7 @@ class RobotDialog(QDialog):
         for row in self._rows.values():
             row.show_check(None)
         self._drop_extra_rows()
-        self._set_busy("Listening to every stream for a few seconds")
+        self._set_busy(tr("Listening to every stream for a few seconds"))
         self._explorer.check(profile, progress=self._on_checked, done=self._on_check_done)
 
     def save(self) -> None:
@@ -304,7 +307,7 @@ class RobotDialog(QDialog):
         profile = self._profile()
         if self._busy or profile is None or not title:
             return
-        self._set_busy("Saving")
+        self._set_busy(tr("Saving"))
         self._explorer.save(profile, title, done=self._on_saved)
 
     def row(self, field: str) -> "MappingRow | None":
@@ -324,7 +327,7 @@ class RobotDialog(QDialog):
         """The profile as chosen now; None before anything was found."""
         if self._found is None:
             return None
-        title, address = self._title() or "Robot", self._found.address
+        title, address = self._title() or tr("Robot"), self._found.address
         known = self.start_from.currentData()
         if known:
             try:
@@ -353,28 +356,37 @@ class RobotDialog(QDialog):
         self._found = found
         self._proposal = found.proposal
         offer = found.offer
-        ros = f"ROS {offer.dialect.value} {offer.distribution}".strip() if offer.dialect else "an unknown ROS"
+        ros = f"ROS {offer.dialect.value} {offer.distribution}".strip() if offer.dialect else tr("an unknown ROS")
         self._summary.setText(
-            f"{ros} · {_count(len(offer.topics), 'topic')} · {_count(len(offer.services), 'service')} · "
-            f"{_count(len(offer.actions), 'action')}"
+            " · ".join(
+                (
+                    ros,
+                    tr("1 topic") if len(offer.topics) == 1 else tr("%n topics", "", len(offer.topics)),
+                    tr("1 service") if len(offer.services) == 1 else tr("%n services", "", len(offer.services)),
+                    tr("1 action") if len(offer.actions) == 1 else tr("%n actions", "", len(offer.actions)),
+                )
+            )
         )
         self.start_from.clear()
-        self.start_from.addItem("What was found here", "")
+        self.start_from.addItem(tr("What was found here"), "")
         for like in found.resembles:
-            self.start_from.addItem(f"Profile of {like.title} ({like.share:.0%} of its names are here)", like.name)
+            resembles = tr("Profile of {robot} ({share:.0%} of its names are here)")
+            self.start_from.addItem(resembles.format(robot=like.title, share=like.share), like.name)
         has_likes = bool(found.resembles)
         self._start_label.setVisible(has_likes)
         self.start_from.setVisible(has_likes)
         self.namespace.clear()
         for namespace in found.proposal.namespaces:
-            self.namespace.addItem(namespace or "names without a prefix", namespace)
+            self.namespace.addItem(namespace or tr("names without a prefix"), namespace)
         self.namespace.setCurrentIndex(max(0, self.namespace.findData(found.proposal.namespace)))
         several = len(found.proposal.namespaces) > 1
         self._namespace_label.setVisible(several)
         self.namespace.setVisible(several)
         self._fill_offer()
         self._show_proposal(found.proposal)
-        self._note.show_note("green", "check-circle", "The robot answers. Check the mapping, then listen to it live.")
+        self._note.show_note(
+            "green", "check-circle", tr("The robot answers. Check the mapping, then listen to it live.")
+        )
         notes = " ".join(found.proposal.notes)
         if notes:
             self._note.show_note("amber", "info", notes)
@@ -396,12 +408,13 @@ class RobotDialog(QDialog):
         bad = [check.label for check in checks if check.state in ("nothing", "wrong")]
         slow = [check.label for check in checks if check.state == "slow"]
         if bad:
-            self._note.show_note("amber", "warning", f"Not right yet: {', '.join(dict.fromkeys(bad))}. Choose another "
-                                 "topic, or leave it out.")  # fmt: skip
+            wrong = tr("Not right yet: {streams}. Choose another topic, or leave it out.")
+            self._note.show_note("amber", "warning", wrong.format(streams=", ".join(dict.fromkeys(bad))))
         elif slow:
-            self._note.show_note("amber", "warning", f"Too rare for driving with care: {', '.join(slow)}.")
+            rare = tr("Too rare for driving with care: {streams}.")
+            self._note.show_note("amber", "warning", rare.format(streams=", ".join(slow)))
         else:
-            self._note.show_note("green", "check-circle", "Everything comes as it should.")
+            self._note.show_note("green", "check-circle", tr("Everything comes as it should."))
 
     def _on_saved(self, choice: RobotChoice | ToldFailure) -> None:
         self._set_busy("")
@@ -482,10 +495,10 @@ class RobotDialog(QDialog):
         self._pages.setVisible(found)
         self._empty.setVisible(not found)
         self._look.setEnabled(not self._busy)
-        self._look.set_label("Look again" if found else "Look")
+        self._look.set_label(tr("Look again") if found else tr("Look"))
         self._check.setEnabled(found and not self._busy)
         self._save.setEnabled(found and not self._busy and bool(self._title()))
-        self._save.setToolTip("" if self._title() else "Give the robot a name first")
+        self._save.setToolTip("" if self._title() else tr("Give the robot a name first"))
 
     def _style(self) -> None:
         self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
@@ -500,7 +513,3 @@ class RobotDialog(QDialog):
     def closeEvent(self, event: QCloseEvent) -> None:
         self._explorer.cancel()
         super().closeEvent(event)
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -6,6 +6,7 @@ from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.robot.proposal import FieldProposal
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
@@ -15,13 +16,13 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 if TYPE_CHECKING:  # its sockets cost a quarter of a second, on the way to the first window
     from caris_desktop.robot.explore import StreamCheck
 
-NOT_USED = "– not used –"
+NOT_USED = QT_TR_NOOP("– not used –")
 _CHECK_LOOKS = {
-    "good": ("check-circle", "green", "comes"),
-    "slow": ("warning", "amber", "comes too rarely"),
-    "quiet": ("minus-circle", "dim", "nothing now, which is fine"),
-    "nothing": ("x-circle", "red", "nothing comes"),
-    "wrong": ("x-circle", "red", "does not fit"),
+    "good": ("check-circle", "green", QT_TR_NOOP("comes")),
+    "slow": ("warning", "amber", QT_TR_NOOP("comes too rarely")),
+    "quiet": ("minus-circle", "dim", QT_TR_NOOP("nothing now, which is fine")),
+    "nothing": ("x-circle", "red", QT_TR_NOOP("nothing comes")),
+    "wrong": ("x-circle", "red", QT_TR_NOOP("does not fit")),
 }
 _SHORT_LIST = 12
 
@@ -30,11 +31,11 @@ def rate_words(check: "StreamCheck") -> str:
     """comes, 10.0 Hz, 0.1 s old · 720 beams over 360 degrees."""
     if check.detail and check.age_s is None:
         return check.detail  # nothing was counted, so the sentence says it all
-    parts = [_CHECK_LOOKS[check.state][2]]
+    parts = [tr(_CHECK_LOOKS[check.state][2])]
     if check.rate_hz is not None:
         parts.append(f"{check.rate_hz:.1f} Hz")
     if check.age_s is not None:
-        parts.append(f"{words.age(check.age_s)} old")
+        parts.append(tr("{age} old").format(age=words.age(check.age_s)))
     line = ", ".join(parts)
     return f"{line} · {check.detail}" if check.detail else line
 
@@ -111,7 +112,7 @@ class MappingRow(QWidget):
             self.box.hide()
             self.box.setParent(self)
         else:
-            self.box.addItem(NOT_USED, "")
+            self.box.addItem(tr(NOT_USED), "")
             for candidate in proposal.candidates:
                 self.box.addItem(candidate.value, candidate.value)
                 self.box.setItemData(
@@ -158,10 +159,12 @@ class MappingRow(QWidget):
         elif self.proposal is None:
             text = ""
         elif not self.proposal.candidates:
-            text = "the robot offers nothing for this"
+            text = tr("the robot offers nothing for this")
         else:
             chosen = next((each for each in self.proposal.candidates if each.value == self.value), None)
-            text = chosen.why if chosen is not None else self.proposal.why if not self.proposal.value else "left out"
+            text = (
+                chosen.why if chosen is not None else self.proposal.why if not self.proposal.value else tr("left out")
+            )
         self._words = text
         self._elide()
         self._verdict.setToolTip(text)

@@ -6,6 +6,7 @@ from typing import cast
 from PySide6.QtCore import Signal
 
 from caris_desktop.domain.intents import CAMERA_PICTURE, Along
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PartAlong
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
@@ -65,7 +66,7 @@ class AlongChips(FlowRow):
     def _show(self) -> None:
         wanted: dict[str, tuple[str, bool]] = {}
         for part in self._parts:
-            words = f"{part.words} {'word' if part.words == 1 else 'words'}"
+            words = tr("1 word") if part.words == 1 else tr("%n words", "", part.words)
             wanted[part.kind] = (f"{part.title} · {words}", part.kind not in self._left_out)
         for name in self._pictures:
             wanted[f"picture {name}"] = (picture_words(name), True)
@@ -77,7 +78,11 @@ class AlongChips(FlowRow):
             chip = self._chips.get(key) or self._new_chip(key)
             chip.setChecked(along)
             chip.set_label(text, icon="x" if along else "plus")
-            tip = "Goes along with the question. Press to leave it out." if along else "Is left out. Press to add it."
+            tip = (
+                tr("Goes along with the question. Press to leave it out.")
+                if along
+                else tr("Is left out. Press to add it.")
+            )
             chip.setToolTip(tip)
             chip.setAccessibleDescription(tip)
         self.updateGeometry()
@@ -105,5 +110,5 @@ class AlongChips(FlowRow):
 def picture_words(name: str) -> str:
     """A picture of a question, as ``Ask.pictures`` names it, for the wizard."""
     if name.startswith(CAMERA_PICTURE):
-        return f"Picture now: {name.removeprefix(CAMERA_PICTURE)}"
-    return f"Photo {name.rsplit('/', 1)[-1].removesuffix('.png')}"
+        return tr("Picture now: {camera}").format(camera=name.removeprefix(CAMERA_PICTURE))
+    return tr("Photo {name}").format(name=name.rsplit("/", 1)[-1].removesuffix(".png"))

@@ -6,6 +6,7 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ExchangeStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
@@ -15,10 +16,11 @@ from caris_desktop.ui.widgets.cut_label import CutLabel
 ROW_PX = 30
 _STATE_PX = 108
 _WORDS = {
-    "preparing": "Reading pictures", "answering": "Writing", "answered": "Answered", "cancelled": "Cancelled",
-    "failed": "No answer",
+    "preparing": QT_TR_NOOP("Reading pictures"), "answering": QT_TR_NOOP("Writing"), "answered": QT_TR_NOOP("Answered"),
+    "cancelled": QT_TR_NOOP("Cancelled"),
+    "failed": QT_TR_NOOP("No answer"),
 }  # fmt: skip
-_USED = {"said": "Said", "edited": "Said, edited"}
+_USED = {"said": QT_TR_NOOP("Said"), "edited": QT_TR_NOOP("Said, edited")}
 
 
 class ExchangeRows(QScrollArea):
@@ -35,7 +37,7 @@ class ExchangeRows(QScrollArea):
         self._rows: dict[str, _Row] = {}
         self._current = ""
         self.setObjectName("assistant_rows")
-        self.setAccessibleName("Questions to the assistant")
+        self.setAccessibleName(tr("Questions to the assistant"))
         self.setWidgetResizable(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
@@ -123,7 +125,7 @@ class _Row(QWidget):
         theme.changed.connect(self.update)
 
     def tell(self, exchange: ExchangeStatus, *, current: bool, live: bool, speaks: bool) -> None:
-        words = _USED.get(exchange.use) or _WORDS[exchange.state]
+        words = tr(_USED.get(exchange.use) or _WORDS[exchange.state])
         role = {"answered": "green", "failed": "amber"}.get(exchange.state, "dim")
         if exchange.under_way:
             role = "blue"
@@ -133,11 +135,12 @@ class _Row(QWidget):
         self._theme.color_text(self._question, "text" if current else "dim")
         self.say.setVisible(speaks)
         self.say.setEnabled(live and exchange.state == "answered" and bool(exchange.answer))
-        self.say.setToolTip("Say this answer")
-        self.say.setAccessibleName(f"Say the answer to: {exchange.question}")
+        self.say.setToolTip(tr("Say this answer"))
+        self.say.setAccessibleName(tr("Say the answer to: {question}").format(question=exchange.question))
         self.away.setEnabled(live)
-        self.away.setToolTip("Cancel this question" if exchange.under_way else "Put this question away")
-        self.away.setAccessibleName(f"{'Cancel' if exchange.under_way else 'Put away'}: {exchange.question}")
+        self.away.setToolTip(tr("Cancel this question") if exchange.under_way else tr("Put this question away"))
+        away = tr("Cancel: {question}") if exchange.under_way else tr("Put away: {question}")
+        self.away.setAccessibleName(away.format(question=exchange.question))
         if current != self._current:
             self._current = current
             self.update()

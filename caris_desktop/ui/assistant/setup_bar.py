@@ -6,6 +6,7 @@ from PySide6.QtCore import Signal
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import CAMERA_PICTURE, Intent
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, ModelChoice
 from caris_desktop.ui.assistant.along_chips import picture_words
@@ -31,15 +32,15 @@ class SetupBar(FlowRow):
         self._state = state
         self._do = do
         self._setup: AssistantSetup | None = None
-        self.model = DropDown(theme, "assistant_model", "Language model")
-        self.role = DropDown(theme, "assistant_role", "Role of the assistant")
-        self.style_choice = DropDown(theme, "assistant_style", "Style of its answers")
-        self.template = DropDown(theme, "assistant_template", "Prepared questions")
-        self.picture = DropDown(theme, "assistant_picture", "Add a picture")
+        self.model = DropDown(theme, "assistant_model", tr("Language model"))
+        self.role = DropDown(theme, "assistant_role", tr("Role of the assistant"))
+        self.style_choice = DropDown(theme, "assistant_style", tr("Style of its answers"))
+        self.template = DropDown(theme, "assistant_template", tr("Prepared questions"))
+        self.picture = DropDown(theme, "assistant_picture", tr("Add a picture"))
         self.words = ActionButton(theme, "", icon="note-pencil", height_px=_HEIGHT_PX)
         self.words.setObjectName("assistant_words")
-        self.words.setToolTip("What the model is told: see it, change it for this session")
-        self.words.setAccessibleName("What the model is told")
+        self.words.setToolTip(tr("What the model is told: see it, change it for this session"))
+        self.words.setAccessibleName(tr("What the model is told"))
         self.words.clicked.connect(self.words_wanted)
         for drop_down in (self.model, self.role, self.style_choice, self.template, self.picture):
             drop_down.setMinimumHeight(_HEIGHT_PX)
@@ -57,9 +58,11 @@ class SetupBar(FlowRow):
 
     def show_setup(self, setup: AssistantSetup, *, live: bool) -> None:
         _fill(self.model, [(_model_words(choice), choice.model) for choice in setup.models], setup.model)
-        _fill(self.role, [("No role", ""), *((each.name, each.name) for each in setup.roles)], setup.role)
-        _fill(self.style_choice, [("Any style", ""), *((each.name, each.name) for each in setup.styles)], setup.style)
-        _fill(self.template, [("Prepared…", ""), *((each.name, each.text) for each in setup.templates)], "")
+        _fill(self.role, [(tr("No role"), ""), *((each.name, each.name) for each in setup.roles)], setup.role)
+        _fill(
+            self.style_choice, [(tr("Any style"), ""), *((each.name, each.name) for each in setup.styles)], setup.style
+        )
+        _fill(self.template, [(tr("Prepared…"), ""), *((each.name, each.text) for each in setup.templates)], "")
         self.role.setVisible(bool(setup.roles))
         self.style_choice.setVisible(bool(setup.styles))
         self.template.setVisible(bool(setup.templates))
@@ -73,7 +76,7 @@ class SetupBar(FlowRow):
     def _fill_pictures(self) -> None:
         names = [f"{CAMERA_PICTURE}{camera}" for camera in self._state.cameras.value]
         names += [photo.file_name for photo in self._state.photos.value if not photo.deleted][:_PHOTOS_OFFERED]
-        _fill(self.picture, [("Picture…", ""), *((picture_words(name), name) for name in names)], "")
+        _fill(self.picture, [(tr("Picture…"), ""), *((picture_words(name), name) for name in names)], "")
 
     def _on_model(self, at: int) -> None:
         if self._do(intents.ChooseModel(self.model.itemData(at))) and self._setup is not None:

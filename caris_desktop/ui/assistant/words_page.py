@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QVBoxLayout, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import AssistantSetup
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -27,21 +28,21 @@ class WordsPage(QWidget):
         self._do = do
         self._setup = AssistantSetup()
         self._shown: tuple[str, str] = ("", "")
-        self.which = DropDown(theme, "assistant_which_words", "Which text")
+        self.which = DropDown(theme, "assistant_which_words", tr("Which text"))
         self.which.activated.connect(self._on_which)
         self.field = QPlainTextEdit()
         self.field.setObjectName("assistant_words_field")
-        self.field.setAccessibleName("What the model is told")
+        self.field.setAccessibleName(tr("What the model is told"))
         self.field.setTabChangesFocus(True)
         self.field.textChanged.connect(self._show_buttons)
-        self.save = ActionButton(theme, "Use", icon="check", look="primary", height_px=_BUTTON_PX)
+        self.save = ActionButton(theme, tr("Use"), icon="check", look="primary", height_px=_BUTTON_PX)
         self.save.setObjectName("assistant_words_save")
         self.save.clicked.connect(self._save)
-        self.reset = ActionButton(theme, "As in the scenario", height_px=_BUTTON_PX, may_shrink=True)
+        self.reset = ActionButton(theme, tr("As in the scenario"), height_px=_BUTTON_PX, may_shrink=True)
         self.reset.setObjectName("assistant_words_reset")
-        self.reset.setToolTip("Model, role, style and every text as the scenario has them")
+        self.reset.setToolTip(tr("Model, role, style and every text as the scenario has them"))
         self.reset.clicked.connect(self._on_reset)
-        self.back = ActionButton(theme, "Back", icon="arrow-left", height_px=_BUTTON_PX)
+        self.back = ActionButton(theme, tr("Back"), icon="arrow-left", height_px=_BUTTON_PX)
         self.back.setObjectName("assistant_words_back")
         self.back.clicked.connect(self.closed)
         top = QHBoxLayout()
@@ -64,9 +65,9 @@ class WordsPage(QWidget):
         """What is being changed stays as it stands in the field."""
         changed = self._changed
         self._setup = setup
-        wanted = [("Instructions", ("system_prompt", "")), ("Notes", ("notes", ""))]
-        wanted += [(f"Role: {each.name}", ("role", each.name)) for each in setup.roles]
-        wanted += [(f"Style: {each.name}", ("style", each.name)) for each in setup.styles]
+        wanted = [(tr("Instructions"), ("system_prompt", "")), (tr("Notes"), ("notes", ""))]
+        wanted += [(tr("Role: {name}").format(name=each.name), ("role", each.name)) for each in setup.roles]
+        wanted += [(tr("Style: {name}").format(name=each.name), ("style", each.name)) for each in setup.styles]
         if [self.which.itemText(at) for at in range(self.which.count())] != [text for text, _ in wanted]:
             self.which.clear()
             for text, key in wanted:
@@ -110,7 +111,15 @@ class WordsPage(QWidget):
 
     def _name_of_shown(self) -> str:
         kind, name = self._shown
-        return {"system_prompt": "Instructions", "notes": "Notes"}.get(kind, f"{kind.capitalize()}: {name}")
+        match kind:
+            case "system_prompt":
+                return tr("Instructions")
+            case "notes":
+                return tr("Notes")
+            case "role":
+                return tr("Role: {name}").format(name=name)
+            case _:
+                return tr("Style: {name}").format(name=name)
 
     def _save(self) -> bool:
         """False where it was refused, with the text left in the field."""

@@ -6,6 +6,7 @@ from PySide6.QtGui import QActionGroup
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import LevelsStatus
 from caris_desktop.scenario.assistance import levels_up_to
 from caris_desktop.ui.event_words import FUNCTIONS, LEVELS
@@ -31,10 +32,10 @@ class LevelsButton(ActionButton):
     def _refresh(self, _levels: object = None) -> None:
         levels: LevelsStatus = self._state.levels.value
         acting = any(getattr(levels, function) == "act" for function in FUNCTIONS)
-        self.set_label("By itself" if acting else "", look="amber" if acting else "ghost")
-        told = [f"{title}: {LEVELS[getattr(levels, function)]}" for function, title in FUNCTIONS.items()]
-        self.setToolTip("\n".join(("What is done without being asked for", *told)))
-        self.setAccessibleName("What is done without being asked for")
+        self.set_label(tr("By itself") if acting else "", look="amber" if acting else "ghost")
+        told = [f"{tr(title)}: {tr(LEVELS[getattr(levels, function)])}" for function, title in FUNCTIONS.items()]
+        self.setToolTip("\n".join((tr("What is done without being asked for"), *told)))
+        self.setAccessibleName(tr("What is done without being asked for"))
         self.setEnabled(self._state.present.live)
 
     def fill(self) -> None:

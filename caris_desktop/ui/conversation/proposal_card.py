@@ -4,6 +4,7 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ProposalStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.bands import Band
@@ -24,10 +25,10 @@ class ProposalCard(Band):
         self.setParent(parent)
         self._context = context
         self._state = context.console.state
-        self.yes = ActionButton(context.theme, "Do it", look="primary", height_px=32)
+        self.yes = ActionButton(context.theme, tr("Do it"), look="primary", height_px=32)
         self.yes.setObjectName("proposal_yes")
         self.yes.clicked.connect(lambda: self._answer(intents.ConfirmProposal))
-        self.no = ActionButton(context.theme, "No", height_px=32)
+        self.no = ActionButton(context.theme, tr("No"), height_px=32)
         self.no.setObjectName("proposal_no")
         self.no.clicked.connect(lambda: self._answer(intents.VetoProposal))
         self.row.addWidget(self.yes)
@@ -73,12 +74,14 @@ class ProposalCard(Band):
         now_ns = self._state.present.now_ns()
         waits_s = max(0, proposal.lapses_ns - now_ns) / 1e9
         if proposal.acts_ns is not None and self._state.present.live:
-            self.say(f"{proposal.words}: done in {max(0, proposal.acts_ns - now_ns) / 1e9:.1f} s")
+            acts_s = max(0, proposal.acts_ns - now_ns) / 1e9
+            self.say(tr("{what}: done in {time:.1f} s").format(what=proposal.words, time=acts_s))
         elif self._state.present.live:
-            self.say(f"{proposal.words}? · proposed by {proposal.model}, for {waits_s:.0f} s more")
+            lapses = tr("{what}? · proposed by {model}, for {time:.0f} s more")
+            self.say(lapses.format(what=proposal.words, model=proposal.model, time=waits_s))
         else:
-            self.say(f"{proposal.words}? · proposed by {proposal.model}")
-        self.setToolTip("The robot moves." if proposal.moves else "")
+            self.say(tr("{what}? · proposed by {model}").format(what=proposal.words, model=proposal.model))
+        self.setToolTip(tr("The robot moves.") if proposal.moves else "")
 
     def _style(self) -> None:
         super()._style()

@@ -5,6 +5,7 @@ from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.conversation.suggestions.rounds import MOST_REPLIES
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ShownSuggestion, SuggestionsStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.panel import PanelContext
@@ -35,7 +36,7 @@ class SuggestionCards(QWidget):
         self._from.setTextFormat(Qt.TextFormat.PlainText)
         self._from.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._dismiss = ActionButton(
-            context.theme, "None of them", look="ghost", height_px=24, text_px=tokens.STATUS_PX
+            context.theme, tr("None of them"), look="ghost", height_px=24, text_px=tokens.STATUS_PX
         )
         self._dismiss.setObjectName("suggestions_dismiss")
         self._dismiss.bind(context.actions, "no_suggestion")
@@ -106,22 +107,27 @@ class SuggestionCards(QWidget):
             return ""
         wait_s = (status.filler_ns - now_ns) / 1e9
         if self._state.levels.value.fillers == "act":
-            return f"“{words.shortened(filler, 30)}” is said in {max(0.0, wait_s):.1f} s"
+            said = tr("“{filler}” is said in {time:.1f} s")
+            return said.format(filler=words.shortened(filler, 30), time=max(0.0, wait_s))
         key = self._context.actions.key_text("filler")
-        return f"A reply is late: {key} says “{words.shortened(filler, 30)}”" if wait_s <= 0 else ""
+        late = tr("A reply is late: {key} says “{filler}”").format(key=key, filler=words.shortened(filler, 30))
+        return late if wait_s <= 0 else ""
 
     def _made_from(self, status: SuggestionsStatus) -> str:
         if status.state == "failed":
-            return f"No suggestions: {status.detail}"
+            return tr("No suggestions: {detail}").format(detail=status.detail)
         if status.state not in ("asking", "shown"):
             return ""
-        turns = "the last turn" if status.turns <= 1 else f"the last {status.turns} turns"
+        turns = tr("the last turn") if status.turns <= 1 else tr("the last %n turns", "", status.turns)
         who = name_of(self._context.console, status.person_id) if status.person_id else ""
         grounds = ", ".join(filter(None, (turns, status.doing, status.place, who)))
         if status.state == "asking":
-            return f"{status.model} is writing suggestions from {grounds}"
+            return tr("{model} is writing suggestions from {grounds}").format(model=status.model, grounds=grounds)
         edit = self._context.actions.key_text("edit_suggestion_1")
-        return f"Suggested by {status.model} from {grounds}" + (f" · {edit} edit first" if edit else "")
+        told = [tr("Suggested by {model} from {grounds}").format(model=status.model, grounds=grounds)]
+        if edit:
+            told.append(tr("{key} edit first").format(key=edit))
+        return " · ".join(told)
 
 
 class _Card(QAbstractButton):
@@ -142,13 +148,15 @@ class _Card(QAbstractButton):
 
     def show_reply(self, card: ShownSuggestion | None, text: str) -> None:
         self.setText(text)
-        self.setAccessibleName(f"Say suggestion {self.rank}: {text}" if text else "")
+        self.setAccessibleName(
+            tr("Say suggestion {number}: {text}").format(number=self.rank, text=text) if text else ""
+        )
         self.setToolTip(text)
         self.setEnabled(card is not None and self._table.spec(f"suggestion_{self.rank}") is not None)
         self.update()
 
     def show_countdown(self, left_s: float | None) -> None:
-        countdown = "" if left_s is None else f"said in {left_s:.1f} s"
+        countdown = "" if left_s is None else tr("said in {time:.1f} s").format(time=left_s)
         if countdown != self._countdown:
             self._countdown = countdown
             self.update()
@@ -174,7 +182,7 @@ class _Card(QAbstractButton):
         right = self.width() - 12.0
         if self._countdown and stands:
             font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
-            width = QFontMetricsF(font).horizontalAdvance("said in 00.0 s")
+            width = QFontMetricsF(font).horizontalAdvance(tr("said in {time:.1f} s").replace("{time:.1f}", "00.0"))
             painter.setFont(font)
             painter.setPen(theme.color("amber"))
             align = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight

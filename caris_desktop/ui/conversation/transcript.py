@@ -18,7 +18,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QAbstractScrollArea, QFrame, QToolTip
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.conversation.transcript_painting import SIDE_PX, WORDS_PX, RowLook, RowPainter, words_rect
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
@@ -47,10 +47,10 @@ class RowButton:
 
 
 _BUTTONS = (
-    RowButton("text", "pencil-simple", "Correct the words (Enter)"),
-    RowButton("who", "user-focus", "Correct who said it (S)"),
-    RowButton("tags", "tag", "Tags (T)"),
-    RowButton("mark", "bookmark-simple", "Mark the moment (M)"),
+    RowButton("text", "pencil-simple", QT_TR_NOOP("Correct the words (Enter)")),
+    RowButton("who", "user-focus", QT_TR_NOOP("Correct who said it (S)")),
+    RowButton("tags", "tag", QT_TR_NOOP("Tags (T)")),
+    RowButton("mark", "bookmark-simple", QT_TR_NOOP("Mark the moment (M)")),
 )
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 _OF_HEARD_ONLY = ("text", "who")
@@ -95,7 +95,7 @@ class TranscriptView(QAbstractScrollArea):
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setAccessibleName("What was said")
+        self.setAccessibleName(tr("What was said"))
         self.viewport().setAutoFillBackground(False)
         self.viewport().setMouseTracking(True)
         self.setMinimumHeight(_EMPTY_PX)
@@ -284,7 +284,7 @@ class TranscriptView(QAbstractScrollArea):
 
     def _tell_below(self, count: int) -> None:
         self._below = count
-        self._to_newest.set_label(f"{count} new below" if count else "To the newest")
+        self._to_newest.set_label(tr("%n new below", "", count) if count else tr("To the newest"))
         self._to_newest.setVisible(bool(count) and self._now_row is None)
         self._place_button()
 
@@ -317,8 +317,9 @@ class TranscriptView(QAbstractScrollArea):
         self._make_current(utterance_id)
         self._writing = (act, utterance_id)
         self._field.setFont(self._theme.font(WORDS_PX))
-        self._field.setPlaceholderText("Tags with commas between, then Enter" if act == "tags" else "")
-        self._field.setAccessibleName(f"{'Tags of' if act == 'tags' else 'What was said:'} {told.text}")
+        self._field.setPlaceholderText(tr("Tags with commas between, then Enter") if act == "tags" else "")
+        named = tr("Tags of {said}") if act == "tags" else tr("What was said: {said}")
+        self._field.setAccessibleName(named.format(said=told.text))
         self._field.setPlainText(", ".join(told.tags) if act == "tags" else told.text)
         self._field.moveCursor(QTextCursor.MoveOperation.End)
         self._place_field()
@@ -425,9 +426,9 @@ class TranscriptView(QAbstractScrollArea):
     def _tip_at(self, at: QPoint) -> str:
         button, row = self._button_at(at), self._row_under(at)
         if button is not None:
-            return button.tip
+            return tr(button.tip)
         heard = None if row is None else self._rows[row].heard_text
-        return "" if heard is None else f"Corrected. What was made out: “{heard}”"
+        return "" if heard is None else tr("Corrected. What was made out: “{heard}”").format(heard=heard)
 
     def _hover(self, at: QPoint | None) -> None:
         row = None if at is None else self._row_under(at)
@@ -506,7 +507,7 @@ def _spots(view: TranscriptView) -> list[ToldSpot]:
         about = tr("Chosen") if told.utterance_id == view.current else ""
         spots.append(ToldSpot((told.utterance_id, "pick"), told.spoken, view.row_rect(row), about))
         spots += [
-            ToldSpot((told.utterance_id, button.act), f"{button.tip}: {told.words}", place)
+            ToldSpot((told.utterance_id, button.act), f"{tr(button.tip)}: {told.words}", place)
             for button, place in view.buttons(row)
         ]
     return spots

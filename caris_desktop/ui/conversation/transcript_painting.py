@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from PySide6.QtCore import QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QFontMetrics, QPainter, QPen, QTextCharFormat, QTextLayout, QTextOption
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
 from caris_desktop.ui.icons import draw_icon
@@ -95,9 +96,9 @@ class RowPainter:
         painter.setFont(small)
         pieces = [(row.time, "dim"), (row.who, {"robot": "blue", "": "amber"}.get(row.speaker, "dim"))]
         if row.heard_text is not None:
-            pieces.append(("· corrected", "dim"))
+            pieces.append((" ".join(("·", tr("corrected"))), "dim"))
         if row.cut_short:
-            pieces.append(("· cut short", "amber"))
+            pieces.append((" ".join(("·", tr("cut short"))), "amber"))
         for text, role in pieces:
             room = max(0, rect.right() - left)
             cut = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room)

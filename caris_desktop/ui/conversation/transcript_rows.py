@@ -7,11 +7,11 @@ from caris_desktop.conversation.transcript import Turn, is_heard
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.corrections import WhoSpoke
 from caris_desktop.domain.sound import Hearing
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.ui import words
 
-NOT_SURE = "somebody"
-ROBOT, WIZARD, PARTICIPANT = "robot", "wizard", "participant"
+NOT_SURE = QT_TR_NOOP("somebody")
+ROBOT, WIZARD, PARTICIPANT = QT_TR_NOOP("robot"), QT_TR_NOOP("wizard"), QT_TR_NOOP("participant")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ class RowMaker:
 
     def _row(self, turn: Turn, names: Mapping[str, str], hearing: Hearing | None) -> TranscriptRow:
         def name_of(person_id: str) -> str:
-            return names.get(person_id, NOT_SURE)
+            return names.get(person_id, tr(NOT_SURE))
 
         return TranscriptRow(
             turn.utterance_id,
@@ -106,13 +106,13 @@ def who_spoke(speaker: WhoSpoke, person_id: str, names: Mapping[str, str]) -> st
     """The name or number of a participant where it is known who it was."""
     match speaker:
         case "robot":
-            return ROBOT
+            return tr(ROBOT)
         case "wizard":
-            return WIZARD
+            return tr(WIZARD)
         case "participant":
-            return names.get(person_id, PARTICIPANT)
+            return names.get(person_id, tr(PARTICIPANT))
         case _:
-            return NOT_SURE
+            return tr(NOT_SURE)
 
 
 def found_in(rows: Sequence[TranscriptRow], query: str) -> list[int]:

@@ -33,6 +33,7 @@ from caris_desktop.conversation.face.file import (
 from caris_desktop.conversation.face.motion import FaceMotion, Voice
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.declared import Key, keys_of
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens
 from caris_desktop.ui.face.face_view import FaceView
@@ -42,7 +43,17 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 
 _STEPS = 200
 _DRAW_EVERY_MS = 40
-_COLOURS = {"background": "Background", "ink": "Eyes and mouth", "words": "Captions"}
+_SLIDERS = {
+    "eyes_open": QT_TR_NOOP("Eyes open"), "lids_deg": QT_TR_NOOP("Lids"), "smile": QT_TR_NOOP("Smile"),
+    "mouth_open": QT_TR_NOOP("Mouth open"), "look_up": QT_TR_NOOP("Look up"), "width": QT_TR_NOOP("Width"),
+    "height": QT_TR_NOOP("Height"), "apart": QT_TR_NOOP("Apart"), "above": QT_TR_NOOP("Above"),
+    "roundness": QT_TR_NOOP("Roundness"), "stroke": QT_TR_NOOP("Stroke"), "below": QT_TR_NOOP("Below"),
+}  # fmt: skip
+_COLOURS = {
+    "background": QT_TR_NOOP("Background"),
+    "ink": QT_TR_NOOP("Eyes and mouth"),
+    "words": QT_TR_NOOP("Captions"),
+}
 
 
 class FaceEditor(QDialog):
@@ -51,7 +62,7 @@ class FaceEditor(QDialog):
     def __init__(self, theme: Theme, console: WizardConsole, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName("face_editor")
-        self.setWindowTitle("Edit the face")
+        self.setWindowTitle(tr("Edit the face"))
         self._theme = theme
         self._console = console
         status = console.state.face.value
@@ -62,35 +73,35 @@ class FaceEditor(QDialog):
         self._name = QLineEdit(self._face.name)
         self._name.setObjectName("face_name")
         self._name.setMaxLength(40)
-        self._choice = DropDown(theme, "face_expression_choice", "Expression that is changed")
+        self._choice = DropDown(theme, "face_expression_choice", tr("Expression that is changed"))
         self._choice.addItems([one.name for one in self._face.expressions])
         self._choice.currentIndexChanged.connect(self._on_expression_chosen)
         self._sliders: dict[tuple[str, str], _ValueSlider] = {}
         rows = QWidget()
         form = self._form = QFormLayout(rows)
-        form.addRow(_heading(theme, "Expression"), self._choice)
+        form.addRow(_heading(theme, tr("Expression")), self._choice)
         self._add_sliders("expression", Expression)
-        form.addRow(_heading(theme, "Eyes"), QWidget())
+        form.addRow(_heading(theme, tr("Eyes")), QWidget())
         self._add_sliders("eyes", Eyes)
-        form.addRow(_heading(theme, "Mouth"), QWidget())
+        form.addRow(_heading(theme, tr("Mouth")), QWidget())
         self._add_sliders("mouth", Mouth)
-        form.addRow(_heading(theme, "Colours"), QWidget())
+        form.addRow(_heading(theme, tr("Colours")), QWidget())
         for key, words in _COLOURS.items():
             field = QLineEdit(getattr(self._face, key))
             field.setObjectName(f"face_{key}")
             field.setMaxLength(7)
-            field.setAccessibleName(words)
+            field.setAccessibleName(tr(words))
             field.textEdited.connect(self._colour_setter(key))
-            form.addRow(words, field)
+            form.addRow(tr(words), field)
         scroll = QScrollArea()
         scroll.setWidgetResizable(True)
         scroll.setWidget(rows)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self._speak = ActionButton(theme, "Speak", icon="chat-text", height_px=32)
+        self._speak = ActionButton(theme, tr("Speak"), icon="chat-text", height_px=32)
         self._speak.setCheckable(True)
         self._speak.setObjectName("face_speak")
         self._speak.toggled.connect(self._on_speak)
-        self._keep = ActionButton(theme, "Keep as", icon="check", height_px=32, look="primary")
+        self._keep = ActionButton(theme, tr("Keep as"), icon="check", height_px=32, look="primary")
         self._keep.setObjectName("face_keep")
         self._keep.clicked.connect(self._on_keep)
         self._note = QLabel()
@@ -114,7 +125,7 @@ class FaceEditor(QDialog):
         self._drawing.start()
         self._on_expression_chosen(0)
         theme.color_text(self._note, "dim")
-        self._note.setText("A face of your own goes before one of the same name that comes with the program.")
+        self._note.setText(tr("A face of your own goes before one of the same name that comes with the program."))
 
     def _add_sliders(self, part: str, group: Any) -> None:
         for key in keys_of(group):
@@ -124,7 +135,7 @@ class FaceEditor(QDialog):
             slider = _ValueSlider(key, self._setter(part, key.attribute))
             slider.setObjectName(f"face_{part}_{key.attribute}")
             self._sliders[part, key.attribute] = slider
-            self._form.addRow(key.attribute.removesuffix("_deg").replace("_", " ").capitalize(), slider)
+            self._form.addRow(tr(_SLIDERS[key.attribute]), slider)
             if part != "expression":
                 slider.show_value(getattr(getattr(self._face, part), key.attribute))
 
@@ -145,7 +156,7 @@ class FaceEditor(QDialog):
             try:
                 self._use(checked(replace(self._face, **{key: text})))
             except FaceError:
-                self._say("A colour is written as #rrggbb.")
+                self._say(tr("A colour is written as #rrggbb."))
 
         return put
 
@@ -170,10 +181,10 @@ class FaceEditor(QDialog):
     def _on_keep(self) -> None:
         name = self._name.text().strip()
         refused = self._console.do(intents.KeepFace(name, face_text(self._face)))
-        self._say(refused or f"Kept as “{name}”. The robot wears it now.")
+        self._say(refused or tr("Kept as “{name}”. The robot wears it now.").format(name=name))
 
     def _draw(self) -> None:
-        caption = "What the robot says stands here." if self._speak.isChecked() else ""
+        caption = tr("What the robot says stands here.") if self._speak.isChecked() else ""
         self._preview.show_drawing(drawing_of(self._face, self._motion.at(clock.now_ns()), caption=caption))
 
     def closeEvent(self, event: QCloseEvent) -> None:

@@ -7,6 +7,7 @@ from PySide6.QtGui import QColor, QFont, QImage, QPainter, QPainterPath, QPaintE
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.conversation.face.drawing import Box, Drawing, Lips, Words
+from caris_desktop.domain.translation import tr
 
 
 class FaceView(QWidget):
@@ -16,7 +17,7 @@ class FaceView(QWidget):
         super().__init__()
         self._drawing: Drawing | None = None
         self._picture: QImage | None = None
-        self.setAccessibleName("The robot's face")
+        self.setAccessibleName(tr("The robot's face"))
 
     def sizeHint(self) -> QSize:
         return QSize(320, 240)

@@ -6,6 +6,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QMouseEvent, QScreen
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.ui.face.face_view import FaceView
 from caris_desktop.ui.face.shown_face import show_on
@@ -22,7 +23,7 @@ class FaceWindow(QWidget):
             Qt.WindowType.Window | Qt.WindowType.WindowDoesNotAcceptFocus,
         )
         self.setObjectName("face_window")
-        self.setWindowTitle("Robot’s face")
+        self.setWindowTitle(tr("Robot’s face"))
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._state = state

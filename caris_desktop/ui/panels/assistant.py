@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
 from caris_desktop.domain import intents
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.assistant.along_chips import AlongChips
@@ -37,7 +38,7 @@ _NO_EXCHANGE = ExchangeStatus("", "", "cancelled")
 class AssistantPanel(Panel):
     """Nothing that the model writes is said before the wizard says so."""
 
-    title = "Assistant"
+    title = QT_TR_NOOP("Assistant")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -50,14 +51,14 @@ class AssistantPanel(Panel):
         self.field = _QuestionField()
         self.field.stepped.connect(self._step)
         self.field.setObjectName("assistant_field")
-        self.field.setAccessibleName("Question to the assistant")
-        self.field.setPlaceholderText("Ask the assistant…")
+        self.field.setAccessibleName(tr("Question to the assistant"))
+        self.field.setPlaceholderText(tr("Ask the assistant…"))
         self.field.setMinimumHeight(40)
         # A pasted text stays whole: what is too long is said, and not cut behind the wizard's back.
         self.field.setMaxLength(_MOST_TYPED)
         self.field.returnPressed.connect(self._on_ask)
         self.field.textChanged.connect(self._on_question_changed)
-        self._ask = ActionButton(self.theme, "Ask", key="Enter", height_px=40)
+        self._ask = ActionButton(self.theme, tr("Ask"), key="Enter", height_px=40)
         self._ask.setObjectName("assistant_ask")
         self._ask.clicked.connect(self._on_ask)
         self.setup_bar = SetupBar(self.theme, self.state, self.console.do)
@@ -68,8 +69,8 @@ class AssistantPanel(Panel):
         self.with_what = ActionButton(self.theme, "", icon="sliders-horizontal", look="ghost", height_px=30)
         self.with_what.setObjectName("assistant_with_what")
         self.with_what.setCheckable(True)
-        self.with_what.setToolTip("Model, role, style, prepared questions, pictures")
-        self.with_what.setAccessibleName("With what the assistant is asked")
+        self.with_what.setToolTip(tr("Model, role, style, prepared questions, pictures"))
+        self.with_what.setAccessibleName(tr("With what the assistant is asked"))
         self.with_what.toggled.connect(lambda _on: self._show_parts())
         self._rows = ExchangeRows(self.theme)
         self._rows.chosen.connect(self._choose)
@@ -83,21 +84,21 @@ class AssistantPanel(Panel):
         self._answer = _AnswerField()
         self._answer.entered.connect(self._on_say)
         self._answer.setObjectName("assistant_answer")
-        self._answer.setAccessibleName("The assistant's answer")
+        self._answer.setAccessibleName(tr("The assistant's answer"))
         self._answer.setReadOnly(True)
         if self.state.present.live and self._speaks:
-            self._answer.setPlaceholderText("Answers wait here until you say them.")
+            self._answer.setPlaceholderText(tr("Answers wait here until you say them."))
         self._answer.setTabChangesFocus(True)
         self._answer.setMinimumHeight(30)
         self._note = QLabel()
         self._note.setObjectName("assistant_note")
         self._note.setWordWrap(True)
-        self._say = self._button("Say it", "assistant_say", self._on_say, icon="speaker-high", primary=True)
-        self._edit = self._button("Edit first", "assistant_edit", self._on_edit, icon="pencil-simple")
-        self._again = self._button("Ask again", "assistant_again", self._on_again, icon="arrow-clockwise")
-        self._dismiss = self._button("Dismiss", "assistant_dismiss", lambda: self._on_away(self._shown.exchange_id))
+        self._say = self._button(tr("Say it"), "assistant_say", self._on_say, icon="speaker-high", primary=True)
+        self._edit = self._button(tr("Edit first"), "assistant_edit", self._on_edit, icon="pencil-simple")
+        self._again = self._button(tr("Ask again"), "assistant_again", self._on_again, icon="arrow-clockwise")
+        self._dismiss = self._button(tr("Dismiss"), "assistant_dismiss", lambda: self._on_away(self._shown.exchange_id))
         self._cancel = self._button(
-            "Cancel",
+            tr("Cancel"),
             "assistant_cancel",
             lambda: self.console.do(intents.CancelAnswer(self._shown.exchange_id)),
             icon="x",
@@ -358,7 +359,9 @@ class AssistantPanel(Panel):
         speaks = self._speaks
         self._rows.show_rows(exchanges, shown.exchange_id, live=live, speaks=speaks)
         has_answer = bool(shown.answer.strip()) and not shown.under_way
-        self._question.setText(f"You asked: {words.shortened(shown.question, 140)}" if shown.question else "")
+        self._question.setText(
+            tr("You asked: {question}").format(question=words.shortened(shown.question, 140)) if shown.question else ""
+        )
         self.field.setReadOnly(not live)
         show_part(self.with_what, live)
         self._cancel.setEnabled(live)
@@ -387,14 +390,16 @@ class AssistantPanel(Panel):
         under_way = sum(exchange.under_way for exchange in status.exchanges)
         match status.state:
             case "ready":
-                self.set_fact(status.model or "ready")
+                self.set_fact(status.model or tr("ready"))
             case "answering":
-                what = f"{under_way} answers are being written" if under_way > 1 else f"{status.model} is writing"
+                what = tr("{model} is writing").format(model=status.model)
+                if under_way > 1:
+                    what = tr("%n answers are being written", "", under_way)
                 self.set_fact(what, "blue")
             case "starting":
-                self.set_fact("getting ready")
+                self.set_fact(tr("getting ready"))
             case "failed":
-                self.set_fact("no answer", "amber")
+                self.set_fact(tr("no answer"), "amber")
             case _:
                 self.set_fact("off")
 
@@ -413,26 +418,27 @@ class AssistantPanel(Panel):
         role = "dim"
         if self._too_long:
             text, role = (
-                f"The question is {self._too_long:,} characters too long. "
-                f"The assistant takes {MAX_QUESTION_CHARACTERS:,}: shorten it to ask.",
+                tr(
+                    "The question is {over:,} characters too long. The assistant takes {most:,}: shorten it to ask."
+                ).format(over=self._too_long, most=MAX_QUESTION_CHARACTERS),
                 "amber",
             )
         elif shown.state == "failed" and shown.exchange_id:
-            text, role = shown.detail or "The assistant gave no answer. Ask again.", "amber"
+            text, role = shown.detail or tr("The assistant gave no answer. Ask again."), "amber"
         elif status.state == "failed" and not shown.answer:
-            text, role = status.detail or "The assistant gave no answer. Ask again.", "amber"
+            text, role = status.detail or tr("The assistant gave no answer. Ask again."), "amber"
         elif status.state == "starting":
-            text = "The language model is starting. Phrases and typing work meanwhile."
+            text = tr("The language model is starting. Phrases and typing work meanwhile.")
         elif status.state == "off":
-            text = status.detail or "No language model is set up."
+            text = status.detail or tr("No language model is set up.")
         elif shown.state == "preparing":
-            text = "Reading the pictures…"
+            text = tr("Reading the pictures…")
         elif shown.under_way and not shown.answer:
-            text = shown.detail or "Thinking…"
+            text = shown.detail or tr("Thinking…")
         elif self._editing:
-            text = "Change the words. Enter says them."
+            text = tr("Change the words. Enter says them.")
         elif shown.use:
-            text = "Said." if shown.use == "said" else "Said, with your changes."
+            text = tr("Said.") if shown.use == "said" else tr("Said, with your changes.")
         else:
             text = shown.detail
         self._note.setText(text)

@@ -10,6 +10,7 @@ from caris_desktop.conversation.response_time import LATE_S, waiting
 from caris_desktop.conversation.transcript import Turn, in_order, next_speaker
 from caris_desktop.domain import intents
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.conversation.levels_button import LevelsButton
@@ -17,7 +18,6 @@ from caris_desktop.ui.conversation.proposal_card import ProposalCard
 from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
 from caris_desktop.ui.conversation.transcript import TranscriptView
 from caris_desktop.ui.conversation.transcript_rows import (
-    PARTICIPANT,
     RowMaker,
     found_in,
 )
@@ -27,17 +27,21 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
 
-_EMPTY = "What the robot and the participant say stands here."
+_EMPTY = QT_TR_NOOP("What the robot and the participant say stands here.")
 _TICK_MS = 100
 _PHOTO_AFTER_NS = 2_000_000_000
 _RECENT = 60
 """Turns among which are all that matter to what goes on now."""
 
 
+def _turns(count: int) -> str:
+    return tr("1 turn") if count == 1 else tr("%n turns", "", count)
+
+
 class ConversationPanel(Panel):
     """The turns with a place for what could be said next under them, and a line to search in what was said."""
 
-    title = "Conversation"
+    title = QT_TR_NOOP("Conversation")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -49,7 +53,7 @@ class ConversationPanel(Panel):
         self._under_way: dict[str, Hearing] = {}
         self._matches: list[int] = []
         self._match = -1
-        self.view = TranscriptView(self.theme, may_change=self.state.present.live, empty=_EMPTY)
+        self.view = TranscriptView(self.theme, may_change=self.state.present.live, empty=tr(_EMPTY))
         self.view.setObjectName("transcript")
         self._photo = PhotoThumbnail(self.theme, self.view)
         self.view.picked.connect(self._on_picked)
@@ -59,8 +63,8 @@ class ConversationPanel(Panel):
         self.hold.escape_pressed.connect(self.close_search)
         self._find = ActionButton(self.theme, "", icon="magnifying-glass", height_px=30)
         self._find.setObjectName("transcript_find")
-        self._find.setAccessibleName("Search what was said")
-        self._find.setToolTip("Search what was said")
+        self._find.setAccessibleName(tr("Search what was said"))
+        self._find.setToolTip(tr("Search what was said"))
         self._find.bind(self.table, "find_said")
         self._search = _SearchLine(self)
         self._search.hide()
@@ -176,23 +180,28 @@ class ConversationPanel(Panel):
         stands = waiting(self._turns_until(now_ns), self._under_way.values(), now_ns)
         if stands is None:
             count = len(self.view.rows)
-            self.set_fact(words.counted(count, "turn") if count else "")
+            self.set_fact(_turns(count) if count else "")
             return
-        who = self._names.get(stands.person_id, f"the {PARTICIPANT}")
+        name = self._names.get(stands.person_id, "")
         assistance = self.console.scenario.assistance
         late_s = LATE_S if assistance.fillers == "off" else assistance.filler_after_s
         match stands.state:
             case "talking":
-                self.set_fact(f"{who[:1].upper()}{who[1:]} is talking", "green")
+                named = tr("{name} is talking").format(name=f"{name[:1].upper()}{name[1:]}")
+                self.set_fact(named if name else tr("The participant is talking"), "green")
             case "waiting":
                 role = "amber" if stands.seconds > late_s else "green"
-                self.set_fact(words.age(max(0.1, stands.seconds)), role, rest=f"since {who} stopped talking")
+                rest = tr("since {name} stopped talking").format(name=name)
+                rest = rest if name else tr("since the participant stopped talking")
+                self.set_fact(words.age(max(0.1, stands.seconds)), role, rest=rest)
             case "answered":
                 late = stands.seconds > late_s
                 if stands.seconds < 0:
-                    self.set_fact(f"{-stands.seconds:.1f} s", "amber", rest=f"before {who} was done")
+                    rest = tr("before {name} was done").format(name=name)
+                    rest = rest if name else tr("before the participant was done")
+                    self.set_fact(f"{-stands.seconds:.1f} s", "amber", rest=rest)
                 else:
-                    self.set_fact(f"{stands.seconds:.1f} s", "amber" if late else "dim", rest="until the answer")
+                    self.set_fact(f"{stands.seconds:.1f} s", "amber" if late else "dim", rest=tr("until the answer"))
 
     # ---- search
 
@@ -248,7 +257,7 @@ class ConversationPanel(Panel):
         if photo is None:
             self._photo.hide()
         else:
-            self._photo.show_photo(QImage.fromData(photo.thumbnail_jpeg), "Photo of this moment", photo.file_name)
+            self._photo.show_photo(QImage.fromData(photo.thumbnail_jpeg), tr("Photo of this moment"), photo.file_name)
 
     def _photo_of(self, turn: Turn) -> PhotoEntry | None:
         """The first that was taken while it was said, or right afterwards."""
@@ -287,15 +296,15 @@ class _SearchLine(QWidget):
         self._panel = panel
         self.field = _SearchField(panel)
         self.field.setObjectName("transcript_search")
-        self.field.setPlaceholderText("Search what was said")
-        self.field.setAccessibleName("Search what was said")
+        self.field.setPlaceholderText(tr("Search what was said"))
+        self.field.setAccessibleName(tr("Search what was said"))
         self.field.textChanged.connect(panel.search)
         self._found = QLabel()
         self._found.setObjectName("transcript_found")
         self._found.setFont(panel.theme.font(tokens.STATUS_PX))
         panel.theme.color_text(self._found, "dim")
         close = ActionButton(panel.theme, "", icon="x", height_px=30)
-        close.setAccessibleName("Close the search")
+        close.setAccessibleName(tr("Close the search"))
         close.clicked.connect(panel.close_search)
         row = QHBoxLayout(self)
         row.setContentsMargins(14, 2, 8, 2)
@@ -308,7 +317,8 @@ class _SearchLine(QWidget):
         if not query.strip():
             self._found.setText("")
         else:
-            self._found.setText(f"{match + 1} of {count}" if count and match >= 0 else words.counted(count, "turn"))
+            place = tr("{number} of {count}").format(number=match + 1, count=count)
+            self._found.setText(place if count and match >= 0 else _turns(count))
 
 
 class _SearchField(EnterField):

@@ -19,6 +19,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolic
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import LinkStatus, PerceptionStatus
 from caris_desktop.ros.dialect import same_type
 from caris_desktop.ros.raw_image import republish_advice
@@ -27,18 +28,28 @@ from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
-_COLUMNS = ("Topic", "State", "Rate", "Last", "Age on arrival", "Bandwidth", "Refused", "Type", "Link")
+_COLUMNS = (
+    QT_TR_NOOP("Topic"),
+    QT_TR_NOOP("State"),
+    QT_TR_NOOP("Rate"),
+    QT_TR_NOOP("Last"),
+    QT_TR_NOOP("Age on arrival"),
+    QT_TR_NOOP("Bandwidth"),
+    QT_TR_NOOP("Refused"),
+    QT_TR_NOOP("Type"),
+    QT_TR_NOOP("Link"),
+)
 _TOPIC, _STATE, _RATE, _LAST, _AGE, _BANDWIDTH, _REFUSED, _TYPE, _LINK = range(len(_COLUMNS))
 _TIPS = (
-    "Name of the topic on the robot",
-    "Whether it comes as it did before",
-    "Messages in the last second",
-    "Time since the newest message",
-    "How old the newest message was when it came, by the robot's own stamp and the estimated clock offset",
-    "Bytes in the last second, as they came over the link",
-    "Messages that could not be used so far: malformed, too large, of another type",
-    "Type of the messages",
-    "Which connection carries it",
+    QT_TR_NOOP("Name of the topic on the robot"),
+    QT_TR_NOOP("Whether it comes as it did before"),
+    QT_TR_NOOP("Messages in the last second"),
+    QT_TR_NOOP("Time since the newest message"),
+    QT_TR_NOOP("How old the newest message was when it came, by the robot's own stamp and the estimated clock offset"),
+    QT_TR_NOOP("Bytes in the last second, as they came over the link"),
+    QT_TR_NOOP("Messages that could not be used so far: malformed, too large, of another type"),
+    QT_TR_NOOP("Type of the messages"),
+    QT_TR_NOOP("Which connection carries it"),
 )
 _LINK_WORDS = {"control": "control", "media": "media"}
 _ROOM_FOR_TOTALS_PX = 230
@@ -75,24 +86,32 @@ def bandwidth(bytes_per_s: float) -> str:
 def state_words(traffic: TopicTraffic, *, usual_hz: float, link_silent_s: float) -> str:
     """How a topic comes. Rare ones (maps, paths) are never called stale."""
     if link_silent_s > _OLD_MEASUREMENT_S:
-        return "link silent"
+        return tr("link silent")
     if traffic.last_heard_s is None:
-        return "nothing"
+        return tr("nothing")
     if usual_hz >= 0.9 and traffic.last_heard_s > max(0.5, 3.0 / usual_hz) and traffic.rate_hz < 0.5 * usual_hz:
-        return "stale"
+        return tr("stale")
     if traffic.rate_hz < 0.05:
-        return "rare"
-    return "flowing"
+        return tr("rare")
+    return tr("flowing")
 
 
-_ENCODINGS = {"cbor": "CBOR", "json": "JSON", "both": "CBOR and JSON"}
+_LINK_STATES = {
+    "connecting": QT_TR_NOOP("connecting"),
+    "connected": QT_TR_NOOP("connected"),
+    "trouble": QT_TR_NOOP("trouble"),
+    "lost": QT_TR_NOOP("lost"),
+    "closed": QT_TR_NOOP("closed"),
+}
+_ENCODINGS = {"cbor": "CBOR", "json": "JSON", "both": QT_TR_NOOP("CBOR and JSON")}
 
 
 def clock_words(link: LinkStatus, anchor: ClockAnchor) -> str:
     """The robot's clock is 3.1 ± 0.4 ms ahead."""
     if link.clock_offset_ms is None:
-        return "robot clock not measured"
-    return f"robot clock {words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)}"
+        return tr("robot clock not measured")
+    offset = words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
+    return tr("robot clock {offset}").format(offset=offset)
 
 
 def link_words(measured: TrafficMeasured) -> str:
@@ -100,16 +119,23 @@ def link_words(measured: TrafficMeasured) -> str:
     name = _LINK_WORDS.get(measured.link, measured.link)
     total = sum(topic.bytes_per_s for topic in measured.topics)
     messages = sum(topic.rate_hz for topic in measured.topics)
-    return (
-        f"{name} link: {_ENCODINGS[measured.encoding]}, {len(measured.topics)} topics, {messages:.0f} messages/s, "
-        f"{bandwidth(total)}, {measured.refused} refused"
+    told = tr("{name} link: {encoding}, {topics} topics, {messages:.0f} messages/s, {bandwidth}, {refused} refused")
+    return told.format(
+        name=name,
+        encoding=tr(_ENCODINGS[measured.encoding]),
+        topics=len(measured.topics),
+        messages=messages,
+        bandwidth=bandwidth(total),
+        refused=measured.refused,
     )
 
 
 def raw_picture_words(traffic: dict[str, TrafficMeasured]) -> list[str]:
     """What to do about pictures that come uncompressed: they delay everything else on a wireless link."""
     return [
-        f"{topic.topic} is not compressed, {bandwidth(topic.bytes_per_s)}: {republish_advice(topic.topic)}"
+        tr("{topic} is not compressed, {bandwidth}: {advice}").format(
+            topic=topic.topic, bandwidth=bandwidth(topic.bytes_per_s), advice=republish_advice(topic.topic)
+        )
         for measured in traffic.values()
         for topic in measured.topics
         if same_type(topic.type, "sensor_msgs/Image") and topic.bytes_per_s >= _HEAVY_BYTES_PER_S
@@ -174,9 +200,9 @@ class TrafficModel(QAbstractTableModel):
             return None
         match role:
             case Qt.ItemDataRole.DisplayRole:
-                return _COLUMNS[section]
+                return tr(_COLUMNS[section])
             case Qt.ItemDataRole.ToolTipRole:
-                return _TIPS[section]
+                return tr(_TIPS[section])
             case Qt.ItemDataRole.TextAlignmentRole:
                 return int(_alignment(section))
         return None
@@ -246,12 +272,13 @@ def look_words(perception: PerceptionStatus) -> list[str]:
     """By what people are looked for, and how often in the pictures of each camera; nothing where nobody is."""
     if perception.state != "ready":
         return []
-    lines = [f"People are found by {perception.model}"] if perception.model else []
+    lines = [tr("People are found by {model}").format(model=perception.model)] if perception.model else []
     if not perception.looks_per_s:
         return lines
     told = ", ".join(f"{words.camera_in_text(camera)} {rate:.1f}" for camera, rate in perception.looks_per_s.items())
-    took = "" if perception.inference_ms is None else f" · {perception.inference_ms:.0f} ms a look"
-    return [*lines, f"Looks for people per second: {told}{took}"]
+    looks = tr("Looks for people per second: {told}").format(told=told)
+    took = [] if perception.inference_ms is None else [tr("{took:.0f} ms a look").format(took=perception.inference_ms)]
+    return [*lines, " · ".join((looks, *took))]
 
 
 def report(
@@ -262,15 +289,22 @@ def report(
     perception: PerceptionStatus = PerceptionStatus(),  # noqa: B008 - frozen
 ) -> str:
     """Everything that the panel shows, as text to send to whoever looks after the robot."""
-    round_trip = "not measured" if link.round_trip_ms is None else f"{link.round_trip_ms:.1f} ms"
+    round_trip = tr("not measured") if link.round_trip_ms is None else f"{link.round_trip_ms:.1f} ms"
     lines = [
-        f"{link.robot or 'Robot'} at {link.address or 'no address'}: {link.state} {link.detail}".rstrip(),
-        f"round trip {round_trip}, {clock_words(link, anchor)}",
+        tr("{robot} at {address}: {state} {detail}")
+        .format(
+            robot=link.robot or tr("Robot"),
+            address=link.address or tr("no address"),
+            state=tr(_LINK_STATES[link.state]),
+            detail=link.detail,
+        )
+        .rstrip(),
+        tr("round trip {round_trip}, {clock}").format(round_trip=round_trip, clock=clock_words(link, anchor)),
         *(link_words(measured) for measured in traffic.values()),
         *raw_picture_words(traffic),
         *look_words(perception),
         "",
-        "\t".join(_COLUMNS),
+        "\t".join(map(tr, _COLUMNS)),
         *("\t".join(cell_text(row, column) for column in range(len(_COLUMNS))) for row in rows),
     ]
     return "\n".join(lines) + "\n"
@@ -279,7 +313,7 @@ def report(
 class DiagnosticsPanel(Panel):
     """A sortable table of topics, and the figures of each link above it."""
 
-    title = "Diagnostics"
+    title = QT_TR_NOOP("Diagnostics")
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
@@ -298,7 +332,7 @@ class DiagnosticsPanel(Panel):
         self._sorted.setSortRole(_SORT_ROLE)
         self.view = QTableView()
         self.view.setObjectName("diagnostics_table")
-        self.view.setAccessibleName("Topics of the robot")
+        self.view.setAccessibleName(tr("Topics of the robot"))
         self.view.setModel(self._sorted)
         self.view.setSortingEnabled(True)
         self.view.sortByColumn(_TOPIC, Qt.SortOrder.AscendingOrder)
@@ -317,12 +351,12 @@ class DiagnosticsPanel(Panel):
         header.setStretchLastSection(True)
         for column, width in enumerate((170, 84, 66, 60, 112, 86, 70, 210, 64)):
             header.resizeSection(column, width)
-        self._empty = QLabel("Nothing has come from the robot.\nIts topics appear here once they do.")
+        self._empty = QLabel(tr("Nothing has come from the robot.\nIts topics appear here once they do."))
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._empty.setWordWrap(True)
-        self._copy = ActionButton(self.theme, "Copy report", icon="copy", height_px=28, text_px=tokens.STATUS_PX)
+        self._copy = ActionButton(self.theme, tr("Copy report"), icon="copy", height_px=28, text_px=tokens.STATUS_PX)
         self._copy.setObjectName("diagnostics_copy")
-        self._copy.setToolTip("Copy all figures as text")
+        self._copy.setToolTip(tr("Copy all figures as text"))
         self._copy.clicked.connect(self.copy_report)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(12, 6, 12, 8)
@@ -369,7 +403,7 @@ class DiagnosticsPanel(Panel):
             )
         )
         self._copied_at_s = time.monotonic()
-        self._copy.set_label("Copied", icon="check")
+        self._copy.set_label(tr("Copied"), icon="check")
 
     def catch_up(self) -> None:
         self.refresh()
@@ -399,11 +433,13 @@ class DiagnosticsPanel(Panel):
         self._link_state = link.state
         traffic: dict[str, TrafficMeasured] = self.state.traffic.value
         connected = link.state in ("connected", "trouble")
-        round_trip = f"{link.round_trip_ms:.0f} ms" if connected and link.round_trip_ms is not None else "not measured"
-        robot_clock = clock_words(link, self.state.present.anchor) if connected else "robot clock not measured"
-        lines = [f"Round trip {round_trip} · {robot_clock}"]
+        round_trip = (
+            f"{link.round_trip_ms:.0f} ms" if connected and link.round_trip_ms is not None else tr("not measured")
+        )
+        robot_clock = clock_words(link, self.state.present.anchor) if connected else tr("robot clock not measured")
+        lines = [tr("Round trip {round_trip} · {clock}").format(round_trip=round_trip, clock=robot_clock)]
         if not connected:
-            lines = [f"The robot is not connected{f': {link.detail}' * bool(link.detail)}"]
+            lines = [words.with_detail(tr("The robot is not connected"), link.detail)]
         lines += [link_words(measured) for measured in traffic.values()]
         lines += raw_picture_words(traffic)
         lines += look_words(self.state.perception.value)
@@ -417,12 +453,12 @@ class DiagnosticsPanel(Panel):
         stale = sum(row.stale for row in self.model.rows)
         total = sum(topic.bytes_per_s for measured in traffic.values() for topic in measured.topics)
         if refused or stale:
-            parts = [f"{stale} stale"] * bool(stale) + [f"{refused} refused"] * bool(refused)
+            parts = [tr("%n stale", "", stale)] * bool(stale) + [tr("%n refused", "", refused)] * bool(refused)
             self.set_fact(" · ".join(parts), "amber")
         else:
             self.set_fact(bandwidth(total) if traffic else "", "dim")
-        if self._copy.text() == "Copied" and time.monotonic() - self._copied_at_s > 1.5:
-            self._copy.set_label("Copy report", icon="copy")
+        if self._copy.text() == tr("Copied") and time.monotonic() - self._copied_at_s > 1.5:
+            self._copy.set_label(tr("Copy report"), icon="copy")
 
     def _style(self) -> None:
         theme = self.theme

@@ -6,6 +6,7 @@ from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSiz
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.motion_wish import MotionWish
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import speed_steps, tokens, words
@@ -29,8 +30,9 @@ _ANGLES_DEG = {
     "strafe_right": 90.0,
 }  # fmt: skip
 _NAMES = {
-    "drive_forward": "Forward", "turn_left": "Turn left", "drive_back": "Backward", "turn_right": "Turn right",
-    "strafe_left": "Sideways to the left", "strafe_right": "Sideways to the right",
+    "drive_forward": QT_TR_NOOP("Forward"), "turn_left": QT_TR_NOOP("Turn left"),
+    "drive_back": QT_TR_NOOP("Backward"), "turn_right": QT_TR_NOOP("Turn right"),
+    "strafe_left": QT_TR_NOOP("Sideways to the left"), "strafe_right": QT_TR_NOOP("Sideways to the right"),
 }  # fmt: skip
 _LOW_PX = 196
 _GAP_PX = 12
@@ -41,7 +43,7 @@ _GUARD_HINT_MS = 4000
 class DrivePanel(Panel):
     """Hold an arrow or push the stick, on the screen, the keyboard or the gamepad; let go and the robot stops."""
 
-    title = "Drive"
+    title = QT_TR_NOOP("Drive")
     drives = True
 
     def __init__(self, context: PanelContext) -> None:
@@ -62,7 +64,7 @@ class DrivePanel(Panel):
         self._head = HeadControl(self.theme, self.table)
         self._head.setObjectName("head_control")
         self._head.stick.moved.connect(self._on_head_stick_moved)
-        self._stop = ActionButton(self.theme, "Stop", icon="hand-palm", height_px=30)
+        self._stop = ActionButton(self.theme, tr("Stop"), icon="hand-palm", height_px=30)
         self._stop.setObjectName("stop_button")
         self._stop.clicked.connect(lambda: self.console.do(intents.Stop()))
         self._stop.set_key(self.table.key_text("stop"))
@@ -72,7 +74,7 @@ class DrivePanel(Panel):
         self._speed = SpeedSteps(self.theme, self.table)
         self._speed.setObjectName("speed_steps")
         self._speed.chosen.connect(self._on_speed_chosen)
-        self._guard = HoldButton(self.theme, "Guard", icon="shield-check", height_px=30, text_px=tokens.STATUS_PX)
+        self._guard = HoldButton(self.theme, tr("Guard"), icon="shield-check", height_px=30, text_px=tokens.STATUS_PX)
         self._guard.setObjectName("guard_button")
         self._guard.held.connect(self._on_guard_held)
         self._guard.let_go.connect(self._on_guard_let_go)
@@ -172,8 +174,9 @@ class DrivePanel(Panel):
             view.setVisible(view in shown)
         following = order[1] if len(order) > 1 else order[0]
         icon, name = {
-            self._pad: ("arrows-out-cardinal", "Show the arrows"), self._stick: ("game-controller", "Show the stick"),
-            self._head: ("eye", "Show the head"),
+            self._pad: ("arrows-out-cardinal", tr("Show the arrows")),
+            self._stick: ("game-controller", tr("Show the stick")),
+            self._head: ("eye", tr("Show the head")),
         }[following]  # fmt: skip
         self._other.set_label("", icon=icon)
         self._other.setAccessibleName(name)
@@ -204,7 +207,7 @@ class DrivePanel(Panel):
     def _going_to(self) -> str:
         """Where the robot drives by itself; empty when it does not."""
         goal: GoalChanged | None = self.state.goal.value
-        return (goal.place or "the chosen point") if goal is not None and goal.state in words.UNDER_WAY else ""
+        return (goal.place or tr("the chosen point")) if goal is not None and goal.state in words.UNDER_WAY else ""
 
     def _on_stick_moved(self, wish: MotionWish) -> None:
         self.hold.motion.push_onscreen("base", wish)
@@ -237,7 +240,7 @@ class DrivePanel(Panel):
         going_to = self._going_to()
         by_itself = bool(going_to) and drive.allowed and not drive.emergency_stop
         by_itself = by_itself and drive.target_forward_mps == drive.target_turn_radps == drive.target_left_mps == 0.0
-        self._line.setText(f"Going to {going_to}" if by_itself else words.drive_line(drive))
+        self._line.setText(tr("Going to {place}").format(place=going_to) if by_itself else words.drive_line(drive))
         top_mps = drive.max_forward_mps * drive.speed_fraction
         self._speed.show_fraction(drive.speed_fraction)
         text, role = self._reason_words(drive, going_to)
@@ -250,39 +253,40 @@ class DrivePanel(Panel):
         if drive.emergency_stop:
             self.set_fact("stopped", "red")
         elif not drive.allowed:
-            self.set_fact("not possible now", "amber")
+            self.set_fact(tr("not possible now"), "amber")
         elif drive.guard == "overridden":
-            self.set_fact("guard off", "amber")
+            self.set_fact(tr("guard off"), "amber")
         elif self.hold.held or self.hold.motion.wish.moving:
-            self.set_fact(f"driving · {top_mps:.2f} m/s at most", "blue")
+            self.set_fact(tr("driving · {speed:.2f} m/s at most").format(speed=top_mps), "blue")
         elif by_itself and not words.goal_speed(self.state.robot.value, drive)[1]:
-            self.set_fact("goals: own speed", "amber")
+            self.set_fact(tr("goals: own speed"), "amber")
         elif self.state.robot.value is not None and not self.state.robot.value.stops_by_itself:
             # The message when it was connected told why.
-            self.set_fact(f"half speed · {top_mps:.2f} m/s at most", "amber")
+            self.set_fact(tr("half speed · {speed:.2f} m/s at most").format(speed=top_mps), "amber")
         else:
-            self.set_fact(f"{top_mps:.2f} m/s at most")
+            self.set_fact(tr("{speed:.2f} m/s at most").format(speed=top_mps))
 
     def _reason_words(self, drive: DriveStatus, going_to: str) -> tuple[str, str]:
         """The one line under what the robot does, and its colour role."""
         guard = words.guard_line(drive)
         if drive.emergency_stop:
-            return "Release it in the red bar above to drive again.", "red"
+            return tr("Release it in the red bar above to drive again."), "red"
         if not drive.allowed:
             return drive.reason, "amber"
         if self.hold.must_let_go and not self.hold.held:
-            return "Let go and press again to drive.", "amber"
+            return tr("Let go and press again to drive."), "amber"
         if guard:
             return guard, "amber"
         if self._guard_hint.isActive() and drive.guard != "overridden":
-            return "Hold Guard for a second to switch it off.", "amber"
+            return tr("Hold Guard for a second to switch it off."), "amber"
         if drive.cap_reason:
-            return f"Limited to {drive.cap_fraction * 100:.0f} %: {drive.cap_reason}", "amber"
+            limited = tr("Limited to {percent:.0f} %: {reason}")
+            return limited.format(percent=drive.cap_fraction * 100, reason=drive.cap_reason), "amber"
         if self.hold.held or self.hold.motion.wish.moving:
-            return "Let go to stop.", "dim"
+            return tr("Let go to stop."), "dim"
         if going_to:
             speed, as_drive_says = words.goal_speed(self.state.robot.value, drive)
-            stops = f"{self.table.key_text('stop')} stops it."
+            stops = tr("{key} stops it.").format(key=self.table.key_text("stop"))
             return f"{speed[:1].upper()}{speed[1:]}. {stops}" if speed else stops, "dim" if as_drive_says else "amber"
         owner = self.hold.key_owner
         sentence = owner_sentence(owner, [self.table.key_text(action_id) for action_id in _DIRECTIONS])
@@ -294,14 +298,18 @@ class DrivePanel(Panel):
         if drive.guard == "overridden":
             # Beside the arrows there is room for the words only.
             beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
-            self._guard.set_label("Guard off", icon="" if beside else "shield-slash", look="amber")
-            self._guard.setAccessibleName("Guard is off")
-            self._guard.setToolTip("Nothing keeps the robot from driving into obstacles. Click to switch the guard on.")
+            self._guard.set_label(tr("Guard off"), icon="" if beside else "shield-slash", look="amber")
+            self._guard.setAccessibleName(tr("Guard is off"))
+            self._guard.setToolTip(
+                tr("Nothing keeps the robot from driving into obstacles. Click to switch the guard on.")
+            )
         else:
             icon = "shield-warning" if drive.guard in ("slowing", "blocked", "blind") else "shield-check"
-            self._guard.set_label("Guard", icon=icon, look="plain")
-            self._guard.setAccessibleName("Guard is on")
-            self._guard.setToolTip("Slows and stops the robot before obstacles. Hold for a second to switch it off.")
+            self._guard.set_label(tr("Guard"), icon=icon, look="plain")
+            self._guard.setAccessibleName(tr("Guard is on"))
+            self._guard.setToolTip(
+                tr("Slows and stops the robot before obstacles. Hold for a second to switch it off.")
+            )
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.setFocus(Qt.FocusReason.MouseFocusReason)
@@ -321,7 +329,7 @@ class SpeedSteps(QWidget):
         self.setFixedHeight(30)
         self.setMinimumWidth(132)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self.setToolTip("Top speed")
+        self.setToolTip(tr("Top speed"))
         self._name()
         theme.changed.connect(self.update)
         actions.keys_changed.connect(self.update)
@@ -335,7 +343,7 @@ class SpeedSteps(QWidget):
     @property
     def text(self) -> str:
         """The name of the present step."""
-        return speed_steps.NAMES[self._step]
+        return tr(speed_steps.NAMES[self._step])
 
     def show_fraction(self, fraction: float) -> None:
         step = speed_steps.step_at(fraction)
@@ -345,7 +353,7 @@ class SpeedSteps(QWidget):
             self.update()
 
     def _name(self) -> None:
-        self.setAccessibleName(f"Top speed: {self.text.lower()}")
+        self.setAccessibleName(tr("Top speed: {speed}").format(speed=self.text.lower()))
 
     def _caps(self) -> tuple[str, str]:
         """The key caps at both ends; empty where there is no room for them."""
@@ -404,7 +412,7 @@ class HeadControl(QWidget):
         self._angles = QLabel()
         self._angles.setObjectName("head_angles")
         self._angles.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        ahead = ActionButton(theme, "Ahead", height_px=28, text_px=tokens.STATUS_PX)
+        ahead = ActionButton(theme, tr("Ahead"), height_px=28, text_px=tokens.STATUS_PX)
         ahead.setObjectName("look_ahead_button")
         ahead.setMinimumWidth(128)  # its longest cap included
         ahead.bind(actions, "look_ahead")
@@ -476,8 +484,8 @@ class HoldArrow(QWidget):
         self._shown_held = False
         self.setMinimumSize(_ARROW_WIDTH_PX, 28)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.setAccessibleName(_NAMES[action_id])
-        self.setToolTip(f"{_NAMES[action_id]}: hold")
+        self.setAccessibleName(tr(_NAMES[action_id]))
+        self.setToolTip(tr("{direction}: hold").format(direction=tr(_NAMES[action_id])))
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         theme.changed.connect(self.update)
         actions.keys_changed.connect(self.update)

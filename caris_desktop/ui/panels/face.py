@@ -8,6 +8,7 @@ from caris_desktop.conversation.face.drawing import drawing_of
 from caris_desktop.conversation.face.file import Face, FaceError, load_face
 from caris_desktop.conversation.face.motion import FaceMotion
 from caris_desktop.domain import intents
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.action_rows import EXPRESSION_COUNT
@@ -24,7 +25,7 @@ _LOW_PX, _NARROW_PX = 330, 430
 class FacePanel(Panel):
     """Shows ``state.face_drawing``. In a replay, which moves nothing, the face as it looked at rest."""
 
-    title = "Robot’s face"
+    title = QT_TR_NOOP("Robot’s face")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -37,31 +38,31 @@ class FacePanel(Panel):
         self._recorded: Face | None = None
         self._text = EnterField()
         self._text.setObjectName("face_text")
-        self._text.setPlaceholderText("Show a text instead…")
-        self._text.setAccessibleName("A text to show in place of the face")
+        self._text.setPlaceholderText(tr("Show a text instead…"))
+        self._text.setAccessibleName(tr("A text to show in place of the face"))
         self._text.setMinimumWidth(180)
         self._text.setMaxLength(200)
         self._text.returnPressed.connect(self._on_text)
-        self._back = ActionButton(self.theme, "Face again", icon="smiley", height_px=30)
+        self._back = ActionButton(self.theme, tr("Face again"), icon="smiley", height_px=30)
         self._back.setObjectName("face_again")
         self._back.clicked.connect(self._on_back)
-        self._live = ActionButton(self.theme, "Live picture", icon="video-camera", height_px=30)
+        self._live = ActionButton(self.theme, tr("Live picture"), icon="video-camera", height_px=30)
         self._live.setObjectName("face_live")
         self._live.clicked.connect(self._on_live)
-        self._window = ActionButton(self.theme, "Window", icon="monitor", height_px=30)
+        self._window = ActionButton(self.theme, tr("Window"), icon="monitor", height_px=30)
         self._window.setObjectName("face_window_button")
         self._window.setCheckable(True)
-        self._window.setToolTip("The face in a window of its own, for a screen on the robot")
+        self._window.setToolTip(tr("The face in a window of its own, for a screen on the robot"))
         self._window.clicked.connect(self._on_window)
-        self._page = ActionButton(self.theme, "Page", icon="device-mobile", height_px=30)
+        self._page = ActionButton(self.theme, tr("Page"), icon="device-mobile", height_px=30)
         self._page.setObjectName("face_page_button")
         self._page.setCheckable(True)
-        self._page.setToolTip("The face as a page, for a phone or tablet on the robot")
+        self._page.setToolTip(tr("The face as a page, for a phone or tablet on the robot"))
         self._page.clicked.connect(self._on_serve)
-        self._copy = ActionButton(self.theme, "Copy the address", icon="copy", height_px=30)
+        self._copy = ActionButton(self.theme, tr("Copy the address"), icon="copy", height_px=30)
         self._copy.setObjectName("face_copy_address")
         self._copy.clicked.connect(self._on_copy)
-        self._edit = ActionButton(self.theme, "Edit…", icon="pencil-simple", height_px=30)
+        self._edit = ActionButton(self.theme, tr("Edit…"), icon="pencil-simple", height_px=30)
         self._edit.setObjectName("face_edit")
         self._edit.clicked.connect(self._on_edit)
         self._address = QLabel()
@@ -107,7 +108,7 @@ class FacePanel(Panel):
         self._show_more()
         for chip in self._chips:
             self._fit(chip)
-        for button, words in ((self._window, "Window"), (self._page, "Page")):
+        for button, words in ((self._window, tr("Window")), (self._page, tr("Page"))):
             button.set_label(words if self.width() >= _NARROW_PX else "")
             button.setAccessibleName(words)
 
@@ -133,19 +134,20 @@ class FacePanel(Panel):
         """One button for each expression of this face, with its key."""
         ids = [f"expression_{number}" for number in range(1, EXPRESSION_COUNT + 1)]
         specs = [spec for spec in map(self.table.spec, ids) if spec is not None]
+        names = self.state.face.value.expressions[: len(specs)]
         if [chip.objectName() for chip in self._chips] == [spec.id for spec in specs] and all(
-            chip.text() == spec.text.removeprefix("Face: ") for chip, spec in zip(self._chips, specs, strict=True)
+            chip.text() == name for chip, name in zip(self._chips, names, strict=False)
         ):
             return
         for chip in self._chips:
             self._row.remove(chip)
             chip.deleteLater()
         self._chips = []
-        for spec in specs:
+        for spec, name in zip(specs, names, strict=False):
             chip = ActionButton(self.theme, spec.text, key_first=True, height_px=30, may_shrink=True)
             chip.setObjectName(spec.id)
             chip.bind(self.table, spec.id)
-            chip.set_label(spec.text.removeprefix("Face: "))
+            chip.set_label(name)
             self._fit(chip)
             self._row.add(chip)
             self._chips.append(chip)
@@ -153,13 +155,13 @@ class FacePanel(Panel):
     def _on_face(self, face: FaceStatus) -> None:
         if not self.in_view:
             return
-        doing = "speaking" if face.speaking else "listening" if face.listening else ""
-        words = {"text": "shows a text", "photo": "shows a photo", "live": "shows what the robot sees"}
+        doing = tr("speaking") if face.speaking else tr("listening") if face.listening else ""
+        words = {"text": tr("shows a text"), "photo": tr("shows a photo"), "live": tr("shows what the robot sees")}
         shown = words.get(face.what, face.expression)
         fact = " · ".join(part for part in (doing, shown) if part) if face.what != "off" else ""
         screens = face.pages + (1 if face.window else 0)
         if self.state.present.live and face.what != "off" and not screens:
-            fact = f"{fact} · on no screen"
+            fact = " · ".join((fact, tr("on no screen")))
         self.set_fact(fact, "blue" if doing else "dim")
         self._window.setChecked(face.window)
         self._page.setChecked(face.served)
@@ -184,7 +186,9 @@ class FacePanel(Panel):
             show_on(self._view, shown)
 
     def _on_page(self, address: str) -> None:
-        self._address.setText(f"Open this on the robot’s screen: {address}" if address else "")
+        self._address.setText(
+            tr("Open this on the robot’s screen: {address}").format(address=address) if address else ""
+        )
         self._address.setVisible(bool(address))
         self._copy.setVisible(bool(address))
 

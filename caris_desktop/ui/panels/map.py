@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QMenu, QVBoxLayout, QWidget
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
@@ -28,9 +28,11 @@ _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal's own event may come a little aft
 # A robot that has a map tells soon after its odometry where it is in it.
 _PLACE_AWAITED_NS = 3_000_000_000
 _BUSY = {
-    "save": "Saving the map…", "load": "Loading the map…", "start_mapping": "Switching to building the map…",
-    "start_localization": "Switching to finding the place only…",
+    "save": QT_TR_NOOP("Saving the map…"), "load": QT_TR_NOOP("Loading the map…"),
+    "start_mapping": QT_TR_NOOP("Switching to building the map…"),
+    "start_localization": QT_TR_NOOP("Switching to finding the place only…"),
 }  # fmt: skip
+_WORKS = QT_TR_NOOP("The robot works on its map…")
 
 
 class MapPanel(Panel):
@@ -39,7 +41,7 @@ class MapPanel(Panel):
     A robot without a map is drawn where its odometry has it; goals and places need a map.
     """
 
-    title = "Map"
+    title = QT_TR_NOOP("Map")
     reads = ("permissions",)
     drives = True
 
@@ -129,21 +131,21 @@ class MapPanel(Panel):
     def _make_title_widgets(self) -> None:
         self._go_menu = QMenu(self)
         self._go_menu.setObjectName("map_go_menu")
-        self._go = ActionButton(self.theme, "Go to", icon="navigation-arrow", height_px=30, menu_arrow=True)
+        self._go = ActionButton(self.theme, tr("Go to"), icon="navigation-arrow", height_px=30, menu_arrow=True)
         self._go.setObjectName("map_go_button")
         self._go.clicked.connect(self._open_go_menu)
-        self._cancel = ActionButton(self.theme, "Cancel", icon="x", height_px=30)
+        self._cancel = ActionButton(self.theme, tr("Cancel"), icon="x", height_px=30)
         self._cancel.setObjectName("goal_cancel")
-        self._cancel.setToolTip("Do not go there any more")
+        self._cancel.setToolTip(tr("Do not go there any more"))
         self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
-        self._follow = icon_button(self.theme, "map_follow_button", "crosshair", "Follow the robot (F)")
+        self._follow = icon_button(self.theme, "map_follow_button", "crosshair", tr("Follow the robot (F)"))
         self._follow.setCheckable(True)
         self._follow.toggled.connect(self.view.set_follow)
-        self._fit = icon_button(self.theme, "map_fit_button", "corners-out", "Show the whole map (Home)")
+        self._fit = icon_button(self.theme, "map_fit_button", "corners-out", tr("Show the whole map (Home)"))
         self._fit.clicked.connect(self._on_fit_clicked)
         self._menu = QMenu(self)
         self._menu.setObjectName("map_menu")
-        self._more = icon_button(self.theme, "map_menu_button", "dots-three-vertical", "More of the map")
+        self._more = icon_button(self.theme, "map_menu_button", "dots-three-vertical", tr("More of the map"))
         self._more.clicked.connect(self._open_menu)
 
     def title_widgets(self) -> list[QWidget]:
@@ -189,39 +191,39 @@ class MapPanel(Panel):
         """The menu as it is now: view, trail, places, and what the robot's mapping offers."""
         menu, view = self._menu, self.view
         menu.clear()
-        rotate = menu.addAction("Turn with the robot\tR")
+        rotate = menu.addAction("\t".join((tr("Turn with the robot"), "R")))
         rotate.setCheckable(True)
         rotate.setChecked(view.shown.rotate)
         rotate.toggled.connect(view.set_rotate)
-        menu.addAction("Closer\t+").triggered.connect(lambda _checked=False: view.zoom(1.25))
-        menu.addAction("Farther\t−").triggered.connect(lambda _checked=False: view.zoom(0.8))
+        menu.addAction("\t".join((tr("Closer"), "+"))).triggered.connect(lambda _checked=False: view.zoom(1.25))
+        menu.addAction("\t".join((tr("Farther"), "−"))).triggered.connect(lambda _checked=False: view.zoom(0.8))
         menu.addSeparator()
-        trail = menu.addAction("Show where it has driven")
+        trail = menu.addAction(tr("Show where it has driven"))
         trail.setCheckable(True)
         trail.setChecked(view.shown.show_trail)
         trail.toggled.connect(view.set_trail_shown)
-        clear = menu.addAction("Forget where it has driven")
+        clear = menu.addAction(tr("Forget where it has driven"))
         clear.setEnabled(len(view.shown.trail) > 0)
         clear.triggered.connect(lambda _checked=False: view.clear_trail())
         if not self.tools.may_go:
             return menu
         menu.addSeparator()
-        here = menu.addAction("Add a place where the robot is…")
+        here = menu.addAction(tr("Add a place where the robot is…"))
         here.setEnabled(self.tools.pose_now() is not None)
         here.triggered.connect(lambda _checked=False: self.tools.name_robot_place())
         mapping: MapStatus = self.state.mapping.value
         if mapping.can_save or mapping.can_load or mapping.can_switch:
             menu.addSeparator()
         if mapping.can_save:
-            save = menu.addAction("Save map…")
+            save = menu.addAction(tr("Save map…"))
             save.setEnabled(not mapping.busy)
             save.triggered.connect(lambda _checked=False: self.tools.ask_map_name("save_map"))
         if mapping.can_load:
-            load = menu.addAction("Load map…")
+            load = menu.addAction(tr("Load map…"))
             load.setEnabled(not mapping.busy)
             load.triggered.connect(lambda _checked=False: self.tools.ask_map_name("load_map"))
         if mapping.can_switch:
-            for building, text in ((True, "Build the map on"), (False, "Only find the place in it")):
+            for building, text in ((True, tr("Build the map on")), (False, tr("Only find the place in it"))):
                 action = menu.addAction(text)
                 action.setCheckable(True)
                 action.setChecked(mapping.mapping is building)
@@ -317,7 +319,7 @@ class MapPanel(Panel):
         shown = []
         for person in people.people if people is not None else ():
             row = rows.get(person.person_id)
-            name = words.person_name(row) if row is not None else "Person"
+            name = words.person_name(row) if row is not None else tr("Person")
             shown.append((person, name, row is not None and words.has_given_name(row)))
         meant = self.state.selected_person.value
         self.view.show_people(tuple(shown), self.state.people_in_map.freshness, meant=meant)
@@ -374,22 +376,22 @@ class MapPanel(Panel):
     def _aging_layers(self) -> tuple[tuple[str, LiveStream], ...]:
         state = self.state
         position = state.odometry if self.tools.by_odometry else state.pose
-        return (("LIDAR", state.scan), ("Position", position), ("People", state.people_in_map))
+        return ((tr("LIDAR"), state.scan), (tr("Position"), position), (tr("People"), state.people_in_map))
 
     def _chips(self) -> list[tuple[str, str]]:
         """What the map must say besides what it draws: ages of what is stale, how the last goal ended."""
         state = self.state
         chips = [
-            (f"{name} {words.age(stream.age_s() or 0.0)} old", "warning")
+            (tr("{layer} {age} old").format(layer=name, age=words.age(stream.age_s() or 0.0)), "warning")
             for name, stream in self._aging_layers()
             if stream.freshness in ("stale", "lost")
         ]
         if self.view.shown.unconfirmed:
             chips.insert(0, (tr("Position not confirmed"), "warning"))
         if self.tools.by_odometry:
-            chips.append(("No map: drawn by odometry", "hint"))
+            chips.append((tr("No map: drawn by odometry"), "hint"))
         if state.mapping.value.busy:
-            chips.append((_BUSY.get(state.mapping.value.busy, "The robot works on its map…"), "hint"))
+            chips.append((tr(_BUSY.get(state.mapping.value.busy, _WORKS)), "hint"))
         if time.monotonic() < self._ended[2] and not self._cancel.isVisibleTo(self):
             chips.append(self._ended[:2])
         return chips
@@ -401,24 +403,25 @@ class MapPanel(Panel):
         self.view.show_chips(self._chips())
         describe(self.view, map_told(self.view))
         reachable = state.link.value.state in ("connected", "trouble")
-        waiting = "Waiting for the map" if reachable else "No map: the robot is out of reach"
+        waiting = tr("Waiting for the map") if reachable else tr("No map: the robot is out of reach")
         if not state.present.live:
-            waiting = "No map was recorded until this moment"
+            waiting = tr("No map was recorded until this moment")
         self.view.show_waiting("" if self.tools.by_odometry else waiting)
         scan_age_s = state.scan.age_s()
         match state.scan.freshness:
             case "fresh":
-                text, role = f"LIDAR {words.age(scan_age_s or 0.0)}", "dim"
+                text, role = tr("LIDAR {age}").format(age=words.age(scan_age_s or 0.0)), "dim"
             case "stale" | "lost":
-                text, role = f"LIDAR silent for {words.age(scan_age_s or 0.0)}", "amber"
+                text, role = tr("LIDAR silent for {age}").format(age=words.age(scan_age_s or 0.0)), "amber"
             case _:
-                text, role = "no LIDAR yet" if state.present.live else "no LIDAR", "dim"
+                text, role = tr("no LIDAR yet") if state.present.live else tr("no LIDAR"), "dim"
         goal: GoalChanged | None = state.goal.value
         if goal is not None and goal.state in words.UNDER_WAY:
-            left = f" · {goal.distance_left_m:.1f} m left" if goal.distance_left_m is not None else ""
-            text, role = f"going to {goal.place or 'a point'}{left}", "green"
+            text, role = tr("going to {place}").format(place=goal.place or tr("a point")), "green"
+            if goal.distance_left_m is not None:
+                text = " · ".join((text, tr("{left:.1f} m left").format(left=goal.distance_left_m)))
         elif self.view.follow:
-            text += " · follows robot"
+            text = " · ".join((text, tr("follows robot")))
         elif state.mapping.value.mapping:
-            text += " · building the map"
+            text = " · ".join((text, tr("building the map")))
         self.set_fact(text, role)

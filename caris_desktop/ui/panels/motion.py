@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QGraphicsItem, QLabel, QSizePolicy, QVBoxLayout, Q
 
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.sensing import Odometry
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
@@ -55,9 +56,9 @@ def limited_why(drive: DriveStatus) -> str:
     """Why the robot moves slower than it is asked to, in words; empty where it does not."""
     match drive.guard:
         case "blocked":
-            return "guard: blocked"
+            return tr("guard: blocked")
         case "slowing":
-            return "guard: slowing"
+            return tr("guard: slowing")
         case _:
             return drive.cap_reason
 
@@ -65,7 +66,7 @@ def limited_why(drive: DriveStatus) -> str:
 class MotionPanel(Panel):
     """Two strips, forward and turning: dashed is what was commanded, solid what odometry measured."""
 
-    title = "Motion"
+    title = QT_TR_NOOP("Motion")
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
@@ -84,7 +85,7 @@ class MotionPanel(Panel):
         self._odometry_line = QLabel()
         self._odometry_line.setObjectName("motion_odometry")
         self._odometry_line.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self._pause = ActionButton(self.theme, "Pause", icon="pause", height_px=30)
+        self._pause = ActionButton(self.theme, tr("Pause"), icon="pause", height_px=30)
         self._pause.setObjectName("motion_pause")
         self._pause.setCheckable(True)
         self._pause.toggled.connect(self._on_pause_toggled)
@@ -220,7 +221,7 @@ class MotionPanel(Panel):
     def _on_pause_toggled(self, paused: bool) -> None:
         """Hold the picture still; what happens meanwhile is kept and shown afterwards."""
         self._paused_at_ns = self.state.present.now_ns() if paused else None
-        self._pause.set_label("Go on" if paused else "Pause", icon="play" if paused else "pause")
+        self._pause.set_label(tr("Go on") if paused else tr("Pause"), icon="play" if paused else "pause")
         self._draw()
 
     def _draw(self) -> None:
@@ -250,22 +251,25 @@ class MotionPanel(Panel):
         state = self.state
         odometry: Odometry | None = state.odometry.value
         if odometry is None:
-            yet = " yet" if state.present.live else ""
-            self._odometry_line.setText(f"No odometry{yet}")
-            self.set_fact(f"no odometry{yet}")
+            live = state.present.live
+            self._odometry_line.setText(tr("No odometry yet") if live else tr("No odometry"))
+            self.set_fact(tr("no odometry yet") if live else tr("no odometry"))
             return
         pose = odometry.pose_in_odom
         self._odometry_line.setText(
-            f"Odometry: x {pose.x_m:.2f} m, y {pose.y_m:.2f} m, heading {math.degrees(pose.heading_rad):.0f}°"
-            " · dashed: commanded, solid: measured, hatched: limited"
+            tr(
+                "Odometry: x {x:.2f} m, y {y:.2f} m, heading {heading:.0f}°"
+                " · dashed: commanded, solid: measured, hatched: limited"
+            ).format(x=pose.x_m, y=pose.y_m, heading=math.degrees(pose.heading_rad))
         )
         self._odometry_line.setToolTip(self._odometry_line.text())
         why = limited_why(state.drive.value)
         if self._paused_at_ns is not None:
             paused_s = (self.state.present.now_ns() - self._paused_at_ns) / 1e9
-            self.set_fact(f"paused for {words.age(paused_s)}", "amber")
+            self.set_fact(tr("paused for {time}").format(time=words.age(paused_s)), "amber")
         elif state.odometry.freshness != "fresh":
-            self.set_fact(f"odometry silent for {words.age(state.odometry.age_s() or 0.0)}", "amber")
+            age = words.age(state.odometry.age_s() or 0.0)
+            self.set_fact(tr("odometry silent for {age}").format(age=age), "amber")
         elif why:
             self.set_fact(why, "amber")
         else:

@@ -29,7 +29,7 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.session.marks import FinalMark
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
@@ -57,7 +57,7 @@ class NotesPanel(Panel):
     undone; in a replay a click goes to its moment.
     """
 
-    title = "Notes"
+    title = QT_TR_NOOP("Notes")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)

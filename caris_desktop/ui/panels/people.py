@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QLabel, QStackedLayout, QVBoxLayout, QWidget
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import PeopleUndone, PersonForgotten, PersonIdentified
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import event_words, words
@@ -28,7 +29,7 @@ from caris_desktop.ui.widgets.told_rows import ToldRows
 class PeoplePanel(Panel):
     """One row for each person: who is here, who was, who is known. Names are typed right into the row."""
 
-    title = "People"
+    title = QT_TR_NOOP("People")
     reads = ("permissions", "perception")
 
     def __init__(self, context: PanelContext) -> None:
@@ -39,13 +40,13 @@ class PeoplePanel(Panel):
         may_decide = live and self._names_people
         self._search_button = ActionButton(self.theme, "", icon="magnifying-glass", look="ghost", height_px=30)
         self._search_button.setObjectName("people_search_button")
-        self._search_button.setAccessibleName("Find a person")
-        self._search_button.setToolTip("Find by name, group or tag (Ctrl+F in this panel)")
+        self._search_button.setAccessibleName(tr("Find a person"))
+        self._search_button.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
         self._search_button.clicked.connect(self._toggle_search)
         self._search = EnterField()
         self._search.setObjectName("people_search")
-        self._search.setPlaceholderText("Name, group or tag")
-        self._search.setAccessibleName("Find a person by name, group or tag")
+        self._search.setPlaceholderText(tr("Name, group or tag"))
+        self._search.setAccessibleName(tr("Find a person by name, group or tag"))
         self._search.setClearButtonEnabled(True)
         self._search.textChanged.connect(self._on_search_changed)
         self._search.returnPressed.connect(self._pick_first)
@@ -185,12 +186,12 @@ class PeoplePanel(Panel):
         elsewhere = sum(bool(seen_elsewhere(person, self.state.camera.value)) for person in here)
         others = (self.state.frame_of(camera).freshness for camera in self.state.cameras.value)
         blind = self.state.frame.freshness == "lost" and "fresh" not in others
-        parts = ["no picture" if blind else f"{len(here)} here" if here else "nobody here"]
+        parts = [tr("no picture") if blind else tr("%n here", "", len(here)) if here else tr("nobody here")]
         if elsewhere:
-            parts.append(f"{elsewhere} in another camera")
+            parts.append(tr("%n in another camera", "", elsewhere))
         known = sum(person.known for person in self.everyone)
         if known:
-            parts.append(f"{known} known")
+            parts.append(tr("%n known", "", known))
         self.set_fact(" · ".join(parts), "dim")
         self._stack.setCurrentIndex(1 if self.model.rowCount() else 0)
         if not self.model.rowCount():
@@ -200,20 +201,21 @@ class PeoplePanel(Panel):
     def _why_empty(self, *, blind: bool) -> str:
         perception: PerceptionStatus = self.state.perception.value
         if self.everyone and self._search.text().strip() and not self._search.isHidden():
-            return f"Nobody’s name, group or tags have “{words.shortened(self._search.text(), 40)}”."
+            nobody = tr("Nobody’s name, group or tags have “{text}”.")
+            return nobody.format(text=words.shortened(self._search.text(), 40))
         match perception.state:
             case _ if not self.state.present.live:
-                return "Nobody was seen at this moment."
+                return tr("Nobody was seen at this moment.")
             case "ready" if blind:
-                return "No picture, so nobody can be seen."
+                return tr("No picture, so nobody can be seen.")
             case "ready":
-                return "Nobody in view.\nPeople appear here as soon as the camera sees them."
+                return tr("Nobody in view.\nPeople appear here as soon as the camera sees them.")
             case "loading":
-                return "Getting ready to find people.\nEverything else works meanwhile."
+                return tr("Getting ready to find people.\nEverything else works meanwhile.")
             case "failed":
-                return f"People are not being found.\n{perception.detail}"
+                return tr("People are not being found.\n{detail}").format(detail=perception.detail)
             case _:
-                return "Finding people is off."
+                return tr("Finding people is off.")
 
     # ---- searching
 
@@ -369,4 +371,4 @@ class PeoplePanel(Panel):
 
     def _name_of(self, person_id: str) -> str:
         row = self._find(person_id)
-        return "Somebody" if row is None else words.person_name(row)
+        return tr("Somebody") if row is None else words.person_name(row)

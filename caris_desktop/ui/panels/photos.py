@@ -31,6 +31,7 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain import intents
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
@@ -49,14 +50,14 @@ _ENTRY_ROLE = int(Qt.ItemDataRole.UserRole)
 _Index = QModelIndex | QPersistentModelIndex
 _LOW_PX = 300
 _GRID, _LARGE, _EMPTY = range(3)
-_TO_ASK = "Ask the assistant about this photo, then Enter"
-_ASKED = "The answer comes in the Assistant panel. Ask more, then Enter"
+_TO_ASK = QT_TR_NOOP("Ask the assistant about this photo, then Enter")
+_ASKED = QT_TR_NOOP("The answer comes in the Assistant panel. Ask more, then Enter")
 
 
 class PhotosPanel(Panel):
     """A grid of the photos, newest first, and in its place the one that was clicked."""
 
-    title = "Photos"
+    title = QT_TR_NOOP("Photos")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -65,11 +66,11 @@ class PhotosPanel(Panel):
         self._open = ""  # the file name of the photo that is shown large
         self.search = EnterField()
         self.search.setObjectName("photo_search")
-        self.search.setPlaceholderText("Name, tag, camera or time")
-        self.search.setAccessibleName("Find photos by name, tag, camera or time")
+        self.search.setPlaceholderText(tr("Name, tag, camera or time"))
+        self.search.setAccessibleName(tr("Find photos by name, tag, camera or time"))
         self.search.setClearButtonEnabled(True)
         self.search.textChanged.connect(self._refresh)
-        self.choice = DropDown(self.theme, "photo_filter", "Which photos are shown")
+        self.choice = DropDown(self.theme, "photo_filter", tr("Which photos are shown"))
         self.choice.setMinimumContentsLength(8)
         self.choice.activated.connect(self._refresh)
         self._finding = QWidget()
@@ -160,7 +161,8 @@ class PhotosPanel(Panel):
         self.theme.color_text(self._empty, "dim")
         there = sum(not photo.deleted for photo in photos)
         found = sum(not photo.deleted for photo in shown)
-        self.set_fact(words.counted(there, "photo") if found == there else f"{found} of {there} photos", "dim")
+        part = tr("{found} of %n photos", "", there).format(found=found)
+        self.set_fact(part if found != there else tr("1 photo") if there == 1 else tr("%n photos", "", there), "dim")
 
     def _offer_choices(self, photos: Iterable[PhotoEntry]) -> None:
         """All photos, those with somebody, with a tag, of a camera: whatever there is more than nothing of."""
@@ -170,12 +172,12 @@ class PhotosPanel(Panel):
                 if person_id in self._names:
                     offered["person", person_id] = self._names[person_id]
             for tag in photo.tags:
-                offered["tag", tag] = f"Tag: {tag}"
+                offered["tag", tag] = tr("Tag: {tag}").format(tag=tag)
             if photo.camera:
                 offered["camera", photo.camera] = words.camera_title(photo.camera)
         order = ("person", "tag", "camera")
         listed = sorted(offered.items(), key=lambda item: (order.index(item[0][0]), item[1].casefold()))
-        wanted = [(None, "All photos"), *listed]
+        wanted = [(None, tr("All photos")), *listed]
         if wanted == [(self.choice.itemData(row), self.choice.itemText(row)) for row in range(self.choice.count())]:
             return
         chosen = self.choice.currentData()
@@ -187,10 +189,11 @@ class PhotosPanel(Panel):
 
 def _nothing_words(photos: Sequence[PhotoEntry], *, live: bool, key: str) -> str:
     if photos:
-        return "No photo fits.\nClear the field, or choose all photos."
+        return tr("No photo fits.\nClear the field, or choose all photos.")
     if not live:
-        return "No photo had been taken at this moment."
-    return f"No photos yet.\n{key} takes one of the picture on show." if key else "No photos yet."
+        return tr("No photo had been taken at this moment.")
+    how = tr("No photos yet.\n{key} takes one of the picture on show.").format(key=key)
+    return how if key else tr("No photos yet.")
 
 
 def fits(photo: PhotoEntry, text: str, chosen: tuple[str, str] | None, names: dict[str, str]) -> bool:
@@ -214,7 +217,10 @@ def people_of(photo: PhotoEntry, names: dict[str, str]) -> list[str]:
     """Who is in it, by name as far as they are known now."""
     known = [names[person_id] for person_id in photo.person_ids if person_id in names]
     others = len(photo.person_ids) - len(known)
-    return [*known, *([f"{others} more" if known else words.counted(others, "person")] if others else [])]
+    if not others:
+        return known
+    alone = tr("1 person") if others == 1 else tr("%n persons", "", others)
+    return [*known, tr("%n more", "", others) if known else alone]
 
 
 class PhotosModel(QAbstractListModel):
@@ -249,7 +255,7 @@ class PhotosModel(QAbstractListModel):
         photo = self._photos[index.row()]
         if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.AccessibleTextRole):
             said = ", ".join((time_of(photo), *people_of(photo, self._names), *photo.tags))
-            return f"Deleted photo, {said}" if photo.deleted else f"Photo, {said}"
+            return (tr("Deleted photo, {said}") if photo.deleted else tr("Photo, {said}")).format(said=said)
         return photo if role == _ENTRY_ROLE else None
 
 
@@ -261,7 +267,7 @@ class PhotoGrid(QListView):
     def __init__(self, theme: Theme, model: PhotosModel) -> None:
         super().__init__()
         self.setObjectName("photo_grid")
-        self.setAccessibleName("Photos, newest first")
+        self.setAccessibleName(tr("Photos, newest first"))
         self.setModel(model)
         self.setItemDelegate(PhotoDelegate(theme, self))
         self.setFrameShape(QFrame.Shape.NoFrame)
@@ -329,7 +335,7 @@ class PhotoDelegate(QStyledItemDelegate):
         about = ", ".join((*people_of(photo, names), *photo.tags)) or words.camera_title(photo.camera)
         lines = (
             (time_of(photo), theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD), "dim" if photo.deleted else "text"),
-            ("Deleted" if photo.deleted else about, theme.font(tokens.STATUS_PX), "dim"),
+            (tr("Deleted") if photo.deleted else about, theme.font(tokens.STATUS_PX), "dim"),
         )
         for number, (text, font, role) in enumerate(lines):
             line = QRect(tile.left() + 2, ground.bottom() + 3 + 18 * number, tile.width() - 4, 18)
@@ -366,20 +372,20 @@ class LargePhoto(QWidget):
         self.about.setObjectName("photo_about")
         self.tags = EnterField()
         self.tags.setObjectName("photo_tags")
-        self.tags.setPlaceholderText("Tags, with commas between them, then Enter")
-        self.tags.setAccessibleName("Tags of this photo")
+        self.tags.setPlaceholderText(tr("Tags, with commas between them, then Enter"))
+        self.tags.setAccessibleName(tr("Tags of this photo"))
         self.tags.setMaxLength(400)
         self.tags.returnPressed.connect(self._on_tags_entered)
         self.question = EnterField()
         self.question.setObjectName("photo_question")
-        self.question.setPlaceholderText(_TO_ASK)
-        self.question.setAccessibleName("Question to the assistant about this photo")
+        self.question.setPlaceholderText(tr(_TO_ASK))
+        self.question.setAccessibleName(tr("Question to the assistant about this photo"))
         self.question.setMaxLength(1000)
         self.question.returnPressed.connect(self._on_question_entered)
-        self._back = ActionButton(theme, "All photos", icon="arrow-left", look="ghost", height_px=30)
+        self._back = ActionButton(theme, tr("All photos"), icon="arrow-left", look="ghost", height_px=30)
         self._back.setObjectName("photo_back")
         self._back.clicked.connect(self.left)
-        self._delete = ActionButton(theme, "Delete", icon="trash", look="ghost", height_px=30)
+        self._delete = ActionButton(theme, tr("Delete"), icon="trash", look="ghost", height_px=30)
         self._delete.setObjectName("photo_delete")
         self._delete.clicked.connect(self._on_delete)
         buttons = QHBoxLayout()
@@ -416,19 +422,19 @@ class LargePhoto(QWidget):
         other = before is None or before.file_name != photo.file_name
         self.picture.show_jpeg(b"" if photo.deleted else photo.preview_jpeg)
         pose = photo.pose_in_map
-        where = "" if pose is None else f"robot at {pose.x_m:.1f}, {pose.y_m:.1f} m"
+        where = "" if pose is None else tr("robot at {x:.1f}, {y:.1f} m").format(x=pose.x_m, y=pose.y_m)
         told = (time_of(photo), words.camera_title(photo.camera), ", ".join(people_of(photo, names)), where)
         self.about.setText(" · ".join(part for part in told if part))
         if other or (before is not None and before.tags != photo.tags):
             self.tags.setText(", ".join(photo.tags))
         if other:
             self.question.clear()
-            self.question.setPlaceholderText(_TO_ASK)
+            self.question.setPlaceholderText(tr(_TO_ASK))
         show_part(self.tags, (photo.changeable and not photo.deleted) or bool(photo.tags))
         self.tags.setReadOnly(not photo.changeable or photo.deleted)
         show_part(self._delete, photo.changeable)
         self._delete.set_label(
-            "Bring it back" if photo.deleted else "Delete",
+            tr("Bring it back") if photo.deleted else tr("Delete"),
             icon="arrow-counter-clockwise" if photo.deleted else "trash",
         )
         self.question.setEnabled(not photo.deleted)
@@ -448,7 +454,7 @@ class LargePhoto(QWidget):
         if question:
             self.asked.emit(question)
             self.question.clear()
-            self.question.setPlaceholderText(_ASKED)
+            self.question.setPlaceholderText(tr(_ASKED))
 
 
 class _Picture(QWidget):
@@ -457,7 +463,7 @@ class _Picture(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.setObjectName("photo_large")
-        self.setAccessibleName("The photo")
+        self.setAccessibleName(tr("The photo"))
         self._theme = theme
         self._jpeg = b""
         self.image = QImage()
@@ -478,7 +484,7 @@ class _Picture(QWidget):
         if self.image.isNull():
             painter.setFont(self._theme.font(tokens.BODY_PX))
             painter.setPen(self._theme.color("dim"))
-            words_shown = "Deleted. It can be brought back until the session ends."
+            words_shown = tr("Deleted. It can be brought back until the session ends.")
             painter.drawText(self.rect(), int(Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap), words_shown)
             return
         size = self.image.size().scaled(self.size(), Qt.AspectRatioMode.KeepAspectRatio)

@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QScrollArea, QSizePolicy, QSt
 from caris_desktop.domain import intents
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.sensing import ControlReadings
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ControlStatus, DriveStatus, LinkStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.control_words import question_for
@@ -22,17 +23,17 @@ _NARROW_PX = 340
 _WIDEST_HEADING_PX = 110
 _COMPACT = ("button", "toggle", "readout")
 _NOT_USABLE = {
-    "connecting": "Still connecting to the robot.",
-    "lost": "The robot is out of reach.",
-    "closed": "No robot is connected.",
+    "connecting": QT_TR_NOOP("Still connecting to the robot."),
+    "lost": QT_TR_NOOP("The robot is out of reach."),
+    "closed": QT_TR_NOOP("No robot is connected."),
 }
-_HELD = "The emergency stop is on. What moves the robot works again when you release it."
+_HELD = QT_TR_NOOP("The emergency stop is on. What moves the robot works again when you release it.")
 
 
 class RobotPanel(Panel):
     """Draws ``state.controls`` by their kinds. Nothing in here knows any robot."""
 
-    title = "Robot"
+    title = QT_TR_NOOP("Robot")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -154,30 +155,33 @@ class RobotPanel(Panel):
         reason = _NOT_USABLE.get(link.state, "") if self.state.present.live else ""
         held = ""
         for entry in self._entries.values():
-            entry_held = _HELD if self._held and entry.control.is_motion else ""
+            entry_held = tr(_HELD) if self._held and entry.control.is_motion else ""
             entry.set_usable(reason or entry_held)
             held = held or entry_held
-        shown = f"{reason} These controls work again when it answers." if reason else held
+        again = tr("{reason} These controls work again when it answers.").format(reason=reason)
+        shown = again if reason else held
         self._reason.setText(shown)
         self._reason.setVisible(bool(shown and self._entries))
         self._stack.setCurrentIndex(1 if self._entries else 0)
-        whose = link.robot or "This robot"
+        whose = link.robot or tr("This robot")
         self._empty.setText(
-            f"{whose} has no controls of its own.\nIts profile or the scenario can bind buttons, switches, sliders "
-            "and readouts to it."
+            tr(
+                "{robot} has no controls of its own.\nIts profile or the scenario can bind buttons, switches, sliders "
+                "and readouts to it."
+            ).format(robot=whose)
         )
         failed = sum(entry.failed for entry in self._entries.values())
         busy = [entry for entry in self._entries.values() if entry.busy]
         if reason:
-            self.set_fact("robot away", "amber")
+            self.set_fact(tr("robot away"), "amber")
         elif held:
-            self.set_fact("held by the emergency stop", "amber")
+            self.set_fact(tr("held by the emergency stop"), "amber")
         elif busy:
-            self.set_fact(f"{busy[0].control.title}: asked", "blue")
+            self.set_fact(tr("{control}: asked").format(control=busy[0].control.title), "blue")
         elif failed:
-            self.set_fact(f"{failed} did not work", "amber")
+            self.set_fact(tr("%n did not work", "", failed), "amber")
         else:
-            self.set_fact(f"{len(self._entries)} controls" if self._entries else "", "dim")
+            self.set_fact(tr("%n controls", "", len(self._entries)) if self._entries else "", "dim")
         self._style()
 
     def _style(self) -> None:
@@ -311,11 +315,11 @@ class ControlEntry(QWidget):
         if state == "succeeded" and not (done and self._calm_down.isActive()):
             state = ""
         self._face.show_state(state)
-        words = {"requested": "asked the robot…", "failed": "did not work"}.get(state, "")
+        words = {"requested": tr("asked the robot…"), "failed": tr("did not work")}.get(state, "")
         if status is not None and state == "failed" and status.detail:
-            words = f"did not work: {status.detail}"
+            words = tr("did not work: {detail}").format(detail=status.detail)
         elif status is not None and state == "succeeded" and status.detail:
-            words = f"done: {status.detail}"
+            words = tr("done: {detail}").format(detail=status.detail)
         compact = control.kind in _COMPACT
         shown = "" if compact and state == "requested" else words
         self._note.setFont(self._theme.font(tokens.STATUS_PX))
@@ -337,10 +341,10 @@ class _Question(QWidget):
         self._theme = theme
         self._words = QLabel()
         self._words.setTextFormat(Qt.TextFormat.PlainText)
-        self.yes = ActionButton(theme, "Do it", look="amber", height_px=30)
+        self.yes = ActionButton(theme, tr("Do it"), look="amber", height_px=30)
         self.yes.setObjectName("control_confirm")
         self.yes.clicked.connect(lambda: self.answered.emit(True))
-        no = ActionButton(theme, "Cancel", look="ghost", height_px=30)
+        no = ActionButton(theme, tr("Cancel"), look="ghost", height_px=30)
         no.setObjectName("control_cancel")
         no.clicked.connect(lambda: self.answered.emit(False))
         row = QHBoxLayout(self)
@@ -354,7 +358,7 @@ class _Question(QWidget):
     def ask(self, words: str) -> None:
         self._words.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
         self._words.setText(words)
-        self.yes.setAccessibleName(f"{words} Do it")
+        self.yes.setAccessibleName(tr("{question} Do it").format(question=words))
 
 
 class _Group(QWidget):

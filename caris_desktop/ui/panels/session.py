@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.ui import event_words, tokens, words
@@ -38,8 +39,10 @@ from caris_desktop.ui.widgets.row_list import RowList
 LOG_ROWS = 2000
 LOG_LINE_PX, LOG_LEAST_LINES = 26, 3
 _AROUND_PX = 16
+_EVERYTHING = QT_TR_NOOP("Everything")
 _ICONS = {
-    "Said": "chat-text", "Moved": "navigation-arrow", "People": "user", "Session": "info", "Problems": "warning",
+    QT_TR_NOOP("Said"): "chat-text", QT_TR_NOOP("Moved"): "navigation-arrow", QT_TR_NOOP("People"): "user",
+    QT_TR_NOOP("Session"): "info", QT_TR_NOOP("Problems"): "warning",
 }  # fmt: skip
 _CATEGORY_ROLE = int(Qt.ItemDataRole.UserRole)
 _TIME_ROLE = _CATEGORY_ROLE + 1
@@ -59,37 +62,37 @@ class LogEntry:
 class SessionPanel(Panel):
     """Start, pause and stop, labels to mark with, and the log."""
 
-    title = "Session"
+    title = QT_TR_NOOP("Session")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("session_panel")
-        self._toggle = ActionButton(self.theme, "Start recording", icon="record", look="primary")
+        self._toggle = ActionButton(self.theme, tr("Start recording"), icon="record", look="primary")
         self._toggle.setObjectName("session_toggle")
         self._toggle.clicked.connect(self._on_toggle)
         self._what = QLabel()
         self._what.setObjectName("session_what")
         self._what.setWordWrap(True)
         self._folder = ActionButton(self.theme, "", icon="folder-open")
-        self._folder.setAccessibleName("Open folder")
-        self._folder.setToolTip("Open the folder of the last session")
+        self._folder.setAccessibleName(tr("Open folder"))
+        self._folder.setToolTip(tr("Open the folder of the last session"))
         self._folder.setObjectName("session_folder")
         self._folder.clicked.connect(self._open_folder)
-        self._export = ActionButton(self.theme, "Export…", icon="export")
+        self._export = ActionButton(self.theme, tr("Export…"), icon="export")
         self._export.setObjectName("session_export")
-        self._export.setToolTip("Write the last session as tables, for ELAN, as a report, …")
+        self._export.setToolTip(tr("Write the last session as tables, for ELAN, as a report, …"))
         self._export.clicked.connect(lambda: self.window_wanted.emit("export"))
-        self._sessions = ActionButton(self.theme, "All sessions", icon="archive")
+        self._sessions = ActionButton(self.theme, tr("All sessions"), icon="archive")
         self._sessions.setObjectName("session_all")
-        self._sessions.setToolTip("Find, replay and export the sessions of this study")
+        self._sessions.setToolTip(tr("Find, replay and export the sessions of this study"))
         self._sessions.clicked.connect(lambda: self.window_wanted.emit("sessions"))
         self._has_library = False
-        self._pause = ActionButton(self.theme, "Pause", icon="pause")
+        self._pause = ActionButton(self.theme, tr("Pause"), icon="pause")
         self._pause.setObjectName("session_pause")
         self._pause.clicked.connect(self._on_pause)
-        self._note = ActionButton(self.theme, "Note", icon="note-pencil")
+        self._note = ActionButton(self.theme, tr("Note"), icon="note-pencil")
         self._note.setObjectName("session_note")
-        self._note.setToolTip("Write a note about this moment")
+        self._note.setToolTip(tr("Write a note about this moment"))
         self._note.bind(self.table, "note")
         self._labels = FlowRow(gap_px=6)
         for number, label in enumerate(self.console.scenario.recording.labels, start=1):
@@ -100,23 +103,23 @@ class SessionPanel(Panel):
                 break
             button.setObjectName(f"session_label_{number}")
             button.bind(self.table, f"label_{number}")
-            button.setToolTip(f"Mark this moment: {label}. Hold the key to mark a stretch.")
+            button.setToolTip(tr("Mark this moment: {label}. Hold the key to mark a stretch.").format(label=label))
             self._labels.add(button)
         self._filter = ActionButton(
-            self.theme, "Everything", height_px=30, text_px=tokens.STATUS_PX + 1, menu_arrow=True
+            self.theme, tr("Everything"), height_px=30, text_px=tokens.STATUS_PX + 1, menu_arrow=True
         )
         self._filter.setObjectName("log_filter")
-        self._filter.setToolTip("Which events to show")
+        self._filter.setToolTip(tr("Which events to show"))
         self._filter_menu = QMenu(self)
         self._filter_menu.setObjectName("log_filter_menu")
         for category in ("", *event_words.CATEGORIES):
-            action = self._filter_menu.addAction(category or "Everything")
+            action = self._filter_menu.addAction(tr(category or _EVERYTHING))
             action.triggered.connect(lambda _checked=False, chosen=category: self.show_category(chosen))
         self._filter.clicked.connect(self._open_filter_menu)
         self._model = EventLogModel(self.state.present, self)
         self._log = EventLogView()
         self._log.setObjectName("event_log")
-        self._log.setAccessibleName("What happened")
+        self._log.setAccessibleName(tr("What happened"))
         self._log.setModel(self._model)
         self._log.setItemDelegate(EventDelegate(self.theme, self._log))
         top = self._buttons = FlowRow(gap_px=8)
@@ -191,7 +194,7 @@ class SessionPanel(Panel):
 
     def show_category(self, category: str) -> None:
         """Show only events of one of ``event_words.CATEGORIES``; all of them for an empty string."""
-        self._filter.set_label(category or "Everything")
+        self._filter.set_label(tr(category or _EVERYTHING))
         self._model.set_category(category)
         self._log.scrollToBottom()
 
@@ -215,11 +218,14 @@ class SessionPanel(Panel):
     def _kept(self) -> str:
         """What a session holds, in few words."""
         permissions = self.console.scenario.permissions
-        kept = "robot, speech and events" + (", video" if permissions.video_recording else "; no video")
-        kept += ", photos" if permissions.photos else ", no photos"
+        photos = tr("photos") if permissions.photos else tr("no photos")
         if not permissions.audio_recording:
-            return f"{kept}, no sound"
-        return f"{kept}, sound" if self.console.microphone is not None else f"{kept}, no sound (no microphone)"
+            sound = tr("no sound")
+        else:
+            sound = tr("sound") if self.console.microphone is not None else tr("no sound (no microphone)")
+        if permissions.video_recording:
+            return tr("robot, speech and events, video, {photos}, {sound}").format(photos=photos, sound=sound)
+        return tr("robot, speech and events; no video, {photos}, {sound}").format(photos=photos, sound=sound)
 
     def _refresh(self) -> None:
         if not self.in_view:
@@ -237,39 +243,43 @@ class SessionPanel(Panel):
         show_part(self._note, status.state == "recording" and self.table.spec("note") is not None)
         paused = status.state == "paused"
         self._pause.set_label(
-            "Go on" if paused else "Pause", icon="record" if paused else "pause", look="primary" if paused else "plain"
+            tr("Go on") if paused else tr("Pause"),
+            icon="record" if paused else "pause",
+            look="primary" if paused else "plain",
         )
-        self._pause.setToolTip("Record again" if paused else "Record nothing for a while")
+        self._pause.setToolTip(tr("Record again") if paused else tr("Record nothing for a while"))
         self._pause.setEnabled(status.state != "starting")
         self._toggle.setEnabled(status.state not in ("starting", "stopping"))
         role = "dim"
         match status.state:
             case "starting":
-                self._toggle.set_label("Stop recording", icon="stop", look="plain")
-                text = "Getting ready to record"
+                self._toggle.set_label(tr("Stop recording"), icon="stop", look="plain")
+                text = tr("Getting ready to record")
                 self.set_fact("starting")
             case "recording":
-                self._toggle.set_label("Stop recording", icon="stop", look="plain")
+                self._toggle.set_label(tr("Stop recording"), icon="stop", look="plain")
                 text, role = self._size_and_room(status)
-                self.set_fact(
-                    f"recording {words.elapsed((self.state.present.now_ns() - status.started_ns) / 1e9)}", "green"
-                )
+                lasted = words.elapsed((self.state.present.now_ns() - status.started_ns) / 1e9)
+                self.set_fact(tr("recording {time}").format(time=lasted), "green")
             case "paused":
-                self._toggle.set_label("Stop recording", icon="stop", look="plain")
-                text, role = f"Nothing is recorded now. {words.size(status.written_bytes)} so far.", "amber"
-                self.set_fact("paused", "amber")
+                self._toggle.set_label(tr("Stop recording"), icon="stop", look="plain")
+                nothing = tr("Nothing is recorded now. {size} so far.")
+                text, role = nothing.format(size=words.size(status.written_bytes)), "amber"
+                self.set_fact(tr("paused"), "amber")
             case "stopping":
-                self._toggle.set_label("Saving…", icon="stop", look="plain")
-                text = "Finishing the files"
+                self._toggle.set_label(tr("Saving…"), icon="stop", look="plain")
+                text = tr("Finishing the files")
                 self.set_fact("saving")
             case "failed":
-                self._toggle.set_label("Start recording", icon="record", look="primary")
-                text, role = status.detail or "Nothing is recorded now.", "red"
-                self.set_fact("not recording", "red")
+                self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
+                text, role = status.detail or tr("Nothing is recorded now."), "red"
+                self.set_fact(tr("not recording"), "red")
             case _:
-                self._toggle.set_label("Start recording", icon="record", look="primary")
-                text = f"Saved in {status.folder.name}" if status.folder is not None else f"Keeps {self._kept()}"
-                self.set_fact("not recording")
+                self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
+                text = tr("Keeps {what}").format(what=self._kept())
+                if status.folder is not None:
+                    text = tr("Saved in {folder}").format(folder=status.folder.name)
+                self.set_fact(tr("not recording"))
         self._what.setText(text)
         self._what.setFont(self.theme.font(tokens.STATUS_PX))
         self.theme.color_text(self._what, role)
@@ -302,11 +312,13 @@ class SessionPanel(Panel):
     def _size_and_room(self, status: RecordingStatus) -> tuple[str, str]:
         """What there is so far and how long the disk lasts, with the colour of it."""
         # What a replay's session kept is on show; which microphone there is now says nothing about it.
-        kept = f": {self._kept()}" if self.table.spec("mark") is not None else ""
-        parts = [f"{words.size(status.written_bytes)} so far{kept}", words.all_missing(status.dropped)]
+        so_far = tr("{size} so far").format(size=words.size(status.written_bytes))
+        if self.table.spec("mark") is not None:
+            so_far = tr("{size} so far: {kept}").format(size=words.size(status.written_bytes), kept=self._kept())
+        parts = [so_far, words.all_missing(status.dropped)]
         low = status.room_s is not None and status.room_s < ROOM_LOW_S
         if low and status.room_s is not None:
-            parts.insert(0, f"Room for {words.long_duration(status.room_s)} only")
+            parts.insert(0, tr("Room for {time} only").format(time=words.long_duration(status.room_s)))
         return " · ".join(part for part in parts if part), "amber" if low else "dim"
 
 

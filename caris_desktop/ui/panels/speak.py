@@ -11,6 +11,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sound import WIZARD_MICROPHONE, Hearing
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import AskedGap, SpeechStatus
 from caris_desktop.scenario.phrases import sentences
 from caris_desktop.ui import tokens, words
@@ -26,7 +27,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.key_cap import KeyCap
 from caris_desktop.ui.widgets.talk_button import TALK, TalkButton
 
-_HINT = "Type what the robot says…"
+_HINT = QT_TR_NOOP("Type what the robot says…")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +51,12 @@ _SIZES = (
 )
 _ROOMY_PX, _TIGHT_PX = 60, 24
 """What margins, gaps and hints take."""
-_IN_FIELD = (("↑", "earlier lines"), ("Tab", "complete"))
-_IN_QUEUE = (("⇧↑", "earlier"), ("⇧↓", "later"), ("Enter", "change"), ("Delete", "take back"))
+_IN_FIELD = (("↑", QT_TR_NOOP("earlier lines")), ("Tab", QT_TR_NOOP("complete")))
+_IN_QUEUE = (
+    ("⇧↑", QT_TR_NOOP("earlier")), ("⇧↓", QT_TR_NOOP("later")), ("Enter", QT_TR_NOOP("change")),
+    ("Delete", QT_TR_NOOP("take back")),
+)  # fmt: skip
+_CHANGE_NEXT, _BACK = QT_TR_NOOP("change what is next"), QT_TR_NOOP("back to driving")
 _TICK_MS = 200
 _MANY = 12
 
@@ -75,7 +80,7 @@ def _scrolled(inside: QWidget) -> QScrollArea:
 class SpeakPanel(Panel):
     """Enter says the line and empties the field; what is refused stays in it."""
 
-    title = "Speak"
+    title = QT_TR_NOOP("Speak")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -88,20 +93,20 @@ class SpeakPanel(Panel):
             self.theme, self._say, earlier=lambda: self.state.said_before.value, sentences=self._sentences
         )
         self.field.setObjectName("speak_field")
-        self.field.setPlaceholderText(_HINT)
+        self.field.setPlaceholderText(tr(_HINT))
         self.field.textChanged.connect(self._on_text_changed)
         self._gap = GapRow(self.theme)
         self._gap.filled.connect(self._fill_gap)
         self._gap.given_up.connect(lambda: self._fill_gap(""))
-        self._silence = ActionButton(self.theme, "Silence", icon="speaker-slash", height_px=30, may_lose_words=True)
+        self._silence = ActionButton(self.theme, tr("Silence"), icon="speaker-slash", height_px=30, may_lose_words=True)
         self._silence.setObjectName("silence_button")
         self._silence.bind(self.table, "silence")
         permitted = self.state.present.live and self.table.spec(TALK) is not None
         self._talk = [TalkButton(self.theme, self.table, self.hold, self.state)] if permitted else []
         self._voice = ActionButton(self.theme, icon="sliders-horizontal", height_px=30)
         self._voice.setObjectName("voice_button")
-        self._voice.setAccessibleName("Voice")
-        self._voice.setToolTip("Who speaks, with which voice, how fast and how loud")
+        self._voice.setAccessibleName(tr("Voice"))
+        self._voice.setToolTip(tr("Who speaks, with which voice, how fast and how loud"))
         self._voice.clicked.connect(self._open_voice_menu)
         self._voice_menu = QMenu(self)
         self._voice_menu.setObjectName("voice_menu")
@@ -190,7 +195,7 @@ class SpeakPanel(Panel):
         self._voice_menu.clear()
         for group in voice_choices(self.state.voice.value):
             many = len(group) > _MANY
-            menu = self._voice_menu.addMenu("All voices") if many else self._voice_menu
+            menu = self._voice_menu.addMenu(tr("All voices")) if many else self._voice_menu
             for choice in group:
                 self._add_choice(menu, choice)
                 if many and choice.chosen:
@@ -283,7 +288,8 @@ class SpeakPanel(Panel):
             naming = self.console.scenario.permissions.naming_people
             persons = as_permitted(self.state.persons.value, naming=naming)
             name = next((words.person_name(row) for row in persons if row.person_id == meant), "")
-            self.field.setPlaceholderText(f"Type what the robot says to {name}…" if name else _HINT)
+            to_name = tr("Type what the robot says to {name}…").format(name=name)
+            self.field.setPlaceholderText(to_name if name else tr(_HINT))
 
     def _on_speech_changed(self, speech: SpeechStatus) -> None:
         if not self.in_view:
@@ -297,15 +303,17 @@ class SpeakPanel(Panel):
         speech: SpeechStatus = self.state.speech.value
         if speech.now is not None:
             said = words.with_names(speech.now.text, lambda person_id: name_of(self.console, person_id))
-            self.set_fact(f"now saying “{words.shortened(said, 48)}”{self._time_left(speech)}", "blue")
+            self.set_fact(self._saying(words.shortened(said, 48), speech), "blue")
         elif not speech.ready and self.state.present.live:
-            self.set_fact(speech.detail or "the voice is getting ready", "amber" if speech.detail else "dim")
+            self.set_fact(speech.detail or tr("the voice is getting ready"), "amber" if speech.detail else "dim")
         else:
             self.set_fact("quiet")
 
-    def _time_left(self, speech: SpeechStatus) -> str:
+    def _saying(self, said: str, speech: SpeechStatus) -> str:
         left_s = 0.0 if speech.ends_ns is None else (speech.ends_ns - self.state.present.now_ns()) / 1e9
-        return f" {left_s:.1f} s left" if left_s > 0 else ""
+        if left_s <= 0:
+            return tr("now saying “{said}”").format(said=said)
+        return tr("now saying “{said}” {left:.1f} s left").format(said=said, left=left_s)
 
     def _show_hints(self) -> None:
         if not self.in_view:
@@ -314,18 +322,18 @@ class SpeakPanel(Panel):
         if self.table.available("queued_edit"):
             hints = _IN_QUEUE
         elif self.table.available("focus_queue"):
-            hints = (*_IN_FIELD, (self.table.key_text("focus_queue"), "change what is next"))
+            hints = (*_IN_FIELD, (self.table.key_text("focus_queue"), _CHANGE_NEXT))
         else:
             hints = _IN_FIELD
         if self.table.spec("focus_driving") is not None:
-            hints = (*hints, (self.table.key_text("focus_driving"), "back to driving"))
+            hints = (*hints, (self.table.key_text("focus_driving"), _BACK))
         if hints != self._hinted:
             self._hinted = hints
             while (item := self._hint_row.takeAt(0)) is not None:
                 if (widget := item.widget()) is not None:
                     widget.deleteLater()
             for cap, text in hints:
-                label = QLabel(text)
+                label = QLabel(tr(text))
                 label.setFont(self.theme.font(tokens.STATUS_PX + 1))
                 self._hint_row.addWidget(KeyCap(self.theme, cap))
                 self._hint_row.addWidget(label)

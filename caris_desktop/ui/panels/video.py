@@ -13,7 +13,7 @@ from caris_desktop.domain.events import DriveEnded, PhotoTaken
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef, People, RobotPose
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import words
@@ -37,16 +37,18 @@ _ANY_PX = (1 << 24) - 1  # Qt's own word for no limit
 
 def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
     """What the obstacle guard does to the motion now, in words, with the role of its chip; None for nothing."""
-    left = f" · {drive.guard_distance_m:.1f} m left" if drive.guard_distance_m is not None else ""
+    left_m = drive.guard_distance_m
+    left = () if left_m is None else (tr("{left:.1f} m left").format(left=left_m),)
     match drive.guard:
         case "blocked":
-            return f"Blocked: the guard keeps clear of an obstacle{left}", "blocked"
+            return " · ".join((tr("Blocked: the guard keeps clear of an obstacle"), *left)), "blocked"
         case "slowing":
-            return f"The guard slows down before an obstacle{left}", "slowing"
+            return " · ".join((tr("The guard slows down before an obstacle"), *left)), "slowing"
         case "blind":
-            return f"The guard lets it crawl only: {drive.guard_detail or 'it sees nothing'}", "warning"
+            why = drive.guard_detail or tr("it sees nothing")
+            return tr("The guard lets it crawl only: {why}").format(why=why), "warning"
         case "overridden":
-            return "The guard is off: nothing stops before obstacles", "override"
+            return tr("The guard is off: nothing stops before obstacles"), "override"
         case _:
             return None
 
@@ -54,7 +56,7 @@ def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
 class VideoPanel(Panel):
     """Title bar with rate and age, photo button where the scenario allows one, and the picture."""
 
-    title = "Video"
+    title = QT_TR_NOOP("Video")
     reads = ("permissions",)
     drives = True
 
@@ -72,10 +74,10 @@ class VideoPanel(Panel):
         self._parts.addWidget(self.strip)
         self._photo: ActionButton | None = None
         if self.table.spec("photo") is not None:
-            self._photo = ActionButton(self.theme, "Photo", icon="camera", height_px=30)
+            self._photo = ActionButton(self.theme, tr("Photo"), icon="camera", height_px=30)
             self._photo.setObjectName("photo_button")
             self._photo.bind(self.table, "photo")
-        self._cameras = DropDown(self.theme, "video_camera", "Which camera is shown")
+        self._cameras = DropDown(self.theme, "video_camera", tr("Which camera is shown"))
         self._cameras.setMinimumContentsLength(6)
         self._cameras.activated.connect(self._on_camera_chosen)
         self._shown: list[float] = []
@@ -133,7 +135,8 @@ class VideoPanel(Panel):
         self._cameras.clear()
         for name in names:
             # The title says that it is a camera.
-            self._cameras.addItem(words.camera_title(name).removesuffix(" camera"), name)
+            shown = name.replace("_", " ").strip().removesuffix(" camera")
+            self._cameras.addItem(f"{shown[:1].upper()}{shown[1:]}", name)
         self._cameras.setCurrentIndex(names.index(self.state.camera.value) if self.state.camera.value in names else -1)
         show_part(self._cameras, len(names) > 1)
         self.view.show_camera(self.state.camera.value if len(names) > 1 else "")
@@ -233,33 +236,36 @@ class VideoPanel(Panel):
                 rate = (
                     (len(self._shown) - 1) / max(0.001, self._shown[-1] - self._shown[0]) if len(self._shown) > 2 else 0
                 )
-                rate_words = f" · {rate:.0f} fps" if rate else ""
-                latency = words.age(self._latency_s)
-                self.set_fact(f"live{rate_words} · {latency} old" if state.present.live else f"recorded{rate_words}")
+                parts = [tr("live") if state.present.live else tr("recorded")]
+                if rate:
+                    parts.append(tr("{rate:.0f} fps").format(rate=rate))
+                if state.present.live:
+                    parts.append(tr("{age} old").format(age=words.age(self._latency_s)))
+                self.set_fact(" · ".join(parts))
             case "stale":
-                self.set_fact(f"delayed · {words.age(age_s or 0.0)} old", "amber")
+                self.set_fact(tr("delayed · {age} old").format(age=words.age(age_s or 0.0)), "amber")
             case "lost":
-                self.set_fact(f"no picture for {words.age(age_s or 0.0)}", "red")
+                self.set_fact(tr("no picture for {age}").format(age=words.age(age_s or 0.0)), "red")
             case _:
-                self.set_fact("no picture yet" if state.present.live else "no picture")
+                self.set_fact(tr("no picture yet") if state.present.live else tr("no picture"))
         chips: list[tuple[str, str]] = []
         if state.odometry.freshness == "fresh":
             twist = state.odometry.value.twist
             turn_deg = abs(math.degrees(twist.turn_radps))
             chips.append((f"{abs(twist.forward_mps):.2f} m/s · {turn_deg:.0f}°/s", "video_text"))
         if state.scan.value is not None and state.scan.value.robot_from_laser is None:
-            chips.append(("Where the LIDAR looks is not known", "video_text"))
+            chips.append((tr("Where the LIDAR looks is not known"), "video_text"))
         elif state.scan.freshness == "fresh":
             head = state.head.value if state.head.freshness == "fresh" else None
             away = looks_away(state.robot.value, self.view.frame, head)
             text, warns = ahead_words(ahead_of(state.scan.value), away)
             chips.append((text, "warning" if warns else "video_text"))
         elif state.scan.freshness in ("stale", "lost"):
-            chips.append(("LIDAR is silent", "warning"))
+            chips.append((tr("LIDAR is silent"), "warning"))
         chips += self._hints()
         self.view.show_chips(chips)
         linked = state.link.value.state in ("connected", "trouble")
-        self.view.show_lost_reason("Drive with care." if linked else "The robot is out of reach.")
+        self.view.show_lost_reason(tr("Drive with care.") if linked else tr("The robot is out of reach."))
         self.view.show_out_of_reach(state.link.value.state == "lost")
         self.view.show_state(state.state_of(state.camera.value).value)
         self.view.show_age(age_s)
@@ -275,20 +281,21 @@ class VideoPanel(Panel):
         if self.table.spec("drive_forward") is None:
             return hints
         if drive.emergency_stop:
-            hints.append(("Emergency stop is on", "warning"))
+            hints.append((tr("Emergency stop is on"), "warning"))
         elif not drive.allowed:
-            hints.append((f"Driving is off: {drive.reason}" if drive.reason else "Driving is off", "warning"))
+            off = tr("Driving is off: {reason}").format(reason=drive.reason) if drive.reason else tr("Driving is off")
+            hints.append((off, "warning"))
         elif not self.hold.held and (self.hold.must_let_go or time.monotonic() < self._ended[1]):
             if self.hold.must_let_go:
-                hints.append(("Let go and press again to drive", "warning"))
+                hints.append((tr("Let go and press again to drive"), "warning"))
             if time.monotonic() < self._ended[1]:
-                hints.append((f"Driving ended: {self._ended[0]}", "warning"))
+                hints.append((tr("Driving ended: {reason}").format(reason=self._ended[0]), "warning"))
         elif drive.cap_reason or guard_chip(drive) is not None:
             guard = guard_chip(drive)
             if guard is not None:
                 hints.append(guard)
             if drive.cap_reason:
-                hints.append((f"Slowed down: {drive.cap_reason}", "warning"))
+                hints.append((tr("Slowed down: {reason}").format(reason=drive.cap_reason), "warning"))
         else:
             free = self.table.driving_focus
             text = tr("{keys} or arrows drive") if free else tr("Alt+{keys} drives while you type")
@@ -344,9 +351,9 @@ class VideoPanel(Panel):
             return
         spot = spot_at(model, at.x(), at.y())
         if self.state.frame.freshness != "fresh":
-            spot = "The picture is too old to aim with"
+            spot = tr("The picture is too old to aim with")
         elif pose is None and isinstance(spot, FloorSpot):
-            spot = "It is not known where the robot is now"
+            spot = tr("It is not known where the robot is now")
         if isinstance(spot, str) or pose is None:
             self._note = (str(spot), time.monotonic() + _NOTE_SHOWN_S)
             self._refresh()
@@ -355,9 +362,10 @@ class VideoPanel(Panel):
         self.view.show_spot(spot)
         self._target = target
         speed, _as_drive_says = words.goal_speed(self.state.robot.value, self.state.drive.value)
+        away = tr("{distance:.1f} m from the robot").format(distance=spot.distance_m)
         self._card.offer(
-            where, " · ".join(part for part in (f"{spot.distance_m:.1f} m from the robot", speed) if part),
-            [("video_go_there", "Go there", "navigation-arrow", lambda: self._go(target))],
+            where, " · ".join(part for part in (away, speed) if part),
+            [("video_go_there", tr("Go there"), "navigation-arrow", lambda: self._go(target))],
         )  # fmt: skip
 
     def _go(self, target: Pose2D) -> None:
@@ -372,7 +380,7 @@ class VideoPanel(Panel):
             taken = self._remembered
             known = taken is not None and (taken[0], taken[1]) == (event.camera, event.frame_sequence)
             in_session = self.state.recording.value.state in ("starting", "recording", "paused")
-            kept = "Photo kept with the session" if in_session else "Photo kept in the study’s folder"
+            kept = tr("Photo kept with the session") if in_session else tr("Photo kept in the study’s folder")
             self._thumbnail.show_photo(taken[2] if known and taken is not None else None, kept, event.file_name)
 
     def _on_asking(self, intent: Intent) -> None:

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QCompleter, QGridLayout, QHBoxLayout, QLabel, QPla
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import ConsentKind
 from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.people.store import HistoryEntry
 from caris_desktop.ui import event_words, tokens, words
@@ -33,23 +34,30 @@ def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) ->
     ``recognise`` is the scenario's setting, ``recognises`` for what there is a network: clothing, face.
     """
     if recognise == "nobody":
-        return "Nobody is recognised in this scenario: who somebody is you say yourself."
+        return tr("Nobody is recognised in this scenario: who somebody is you say yourself.")
     faces = recognise == "faces" and "face" in recognises
     by_face = faces and "face" in person.consents
     if is_identified(person) and person.confidence:
-        how = "by face or clothing" if by_face else "by clothing, today only"
-        return f"Recognised {how} ({words.percent(person.confidence)})."
+        clothing = tr("Recognised by clothing, today only ({sure}).")
+        how = tr("Recognised by face or clothing ({sure}).") if by_face else clothing
+        return how.format(sure=words.percent(person.confidence))
     if is_identified(person):
-        return "You said who this is."
+        return tr("You said who this is.")
     if by_face:
-        return "Is recognised by face, on other days too."
+        return tr("Is recognised by face, on other days too.")
     if "clothing" not in recognises and not faces:
-        return "Nobody is recognised: there is no network for it on this computer. Who somebody is you say yourself."
+        return tr(
+            "Nobody is recognised: there is no network for it on this computer. Who somebody is you say yourself."
+        )
     if recognise == "faces" and not faces:
-        return "Is recognised by clothing, today only: the study has no network for faces, so on another day nobody is."
+        return tr(
+            "Is recognised by clothing, today only: the study has no network for faces, so on another day nobody is."
+        )
     if faces:
-        return "Is recognised by clothing, today only: on other days by face, where consent for that is noted below."
-    return "Is recognised by clothing, today only. On another day nobody is recognised."
+        return tr(
+            "Is recognised by clothing, today only: on other days by face, where consent for that is noted below."
+        )
+    return tr("Is recognised by clothing, today only. On another day nobody is recognised.")
 
 
 def tags_of(text: str) -> tuple[str, ...]:
@@ -77,13 +85,13 @@ class AboutPage(QWidget):
         self._how.setWordWrap(True)
         self._not = self._button("person_not", "", "user-minus", self._on_not)
         self._suggested = [self._suggestion_row(number) for number in range(MOST_SUGGESTED)]
-        self._name = self._field("person_card_name_field", "Name", "Name", self._keep_name)
-        self._group = self._field("person_group", "Group", "Group", self._keep_group)
-        self._tags = self._field("person_tags", "Tags", "Tags, with commas between", self._keep_tags)
+        self._name = self._field("person_card_name_field", tr("Name"), tr("Name"), self._keep_name)
+        self._group = self._field("person_group", tr("Group"), tr("Group"), self._keep_group)
+        self._tags = self._field("person_tags", tr("Tags"), tr("Tags, with commas between"), self._keep_tags)
         self._note = NoteField()
         self._note.setObjectName("person_note")
-        self._note.setAccessibleName("Note")
-        self._note.setPlaceholderText("What to remember about this person")
+        self._note.setAccessibleName(tr("Note"))
+        self._note.setPlaceholderText(tr("What to remember about this person"))
         self._note.left.connect(self._keep_note)
         self._consents: dict[ConsentKind, CheckBox] = {}
         for kind in get_args(ConsentKind):
@@ -92,8 +100,8 @@ class AboutPage(QWidget):
             box.clicked.connect(lambda given, kind=kind: self._on_consent(kind, given))
         self._search = EnterField()
         self._search.setObjectName("person_history_search")
-        self._search.setPlaceholderText("Find in the history")
-        self._search.setAccessibleName("Find in the history")
+        self._search.setPlaceholderText(tr("Find in the history"))
+        self._search.setAccessibleName(tr("Find in the history"))
         self._search.setClearButtonEnabled(True)
         self._looking = QTimer(self, singleShot=True, interval=_SEARCH_AFTER_MS)
         self._looking.timeout.connect(self.look_up)
@@ -102,9 +110,9 @@ class AboutPage(QWidget):
         self._no_history = QLabel()
         self._no_history.setObjectName("person_no_history")
         self._no_history.setWordWrap(True)
-        self._merge = self._button("person_merge", "Merge…", "git-merge", self.merge_wanted.emit)
-        self._split = self._button("person_split", "Split", "users", self._on_split)
-        self._forget = self._button("person_forget", "Forget…", "trash", self.forget_wanted.emit)
+        self._merge = self._button("person_merge", tr("Merge…"), "git-merge", self.merge_wanted.emit)
+        self._split = self._button("person_split", tr("Split"), "users", self._on_split)
+        self._forget = self._button("person_forget", tr("Forget…"), "trash", self.forget_wanted.emit)
         self._arrange()
         theme.changed.connect(self._style)
         self._style()
@@ -128,8 +136,10 @@ class AboutPage(QWidget):
         row = QWidget()
         row.setObjectName(f"person_suggestion_{number}")
         text = QLabel()
-        yes = self._button(f"person_suggestion_yes_{number}", "Yes", "check", lambda: self._answer(number, yes=True))
-        no = self._button(f"person_suggestion_no_{number}", "No", "x", lambda: self._answer(number, yes=False))
+        yes = self._button(
+            f"person_suggestion_yes_{number}", tr("Yes"), "check", lambda: self._answer(number, yes=True)
+        )
+        no = self._button(f"person_suggestion_no_{number}", tr("No"), "x", lambda: self._answer(number, yes=False))
         line = QHBoxLayout(row)
         line.setContentsMargins(0, 0, 0, 0)
         line.addWidget(text, 1)
@@ -147,7 +157,7 @@ class AboutPage(QWidget):
         form.setHorizontalSpacing(10)
         form.setVerticalSpacing(6)
         for row, (text, field) in enumerate(
-            (("Name", self._name), ("Group", self._group), ("Tags", self._tags), ("Note", self._note))
+            ((tr("Name"), self._name), (tr("Group"), self._group), (tr("Tags"), self._tags), (tr("Note"), self._note))
         ):
             form.addWidget(self._heading(text), row, 0)
             form.addWidget(field, row, 1)
@@ -155,7 +165,7 @@ class AboutPage(QWidget):
         for box in self._consents.values():
             agreed.add(box)
         past = QHBoxLayout()
-        past.addWidget(self._heading("History"))
+        past.addWidget(self._heading(tr("History")))
         past.addWidget(self._search, 1)
         acts = FlowRow(gap_px=6)
         for button in (self._merge, self._split, self._forget):
@@ -171,7 +181,7 @@ class AboutPage(QWidget):
         known.addWidget(self._not)
         column.addLayout(known)
         column.addLayout(form)
-        column.addWidget(self._heading("Agrees to"))
+        column.addWidget(self._heading(tr("Agrees to")))
         column.addWidget(agreed)
         column.addLayout(past)
         column.addWidget(self._no_history)
@@ -213,19 +223,20 @@ class AboutPage(QWidget):
         self._complete(groups)
         self._how.setText(how_known(person, self._recognise, self._recognises))
         show_part(self._not, is_identified(person) and person.here)
-        self._not.set_label(f"Not {words.shortened(name, 18)}")
+        self._not.set_label(tr("Not {name}").format(name=words.shortened(name, 18)))
         for number, (row, said, _yes, _no) in enumerate(self._suggested):
             there = number < len(person.suggestions)
             show_part(row, there)
             if there:
                 suggestion = person.suggestions[number]
                 sure = words.percent(suggestion.confidence)
-                said.setText(f"{'or' if number else 'Maybe'} {suggestion.name} ({sure})")
+                could = tr("or {name} ({sure})") if number else tr("Maybe {name} ({sure})")
+                said.setText(could.format(name=suggestion.name, sure=sure))
         for kind, box in self._consents.items():
             box.setChecked(kind in person.consents)
         self._split.setEnabled(person.here)
-        self._merge.setToolTip(f"{name} is the same person as somebody else in the list")
-        self._split.setToolTip(f"Who is here now is somebody else than {name} was before")
+        self._merge.setToolTip(tr("{name} is the same person as somebody else in the list").format(name=name))
+        self._split.setToolTip(tr("Who is here now is somebody else than {name} was before").format(name=name))
 
     def _complete(self, groups: Sequence[str]) -> None:
         """A group that there is already completes itself while it is typed; no list opens over the window."""
@@ -243,7 +254,7 @@ class AboutPage(QWidget):
         if self._person is not None and person_id != self._person.person_id:
             return
         self.history.entries.show_entries(entries)
-        self._no_history.setText("Nothing of that was found." if text else "Nothing is known from before.")
+        self._no_history.setText(tr("Nothing of that was found.") if text else tr("Nothing is known from before."))
         show_part(self._no_history, not entries)
         self.history.setFixedHeight(min(len(entries), _HISTORY_ROWS) * ROW_PX + 4)
         show_part(self.history, bool(entries))

@@ -4,6 +4,7 @@ from PySide6.QtCore import QRectF
 from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import words
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
@@ -23,7 +24,8 @@ class Face(QWidget):
     def show_person(self, person: PersonRow | None) -> None:
         if person != self._person:
             self._person = person
-            self.setAccessibleName("" if person is None else f"Portrait of {words.person_name(person)}")
+            name = "" if person is None else words.person_name(person)
+            self.setAccessibleName(tr("Portrait of {name}").format(name=name) if name else "")
             self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

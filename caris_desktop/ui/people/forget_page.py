@@ -3,6 +3,7 @@
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.theme import Theme
@@ -23,14 +24,14 @@ class ForgetPage(QWidget):
         self._title.setObjectName("forget_title")
         self._what = QLabel()
         self._what.setObjectName("forget_what")
-        self._not_now = QLabel("A session is being recorded: end it first.")
+        self._not_now = QLabel(tr("A session is being recorded: end it first."))
         self._not_now.setObjectName("forget_not_now")
         for label in (self._title, self._what, self._not_now):
             label.setWordWrap(True)
-        self._do = ActionButton(theme, "Forget for good", icon="trash", look="outline_danger")
+        self._do = ActionButton(theme, tr("Forget for good"), icon="trash", look="outline_danger")
         self._do.setObjectName("forget_do")
         self._do.clicked.connect(lambda: self.forgotten.emit(self._person_id))
-        keep = ActionButton(theme, "Keep")
+        keep = ActionButton(theme, tr("Keep"))
         keep.setObjectName("forget_keep")
         keep.clicked.connect(self.back)
         row = QHBoxLayout()
@@ -53,13 +54,15 @@ class ForgetPage(QWidget):
         """While a session is ``recording`` nobody is forgotten: what is being written cannot be changed."""
         name = words.person_name(person)
         self._person_id = person.person_id
-        self._title.setText(f"Forget {name}?")
+        self._title.setText(tr("Forget {name}?").format(name=name))
         self._what.setText(
-            f"Name, group, tags, note, portrait, history and how {name} looks are deleted from this study. In films "
-            f"and photos {name} is covered; sound is silent where they speak or are named. Exports that show them are "
-            "removed.\n\n"
-            "Texts that may name them are listed for you to decide on.\n\n"
-            "That takes a while; you can go on meanwhile. It cannot be undone."
+            tr(
+                "Name, group, tags, note, portrait, history and how {name} looks are deleted from this study. In films "
+                "and photos {name} is covered; sound is silent where they speak or are named. Exports that show them "
+                "are removed.\n\n"
+                "Texts that may name them are listed for you to decide on.\n\n"
+                "That takes a while; you can go on meanwhile. It cannot be undone."
+            ).format(name=name)
         )
         self._not_now.setVisible(recording)
         self._do.setEnabled(not recording)

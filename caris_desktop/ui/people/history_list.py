@@ -8,6 +8,7 @@ from PySide6.QtCore import QAbstractListModel, QModelIndex, QObject, QPersistent
 from PySide6.QtGui import QFontMetrics, QPainter
 from PySide6.QtWidgets import QStyledItemDelegate, QStyleOptionViewItem
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.people.store import HistoryEntry
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
@@ -34,14 +35,15 @@ def what(entry: HistoryEntry) -> str:
     match entry.kind:
         case "visit":
             if entry.until_utc_ns is None:
-                return "Visit"
-            return f"Visit, {words.long_duration((entry.until_utc_ns - entry.utc_ns) / 1e9)}"
+                return tr("Visit")
+            lasted = words.long_duration((entry.until_utc_ns - entry.utc_ns) / 1e9)
+            return tr("Visit, {time}").format(time=lasted)
         case "said":
-            return f"Robot: “{entry.text}”"
+            return tr("Robot: “{text}”").format(text=entry.text)
         case "heard":
             return f"“{entry.text}”"
         case "photo":
-            return f"Photo {entry.text.rsplit('/', 1)[-1]}"
+            return tr("Photo {name}").format(name=entry.text.rsplit("/", 1)[-1])
         case _:
             return entry.text
 
@@ -81,7 +83,7 @@ class HistoryList(RowList):
     def __init__(self, theme: Theme) -> None:
         super().__init__(row_px=ROW_PX)
         self.setObjectName("person_history")
-        self.setAccessibleName("History")
+        self.setAccessibleName(tr("History"))
         self.entries = HistoryModel(self)
         self.setModel(self.entries)
         self.setItemDelegate(_EntryDelegate(theme, self))

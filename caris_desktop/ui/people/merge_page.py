@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.people.face import Face
@@ -41,8 +42,8 @@ class MergePage(QWidget):
         self._title.setObjectName("merge_title")
         self._field = EnterField()
         self._field.setObjectName("merge_field")
-        self._field.setPlaceholderText("Name, group or tag")
-        self._field.setAccessibleName("Find who it is")
+        self._field.setPlaceholderText(tr("Name, group or tag"))
+        self._field.setAccessibleName(tr("Find who it is"))
         self._field.textChanged.connect(self._offer)
         self._field.returnPressed.connect(self._choose_first)
         self._offered = [ActionButton(theme, "", may_shrink=True, height_px=32) for _ in range(_OFFERED)]
@@ -61,10 +62,10 @@ class MergePage(QWidget):
         self._told = QLabel()
         self._told.setObjectName("merge_told")
         self._told.setWordWrap(True)
-        back = ActionButton(theme, "Back", icon="caret-left")
+        back = ActionButton(theme, tr("Back"), icon="caret-left")
         back.setObjectName("merge_back")
         back.clicked.connect(self._on_back)
-        self._do = ActionButton(theme, "Same person", icon="check", look="primary")
+        self._do = ActionButton(theme, tr("Same person"), icon="check", look="primary")
         self._do.setObjectName("merge_do")
         self._do.clicked.connect(self._on_do)
         row = QHBoxLayout()
@@ -105,7 +106,8 @@ class MergePage(QWidget):
             return
         name = words.person_name(person)
         comparing = other is not None
-        self._title.setText("Are these one person?" if comparing else f"Who is the same person as {name}?")
+        who = tr("Who is the same person as {name}?").format(name=name)
+        self._title.setText(tr("Are these one person?") if comparing else who)
         self._field.setVisible(not comparing)
         self._both.setVisible(comparing)
         self._told.setVisible(comparing)
@@ -132,8 +134,9 @@ class MergePage(QWidget):
             name.setText(words.person_name(each))
         goes, stays = who_stays(person, other)
         self._told.setText(
-            f"Visits, photos and notes of {words.person_name(goes)} become those of {words.person_name(stays)}. "
-            "You can undo it."
+            tr("Visits, photos and notes of {goes} become those of {stays}. You can undo it.").format(
+                goes=words.person_name(goes), stays=words.person_name(stays)
+            )
         )
 
     def _choose(self, person_id: str) -> None:

@@ -15,7 +15,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QStyle, QStyledItemDelegate, QStyleOptionViewItem, QToolTip
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
@@ -39,8 +39,8 @@ _ICON_PX = 17
 _TEXT_AT_LEAST_PX = 96
 _RESTS_MS = 4_000
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-_NAME_HINT = "Name, then Enter"
-_NOBODY_HINT = "Nobody is named: this person is gone"
+_NAME_HINT = QT_TR_NOOP("Name, then Enter")
+_NOBODY_HINT = QT_TR_NOOP("Nobody is named: this person is gone")
 
 
 class PeopleList(RowList):
@@ -70,7 +70,7 @@ class PeopleList(RowList):
         self._asked = ""
         self._not_seen_yet = ""
         self._keys = ("", "")
-        self.setAccessibleName("People")
+        self.setAccessibleName(tr("People"))
         self.setModel(model)
         self.setItemDelegate(PersonDelegate(theme, model, self, portraits))
         self.setMouseTracking(True)
@@ -220,7 +220,7 @@ class PeopleList(RowList):
         button = self._button_at(event.pos())
         text = str(self._people.index(row).data(Qt.ItemDataRole.AccessibleTextRole))
         if self._may_decide:
-            text += ". A click says that you mean this person."
+            text = tr("{person}. A click says that you mean this person.").format(person=text)
         QToolTip.showText(event.globalPos(), wrapped_tip(button[0].tip if button else text), self)
 
     def hideEvent(self, event: QHideEvent) -> None:
@@ -253,10 +253,10 @@ class PeopleList(RowList):
             return
         person = self._people.persons[row]
         self._field.setReadOnly(False)
-        self._field.setPlaceholderText(_NAME_HINT)
+        self._field.setPlaceholderText(tr(_NAME_HINT))
         self.scrollTo(self._people.index(row))
         self._naming = person_id
-        self._field.setAccessibleName(f"Name of {words.person_name(person)}")
+        self._field.setAccessibleName(tr("Name of {name}").format(name=words.person_name(person)))
         self._field.setText(person.name if words.has_given_name(person) else "")
         self._place_field()
         self._field.show()
@@ -279,7 +279,7 @@ class PeopleList(RowList):
         if self._naming and not self._people.knows(self._naming) and not self._field.isReadOnly():
             self._field.clear()
             self._field.setReadOnly(True)
-            self._field.setPlaceholderText(_NOBODY_HINT)
+            self._field.setPlaceholderText(tr(_NOBODY_HINT))
 
     def give_up_naming(self) -> None:
         """Nothing is named."""
@@ -464,9 +464,10 @@ class PersonDelegate(QStyledItemDelegate):
             mark = tr(UNCONFIRMED)
             used = self._paint_cut(painter, lower, mark, small, "amber")
             lower, below = lower.adjusted(used, 0, 0, 0), below.removeprefix(mark)
-        if person.speaking and seen.startswith(SPEAKING) and not suggested:
-            used = self._paint_cut(painter, lower, SPEAKING, small, "green")
-            lower, below = lower.adjusted(used, 0, 0, 0), below.removeprefix(SPEAKING)
+        speaking = tr(SPEAKING)
+        if person.speaking and seen.startswith(speaking) and not suggested:
+            used = self._paint_cut(painter, lower, speaking, small, "green")
+            lower, below = lower.adjusted(used, 0, 0, 0), below.removeprefix(speaking)
         self._paint_cut(painter, lower, below, small, "dim")
 
     def _paint_cut(self, painter: QPainter, rect: QRect, text: str, font: QFont, role: str) -> int:

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QStackedWidget, QVBoxLay
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PersonHistory
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
@@ -68,7 +69,7 @@ class PersonCard(QWidget):
         self._seen.setObjectName("person_card_seen")
         close = ActionButton(theme, "", icon="x", look="ghost", height_px=30)
         close.setObjectName("person_card_close")
-        close.setAccessibleName("Close the card")
+        close.setAccessibleName(tr("Close the card"))
         close.clicked.connect(self.close_card)
         self.about = AboutPage(theme, do, recognise=recognise)
         self.about.merge_wanted.connect(lambda: self.show_page("merge"))

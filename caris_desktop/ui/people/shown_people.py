@@ -15,8 +15,13 @@ Standing = Literal["here", "was", "known"]
 
 ButtonAct = Literal["yes", "no", "same", "name", "not", "card"]
 
-CAPTIONS: dict[Standing, str] = {"here": "Here", "was": "Was here", "known": "Known in this study"}
-SPEAKING = "speaking"
+CAPTIONS: dict[Standing, str] = {
+    "here": QT_TR_NOOP("Here"),
+    "was": QT_TR_NOOP("Was here"),
+    "known": QT_TR_NOOP("Known in this study"),
+}
+SPEAKING = QT_TR_NOOP("speaking")
+_POSTURES = {"standing": QT_TR_NOOP("standing"), "sitting": QT_TR_NOOP("sitting")}
 UNCONFIRMED = QT_TR_NOOP("not confirmed")
 _AHEAD_RAD = math.radians(8)
 _BESIDE_RAD = math.radians(110)
@@ -46,7 +51,7 @@ def captions(persons: Sequence[PersonRow]) -> dict[int, str]:
     standings = [standing_of(person) for person in persons]
     firsts = {standing: standings.index(standing) for standing in CAPTIONS if standing in standings}
     return {
-        row: f"{CAPTIONS[standing]} · {standings.count(standing)}"
+        row: f"{tr(CAPTIONS[standing])} · {standings.count(standing)}"
         for standing, row in firsts.items()
         if standing != "here"
     }
@@ -67,10 +72,10 @@ def direction(bearing_rad: float) -> str:
     """Where somebody is as the robot looks: ahead, left, right, behind."""
     away = abs(math.remainder(bearing_rad, math.tau))
     if away <= _AHEAD_RAD:
-        return "ahead"
+        return tr("ahead")
     if away > _BESIDE_RAD:
-        return "behind"
-    return "left" if math.remainder(bearing_rad, math.tau) > 0 else "right"
+        return tr("behind")
+    return tr("left") if math.remainder(bearing_rad, math.tau) > 0 else tr("right")
 
 
 def whereabouts(person: PersonRow) -> str:
@@ -87,7 +92,7 @@ def recognised(person: PersonRow) -> str:
     """How sure it is who this is: recognised, 94 %. Empty where nobody had to find out."""
     if not is_identified(person) or not person.confidence:
         return ""
-    how = "recognised" if words.has_given_name(person) else "was here before"
+    how = tr("recognised") if words.has_given_name(person) else tr("was here before")
     return f"{how}, {words.percent(person.confidence)}"
 
 
@@ -102,12 +107,12 @@ def name_of(console: WizardConsole, person_id: str) -> str:
     rows = (*state.persons.value, *state.everybody.value)
     row = next((row for row in rows if row.person_id == person_id), None)
     if row is None:
-        return "Somebody"
+        return tr("Somebody")
     return words.person_name(row if console.scenario.permissions.naming_people else _unnamed(row))
 
 
 def _unnamed(person: PersonRow) -> PersonRow:
-    name = unnamed_label(person.number) if person.number else f"Person {person.track}"
+    name = unnamed_label(person.number) if person.number else tr("Person {number}").format(number=person.track)
     return replace(
         person, name=name, known=False, group="", tags=(), note="", suggestions=(), portrait="", visit_id="", summary=""
     )
@@ -136,16 +141,16 @@ def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") ->
     """The second line of a row, in parts, what matters first: who has little room reads its beginning."""
     standing = standing_of(person)
     if standing == "known":
-        return ["known from before"]
+        return [tr("known from before")]
     if standing == "was":
-        return [f"left {words.ago((now_ns - person.last_seen_ns) / 1e9)}"]
+        return [tr("left {ago}").format(ago=words.ago((now_ns - person.last_seen_ns) / 1e9))]
     parts = [
-        SPEAKING if person.speaking else "",
-        "hand raised" if person.hand_raised else "",
+        tr(SPEAKING) if person.speaking else "",
+        tr("hand raised") if person.hand_raised else "",
         whereabouts(person),
-        person.posture,
+        tr(_POSTURES.get(person.posture, person.posture)),
         seen_elsewhere(person, camera_on_show),
-        f"here {words.since((now_ns - person.since_ns) / 1e9)}",
+        tr("here {since}").format(since=words.since((now_ns - person.since_ns) / 1e9)),
         recognised(person),
     ]
     return [part for part in parts if part]
@@ -170,22 +175,23 @@ def buttons_of(
     ``unconfirmed``: it has to be said first that this is still who the row says.
     """
     name = words.person_name(person)
-    card = RowButton("card", "", "identification-card", f"All about {name}")
+    card = RowButton("card", "", "identification-card", tr("All about {name}").format(name=name))
     if person.suggestion is not None:
         other = person.suggestion.name
         return (
-            RowButton("yes", "Yes", "", f"Yes, this is {other}", yes_key),
-            RowButton("no", "No", "", f"This is not {other}. It is remembered.", no_key),
+            RowButton("yes", tr("Yes"), "", tr("Yes, this is {name}").format(name=other), yes_key),
+            RowButton("no", tr("No"), "", tr("This is not {name}. It is remembered.").format(name=other), no_key),
             card,
         )
-    rename = RowButton("name", "", "pencil-simple", f"Rename {name}")
+    rename = RowButton("name", "", "pencil-simple", tr("Rename {name}").format(name=name))
     if unconfirmed:
         same = RowButton("same", tr("Confirm"), "check", tr("Yes, this is {name}, as before (Enter)").format(name=name))
         return same, rename, card
     if not can_be_named:
         return ()
     if not words.has_given_name(person):
-        return RowButton("name", "Name", "pencil-simple", f"Give {name} a name"), card
+        return RowButton("name", tr("Name"), "pencil-simple", tr("Give {name} a name").format(name=name)), card
     if is_identified(person) and standing_of(person) == "here":
-        return RowButton("not", "", "user-minus", f"This is not {name}. It is remembered."), rename, card
+        this_is_not = tr("This is not {name}. It is remembered.").format(name=name)
+        return RowButton("not", "", "user-minus", this_is_not), rename, card
     return rename, card

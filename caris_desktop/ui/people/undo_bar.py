@@ -4,6 +4,7 @@ from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import cap_text
 from caris_desktop.ui.theme import Theme
@@ -23,7 +24,7 @@ class UndoBar(QWidget):
         self.setObjectName("people_undo")
         self._theme = theme
         self.text = CutLabel()
-        self.button = ActionButton(theme, "Undo", icon="arrow-u-up-left", key=cap_text("Ctrl+Z"), height_px=28)
+        self.button = ActionButton(theme, tr("Undo"), icon="arrow-u-up-left", key=cap_text("Ctrl+Z"), height_px=28)
         self.button.setObjectName("people_undo_button")
         self.button.clicked.connect(self.undone)
         row = QHBoxLayout(self)

@@ -15,6 +15,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QFrame, QPlainTextEdit, QTextEdit
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui.speak.completion import completion
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.key_cap import KeyCap
@@ -53,7 +54,7 @@ class SpeakField(QPlainTextEdit):
         self._dictated: QTextCursor | None = None
         self._dictated_any = False
         self._enter = KeyCap(theme, "Enter", self)
-        self.setAccessibleName("What the robot says next")
+        self.setAccessibleName(tr("What the robot says next"))
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setTabChangesFocus(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)

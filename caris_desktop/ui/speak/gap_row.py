@@ -4,13 +4,14 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.conversation.placeholders import NAME, PLACE
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import AskedGap
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
 
-_QUESTIONS = {NAME: "Which name?", PLACE: "Which place?"}
+_QUESTIONS = {NAME: QT_TR_NOOP("Which name?"), PLACE: QT_TR_NOOP("Which place?")}
 
 
 class GapRow(QWidget):
@@ -29,9 +30,11 @@ class GapRow(QWidget):
         self.field.setMaxLength(200)
         self.field.setMinimumWidth(90)
         self.field.returnPressed.connect(self._on_return)
-        self._say = ActionButton(theme, "Say it", key="Enter", height_px=30, text_px=tokens.BODY_PX - 1)
+        self._say = ActionButton(theme, tr("Say it"), key="Enter", height_px=30, text_px=tokens.BODY_PX - 1)
         self._say.clicked.connect(self._on_return)
-        self._leave = ActionButton(theme, "Leave it", key="Esc", height_px=30, text_px=tokens.BODY_PX - 1, look="ghost")
+        self._leave = ActionButton(
+            theme, tr("Leave it"), key="Esc", height_px=30, text_px=tokens.BODY_PX - 1, look="ghost"
+        )
         self._leave.setObjectName("gap_leave")
         self._leave.clicked.connect(self.given_up)
         self._question.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
@@ -47,9 +50,11 @@ class GapRow(QWidget):
         self.hide()
 
     def ask(self, asked: AskedGap) -> None:
-        self._question.setText(_QUESTIONS.get(asked.gap, f"What is {{{asked.gap}}}?"))
-        self.field.setPlaceholderText(f"for “{words.shortened(asked.text, 60)}”")
-        self.field.setAccessibleName(f"{self._question.text()} It is for “{asked.text}”")
+        question = tr("What is {gap}?").format(gap=f"{{{asked.gap}}}")
+        self._question.setText(tr(_QUESTIONS[asked.gap]) if asked.gap in _QUESTIONS else question)
+        self.field.setPlaceholderText(tr("for “{text}”").format(text=words.shortened(asked.text, 60)))
+        named = tr("{question} It is for “{text}”")
+        self.field.setAccessibleName(named.format(question=self._question.text(), text=asked.text))
         self.field.clear()
         self.show()
 

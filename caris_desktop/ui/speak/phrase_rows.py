@@ -2,6 +2,7 @@
 
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.ui import tokens
@@ -12,7 +13,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.key_cap import KeyCap
 
-_UNTITLED = "General"
+_UNTITLED = QT_TR_NOOP("General")
 
 
 class PhraseRows(QWidget):
@@ -24,7 +25,9 @@ class PhraseRows(QWidget):
         self._console = console
         self._actions = actions
         groups = phrase_groups(console.scenario.phrases)
-        self._titles = [ActionButton(theme, group.title or _UNTITLED, look="ghost", height_px=28) for group in groups]
+        self._titles = [
+            ActionButton(theme, group.title or tr(_UNTITLED), look="ghost", height_px=28) for group in groups
+        ]
         tabs = self._tabs = QWidget()
         tabs_row = QHBoxLayout(tabs)
         tabs_row.setContentsMargins(0, 0, 0, 0)
@@ -101,7 +104,10 @@ class PhraseRows(QWidget):
         bound = {spec.argument for spec in self._actions.all_specs if spec.intent is say_keyed_phrase}
         keyless = [phrase for phrase in keyed_phrases(self._console.scenario) if phrase not in bound]
         told = [
-            f"{cap_text(phrase.key)} does something else already: “{phrase.say}” is without it." for phrase in keyless
+            tr("{key} does something else already: “{phrase}” is without it.").format(
+                key=cap_text(phrase.key), phrase=phrase.say
+            )
+            for phrase in keyless
         ]
         self._keyless.setText(" ".join(told))
         self._keyless.setVisible(bool(told))

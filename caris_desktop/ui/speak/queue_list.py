@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QApplication, QHBoxLayout, QLabel, QVBoxLayout, QW
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.person_marks import mark_of
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.action_rows import QUEUE_GROUP
@@ -37,7 +38,7 @@ class QueueList(QWidget):
         self._rows: dict[str, _QueueRow] = {}
         self._chosen = ""
         self.setObjectName("speak_queue")
-        self.setAccessibleName("What is said next")
+        self.setAccessibleName(tr("What is said next"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(0, 0, 0, 0)
@@ -196,7 +197,7 @@ class _QueueRow(QWidget):
         self.label = CutLabel()
         self._editor = EnterField()
         self._editor.setObjectName("queue_editor")
-        self._editor.setAccessibleName("What is said instead")
+        self._editor.setAccessibleName(tr("What is said instead"))
         self._editor.setMaxLength(1000)
         self._editor.hide()
         self._editor.returnPressed.connect(self._on_return)
@@ -210,8 +211,8 @@ class _QueueRow(QWidget):
         row.addWidget(self._key)
         self._movers: list[ActionButton] = []
         for act, icon, tip in (
-            ("move_earlier", "arrow-up", "Say it earlier"), ("move_later", "arrow-down", "Say it later"),
-            ("edit", "pencil-simple", "Say it differently"), ("cancel", "x", "Do not say it"),
+            ("move_earlier", "arrow-up", tr("Say it earlier")), ("move_later", "arrow-down", tr("Say it later")),
+            ("edit", "pencil-simple", tr("Say it differently")), ("cancel", "x", tr("Do not say it")),
         ):  # fmt: skip
             button = ActionButton(theme, icon=icon, look="ghost", height_px=26)
             button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -232,7 +233,7 @@ class _QueueRow(QWidget):
         return text if self._editor.isVisible() and text != self._template else ""
 
     def show_utterance(self, number: int, count: int, spoken: str, utterance: UtteranceChanged) -> None:
-        self._number.setText("Next" if count == 1 else f"{number} of {count}")
+        self._number.setText(tr("Next") if count == 1 else tr("{number} of {count}").format(number=number, count=count))
         self._key.setVisible(number == 1 and bool(self._key_text))
         self.label.setText(f"“{spoken}”")
         # To be filled in anew with what is so by then.

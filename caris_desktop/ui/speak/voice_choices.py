@@ -4,13 +4,20 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.events import VoiceOutput
 from caris_desktop.domain.intents import SetVoice
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import VoiceStatus
 
 _OUTPUTS: tuple[tuple[VoiceOutput, str], ...] = (
-    ("robot", "The robot speaks"), ("computer", "This computer speaks"), ("both", "Both speak at once"),
+    ("robot", QT_TR_NOOP("The robot speaks")), ("computer", QT_TR_NOOP("This computer speaks")),
+    ("both", QT_TR_NOOP("Both speak at once")),
 )  # fmt: skip
-_RATES = ((0.75, "Slowly"), (1.0, "At usual speed"), (1.25, "Quickly"), (1.5, "Very quickly"))
-_VOLUMES = ((0.25, "Quietly"), (0.5, "At half volume"), (1.0, "At full volume"))
+_RATES = (
+    (0.75, QT_TR_NOOP("Slowly")),
+    (1.0, QT_TR_NOOP("At usual speed")),
+    (1.25, QT_TR_NOOP("Quickly")),
+    (1.5, QT_TR_NOOP("Very quickly")),
+)
+_VOLUMES = ((0.25, QT_TR_NOOP("Quietly")), (0.5, QT_TR_NOOP("At half volume")), (1.0, QT_TR_NOOP("At full volume")))
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +39,7 @@ def voice_choices(voice: VoiceStatus) -> list[list[VoiceChoice]]:
         }  # fmt: skip
         return VoiceChoice(text, chosen, SetVoice(**{**now, **changes}))  # type: ignore[arg-type]
 
-    groups = [[choice(text, chosen=voice.output == output, output=output) for output, text in _OUTPUTS]]
+    groups = [[choice(tr(text), chosen=voice.output == output, output=output) for output, text in _OUTPUTS]]
     if voice.output == "robot":
         return groups
     groups.append(
@@ -43,8 +50,8 @@ def voice_choices(voice: VoiceStatus) -> list[list[VoiceChoice]]:
             for name, language in voice.choices
         ]
     )
-    groups.append([choice(text, chosen=voice.rate == rate, rate=rate) for rate, text in _RATES])
-    groups.append([choice(text, chosen=voice.volume == volume, volume=volume) for volume, text in _VOLUMES])
+    groups.append([choice(tr(text), chosen=voice.rate == rate, rate=rate) for rate, text in _RATES])
+    groups.append([choice(tr(text), chosen=voice.volume == volume, volume=volume) for volume, text in _VOLUMES])
     return [group for group in groups if group]
 
 

@@ -12,6 +12,7 @@ from PySide6.QtGui import QFontMetricsF, QImage, QPainter, QPaintEvent, QPen, QR
 from PySide6.QtWidgets import QAbstractButton, QWidget
 
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.painted_once import PaintedOnce
@@ -75,9 +76,11 @@ class SmallPicture(QAbstractButton):
     def __init__(self, theme: Theme, panel: Panel, camera: str, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName(f"small_picture_{camera}")
-        self.setAccessibleName(f"Show the {words.camera_in_text(camera)}")
+        self.setAccessibleName(tr("Show the {camera}").format(camera=words.camera_in_text(camera)))
         self.setToolTip(
-            f"Show the {words.camera_in_text(camera)} large ({panel.table.key_text('next_camera')}: the next camera)"
+            tr("Show the {camera} large ({key}: the next camera)").format(
+                camera=words.camera_in_text(camera), key=panel.table.key_text("next_camera")
+            )
         )
         self.setCursor(Qt.CursorShape.PointingHandCursor)
         # The keys stay with driving or with the text field.
@@ -107,11 +110,11 @@ class SmallPicture(QAbstractButton):
             case "fresh":
                 return "", ""
             case "stale":
-                return f"{words.age(age_s or 0.0)} old", ""
+                return tr("{age} old").format(age=words.age(age_s or 0.0)), ""
             case _ if live:
                 return "", words.no_picture(age_s, self._panel.state.state_of(self.camera).value)
             case _:
-                return "", "No picture at this moment"
+                return "", tr("No picture at this moment")
 
     def look(self) -> None:
         """Take the newest picture, as after a while in which nobody saw this."""

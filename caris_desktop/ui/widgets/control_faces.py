@@ -4,10 +4,11 @@ import time
 from collections.abc import Callable
 
 from PySide6.QtCore import QRectF, QSignalBlocker, QSize, Qt, QTimer
-from PySide6.QtGui import QPainter, QPaintEvent, QPen, QWheelEvent
+from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPen, QWheelEvent
 from PySide6.QtWidgets import QAbstractButton, QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QSlider, QWidget
 
 from caris_desktop.domain.controls import Choice, ControlValue, RobotControl
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.control_words import value_words
 from caris_desktop.ui.theme import Theme
@@ -153,8 +154,13 @@ class _ToggleFace(ControlFace):
 
     def _refresh(self) -> None:
         shown = self._shown()
-        self.value_text = "unknown" if shown is None else "on" if shown else "off"
+        self.value_text = tr("unknown") if shown is None else tr("on") if shown else tr("off")
         self._switch.show_value(shown)
+
+
+def _word_width(metrics: QFontMetrics) -> int:
+    """The room for what a switch says at its end."""
+    return max(metrics.horizontalAdvance(word) for word in (tr("on"), tr("off")))
 
 
 class Switch(QAbstractButton):
@@ -181,11 +187,11 @@ class Switch(QAbstractButton):
         self.update()
 
     def _word(self) -> str:
-        return "?" if self._value is None else "on" if self._value else "off"
+        return "?" if self._value is None else tr("on") if self._value else tr("off")
 
     def sizeHint(self) -> QSize:
         metrics = self.fontMetrics()
-        return QSize(64 + metrics.horizontalAdvance(self._title) + 8 + metrics.horizontalAdvance("off") + 12,
+        return QSize(64 + metrics.horizontalAdvance(self._title) + 8 + _word_width(metrics) + 12,
                      tokens.CONTROL_HEIGHT_PX)  # fmt: skip
 
     def minimumSizeHint(self) -> QSize:
@@ -215,7 +221,7 @@ class Switch(QAbstractButton):
         painter.drawEllipse(QRectF(left, track.center().y() - 6, 12, 12))
         painter.setFont(theme.font())
         painter.setPen(theme.color("text" if self.isEnabled() else "dim"))
-        word_width = self.fontMetrics().horizontalAdvance("off")
+        word_width = _word_width(self.fontMetrics())
         text = QRectF(54, 0, self.width() - 54 - word_width - 20, self.height())
         shown = self.fontMetrics().elidedText(self._title, Qt.TextElideMode.ElideRight, int(text.width()) + 1)
         painter.drawText(text, int(Qt.AlignmentFlag.AlignVCenter), shown)
@@ -320,7 +326,7 @@ class _SliderFace(_TitledFace):
 
     def _refresh(self) -> None:
         shown = self._set if self._set is not None else self._told
-        self.value_text = "not set yet" if shown is None else value_words(self.control, shown)
+        self.value_text = tr("not set yet") if shown is None else value_words(self.control, shown)
         self._value.setText(self.value_text)
 
 
@@ -354,7 +360,7 @@ class _ChoiceFace(_TitledFace):
             self.parts.addWidget(flow, 1)
         else:
             box = self._list = DropDown(theme, f"control_{control.id}_list", control.title)
-            box.setPlaceholderText("Choose…")
+            box.setPlaceholderText(tr("Choose…"))
             box.addItems([choice.title for choice in control.choices])
             box.activated.connect(lambda index: self._choose(control.choices[index]))
             self.parts.addWidget(box, 1)
@@ -405,9 +411,9 @@ class _TextFace(_TitledFace):
         self._field.setMaxLength(500)
         self._field.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
         self._field.returnPressed.connect(self._on_send)
-        send = ActionButton(theme, "Send", icon="paper-plane-right")
+        send = ActionButton(theme, tr("Send"), icon="paper-plane-right")
         send.setObjectName(f"control_{control.id}_send")
-        send.setAccessibleName(f"{control.title}: send")
+        send.setAccessibleName(tr("{control}: send").format(control=control.title))
         send.clicked.connect(self._on_send)
         self.parts.addWidget(self._field, 1)
         self.parts.addWidget(send)
@@ -455,7 +461,7 @@ class _ReadoutFace(ControlFace):
 
     def show_reading(self, value: ControlValue | None) -> None:
         self.value_text = "" if value is None else value_words(self.control, value)
-        shown = self.value_text or "not told yet"
+        shown = self.value_text or tr("not told yet")
         self._value.setText(shown if len(shown) <= 40 else shown[:39] + "…")
         self.tip = "" if value is None else f"{self.control.title}: {value}"
         self.setToolTip(self.tip)

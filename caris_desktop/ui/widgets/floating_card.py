@@ -9,6 +9,7 @@ from PySide6.QtCore import QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QHideEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -106,7 +107,7 @@ class ChoiceCard(FloatingCard):
             (self._first if number < per_row else self._second).addWidget(button)
             self._buttons.append(button)
         close = ActionButton(self._theme, "", icon="x", look="ghost", height_px=30)
-        close.setAccessibleName("Close")
+        close.setAccessibleName(tr("Close"))
         close.setObjectName(f"{self.objectName()}_close")
         close.clicked.connect(self.hide)
         self._first.addWidget(close)
@@ -134,10 +135,10 @@ class NameCard(FloatingCard):
         self.field.setMinimumWidth(150)
         self.field.setMaxLength(60)
         self._line = QLabel()
-        self._save = ActionButton(theme, "Save", icon="check", look="primary", height_px=30)
+        self._save = ActionButton(theme, tr("Save"), icon="check", look="primary", height_px=30)
         self._save.setObjectName(f"{name}_save")
         close = ActionButton(theme, "", icon="x", look="ghost", height_px=30)
-        close.setAccessibleName("Close")
+        close.setAccessibleName(tr("Close"))
         close.clicked.connect(self.hide)
         column = QVBoxLayout(self)
         column.setContentsMargins(8, 8, 8, 8)
@@ -158,9 +159,9 @@ class NameCard(FloatingCard):
     def _style(self) -> None:
         self._line.setFont(self._theme.font(tokens.STATUS_PX))
 
-    def ask(self, where: QPointF, line: str, *, verb: str = "Save", text: str = "") -> None:
+    def ask(self, where: QPointF, line: str, *, verb: str = "", text: str = "") -> None:
         self._line.setText(line)
-        self._save.set_label(verb)
+        self._save.set_label(verb or tr("Save"))
         self.field.setText(text)
         self._on_text_changed(text)
         self.open_at(where)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.sensing import FrameRef, HeadState
+from caris_desktop.domain.translation import tr
 from caris_desktop.robot.profile import RobotProfile
 
 FARTHEST_M = 8.0
@@ -42,10 +43,10 @@ def spot_at(model: CameraModel, u_px: float, v_px: float) -> FloorSpot | str:
     """The floor under a pixel, or why there is none to drive to, in words."""
     point = model.floor_point(u_px, v_px)
     if point is None:
-        return "That is not on the floor"
+        return tr("That is not on the floor")
     spot = FloorSpot(*point)
     if spot.distance_m > FARTHEST_M:
-        return f"Too far to aim at in the picture: more than {FARTHEST_M:.0f} m"
+        return tr("Too far to aim at in the picture: more than {distance:.0f} m").format(distance=FARTHEST_M)
     return spot
 
 

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.sensing import CameraState, FrameRef, People, PersonBox
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.painted_once import PaintedOnce
@@ -108,7 +109,7 @@ class FrameView(QWidget):
         self._press: QPointF | None = None
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setAccessibleName("Picture from the robot's camera")
+        self.setAccessibleName(tr("Picture from the robot's camera"))
         # Everything is painted, corners included: nothing that lies below is painted first.
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self._painted = PaintedOnce()
@@ -246,7 +247,7 @@ class FrameView(QWidget):
         return [self._words_for(box) for box in self._people.boxes]
 
     def _words_for(self, box: PersonBox) -> tuple[str, bool]:
-        return self._names.get(box.person_id, (f"Person {box.track}", False))
+        return self._names.get(box.person_id, (tr("Person {number}").format(number=box.track), False))
 
     def picture_rect(self) -> QRectF:
         """Where the picture is painted: as large as fits, undistorted."""
@@ -293,16 +294,17 @@ class FrameView(QWidget):
     def words_without_picture(self) -> tuple[str, str]:
         """What stands in the place of the picture: in short, and what it means."""
         if not self._panel.state.present.live:
-            return "No picture", "None was recorded at this moment."
+            return tr("No picture"), tr("None was recorded at this moment.")
         if self._camera and (self._freshness == "lost" or self._told is not None):
             silent = words.no_picture(self._age_s, self._told)
             return words.camera_title(self._camera), f"{silent} {self._lost_reason}"
         if self._freshness == "lost":
             silent = words.age(self._age_s or 0.0)
-            return "No picture", f"The camera has sent nothing for {silent}. {self._lost_reason}"
+            nothing = tr("The camera has sent nothing for {time}. {reason}")
+            return tr("No picture"), nothing.format(time=silent, reason=self._lost_reason)
         if self._out_of_reach:
-            return "No picture", "The robot is out of reach. The console keeps trying."
-        return "Waiting for the camera", "The picture appears here as soon as the robot sends it."
+            return tr("No picture"), tr("The robot is out of reach. The console keeps trying.")
+        return tr("Waiting for the camera"), tr("The picture appears here as soon as the robot sends it.")
 
     def _paint_words(self, painter: QPainter) -> None:
         theme = self._theme
@@ -322,7 +324,7 @@ class FrameView(QWidget):
         )  # fmt: skip
 
     def _paint_stale(self, painter: QPainter) -> None:
-        text = f"Picture is {words.age(self._age_s or 0.0)} old"
+        text = tr("Picture is {age} old").format(age=words.age(self._age_s or 0.0))
         font = self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD)
         width = QFontMetricsF(font).horizontalAdvance(text) + 32
         rect = QRectF((self.width() - width) / 2, self.height() / 2 - 22, width, 44)

@@ -7,6 +7,7 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QTouchEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.motion_wish import AT_REST, MotionWish
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
@@ -51,8 +52,8 @@ class Joystick(QWidget):
         self._wish = AT_REST
         self.setAttribute(Qt.WidgetAttribute.WA_AcceptTouchEvents)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
-        self.setAccessibleName("Driving stick" if use == "base" else "Head stick")
-        self.setToolTip("Drag to drive, let go to stop" if use == "base" else "Drag to turn the head")
+        self.setAccessibleName(tr("Driving stick") if use == "base" else tr("Head stick"))
+        self.setToolTip(tr("Drag to drive, let go to stop") if use == "base" else tr("Drag to turn the head"))
         theme.changed.connect(self.update)
 
     @property
@@ -68,9 +69,9 @@ class Joystick(QWidget):
         if possible != self._can_go_sideways:
             self._can_go_sideways = possible
             self.setToolTip(
-                "Drag to drive, let go to stop. From the outer ring, or with Shift, it moves sideways."
+                tr("Drag to drive, let go to stop. From the outer ring, or with Shift, it moves sideways.")
                 if possible
-                else "Drag to drive, let go to stop"
+                else tr("Drag to drive, let go to stop")
             )
             self.update()
 

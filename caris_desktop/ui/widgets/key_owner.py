@@ -6,6 +6,7 @@ from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.drive_keys import HoldToDrive, KeyOwner
 from caris_desktop.ui.icons import draw_icon
@@ -13,19 +14,19 @@ from caris_desktop.ui.theme import Theme
 
 _HEIGHT_PX = 24
 _WORDS: dict[KeyOwner, tuple[str, str, str]] = {
-    "driving": ("Keys drive", "blue", "game-controller"),
-    "typing": ("You type · Alt drives", "text", "text-aa"),
-    "window": ("Alt drives", "dim", "keyboard"),
-    "dialog": ("No keys: dialog open", "amber", "keyboard"),
-    "menu": ("No keys: menu open", "amber", "keyboard"),
-    "elsewhere": ("Keys go elsewhere", "amber", "keyboard"),
+    "driving": (QT_TR_NOOP("Keys drive"), "blue", "game-controller"),
+    "typing": (QT_TR_NOOP("You type · Alt drives"), "text", "text-aa"),
+    "window": (QT_TR_NOOP("Alt drives"), "dim", "keyboard"),
+    "dialog": (QT_TR_NOOP("No keys: dialog open"), "amber", "keyboard"),
+    "menu": (QT_TR_NOOP("No keys: menu open"), "amber", "keyboard"),
+    "elsewhere": (QT_TR_NOOP("Keys go elsewhere"), "amber", "keyboard"),
     "off": ("", "dim", "keyboard"),
 }
 
 
 def owner_words(owner: KeyOwner) -> str:
     """A few words for the chip; empty where the scenario does not drive."""
-    return _WORDS[owner][0]
+    return tr(_WORDS[owner][0])
 
 
 def owner_sentence(owner: KeyOwner, caps: Sequence[str]) -> str:
@@ -33,11 +34,11 @@ def owner_sentence(owner: KeyOwner, caps: Sequence[str]) -> str:
     keys = " ".join(cap.removeprefix("Alt ").removeprefix("⌥ ") for cap in caps)
     match owner:
         case "driving":
-            return f"Hold {keys} or arrows"
+            return tr("Hold {keys} or arrows").format(keys=keys)
         case "typing":
-            return f"Alt+{keys} while you type"
+            return tr("Alt+{keys} while you type").format(keys=keys)
         case "window":
-            return f"Hold Alt+{keys}"
+            return tr("Hold Alt+{keys}").format(keys=keys)
         case _:
             return owner_words(owner)
 
@@ -51,7 +52,7 @@ class KeyOwnerChip(QWidget):
         self._theme = theme
         self._owner: KeyOwner = "off"
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-        self.setToolTip("Where a key goes that you press now")
+        self.setToolTip(tr("Where a key goes that you press now"))
         theme.changed.connect(self.update)
         hold.key_owner_changed.connect(self.show_owner)
         self.show_owner(hold.key_owner)

@@ -14,6 +14,7 @@ from PySide6.QtWidgets import QWidget
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import PersonPlace
+from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
@@ -77,7 +78,7 @@ class MapShown:
     chips: list[tuple[str, str]] = field(default_factory=list)
     hint: str = ""
     mark: QPointF | None = None
-    waiting: str = "Waiting for the map"
+    waiting: str = field(default_factory=lambda: tr("Waiting for the map"))
     trail: Trail = field(default_factory=Trail)
     show_trail: bool = True
     rotate: bool = False

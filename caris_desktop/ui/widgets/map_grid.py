@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import OccupancyGrid
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.map_raster import GridRaster
 from caris_desktop.ui.widgets.map_viewport import MapViewport
@@ -58,7 +59,7 @@ class GridLayer(QObject):
         """Why the robot cannot be there; empty where it can."""
         value = self.value_at(at)
         if value is not None and value >= OCCUPIED:
-            return "There is an obstacle: choose free ground"
+            return tr("There is an obstacle: choose free ground")
         return ""
 
     def corners_in_map(self) -> list[Pose2D]:

@@ -7,6 +7,7 @@ from PySide6.QtCore import QObject, QPointF, Qt, QTimer, Signal
 from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import RobotPose
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui import words
@@ -20,12 +21,11 @@ from caris_desktop.ui.widgets.map_view import MapView
 _TOLD_SHOWN_S = 8.0
 _NO_PLACE_SHOWN_S = 5.0
 _UNDO_SHOWN_MS = 10_000
-_GIVE_UP = "Esc gives up"
 _HINTS: dict[Tool, str] = {
     "look": "",
-    "goal": f"Press where to go, drag to where to look · {_GIVE_UP}",
-    "pose": f"Press where it stands, drag to where it looks · {_GIVE_UP}",
-    "place": f"Press where the place is, drag to where to look · {_GIVE_UP}",
+    "goal": QT_TR_NOOP("Press where to go, drag to where to look · Esc gives up"),
+    "pose": QT_TR_NOOP("Press where it stands, drag to where it looks · Esc gives up"),
+    "place": QT_TR_NOOP("Press where the place is, drag to where to look · Esc gives up"),
 }
 
 
@@ -88,9 +88,9 @@ class MapTools(QObject):
     def _make_tools(self) -> dict[Tool, ActionButton]:
         tools: dict[Tool, ActionButton] = {}
         for tool, icon, tip in (
-            ("goal", "navigation-arrow", "Go here: a place and a heading (G)"),
-            ("place", "flag", "Add a place"),
-            ("pose", "map-pin", "The robot is here: tell it where it stands"),
+            ("goal", "navigation-arrow", tr("Go here: a place and a heading (G)")),
+            ("place", "flag", tr("Add a place")),
+            ("pose", "map-pin", tr("The robot is here: tell it where it stands")),
         ):
             button = icon_button(self._theme, f"map_tool_{tool}", icon, tip)
             button.setParent(self._view)
@@ -130,11 +130,12 @@ class MapTools(QObject):
         if tool == "look":
             self._view.show_hint("")
         elif self._view.shown.aim is not None and self._view.shown.aim.anchored:
-            self._view.show_hint(f"Click where it should look from there · {_GIVE_UP}")
+            self._view.show_hint(tr("Click where it should look from there · Esc gives up"))
         elif self._moving is not None:
-            self._view.show_hint(f"Press where {self._moving} is now, drag to where to look · {_GIVE_UP}")
+            where = tr("Press where {place} is now, drag to where to look · Esc gives up")
+            self._view.show_hint(where.format(place=self._moving))
         else:
-            self._view.show_hint(_HINTS[self._view.shown.tool])
+            self._view.show_hint(tr(_HINTS[self._view.shown.tool]))
 
     def _on_escape(self) -> None:
         self._moving = None
@@ -149,11 +150,11 @@ class MapTools(QObject):
         if not self.may_go:
             return
         choices = [
-            ("map_place_move", "Move", "arrows-out-cardinal", lambda: self._begin_moving(name)),
-            ("map_place_remove", "Remove", "trash", lambda: self._remove(name)),
+            ("map_place_move", tr("Move"), "arrows-out-cardinal", lambda: self._begin_moving(name)),
+            ("map_place_remove", tr("Remove"), "trash", lambda: self._remove(name)),
         ]
         if self.can_navigate():
-            go = (f"go_to_{name}", f"Go to {name}", "navigation-arrow", lambda: self.go_to(name))
+            go = (f"go_to_{name}", tr("Go to {place}").format(place=name), "navigation-arrow", lambda: self.go_to(name))
             self._card.offer(where, self.goal_speed(), [go, *choices])
         else:
             self._card.offer(where, name, choices, per_row=2)
@@ -174,19 +175,20 @@ class MapTools(QObject):
         line = refusal
         if not refusal and pose is not None:
             speed, _as_drive_says = words.goal_speed(self._state.robot.value, self._state.drive.value)
-            away = f"{math.dist((at.x(), at.y()), (pose.x_m, pose.y_m)):.1f} m from the robot"
+            distance_m = math.dist((at.x(), at.y()), (pose.x_m, pose.y_m))
+            away = tr("{distance:.1f} m from the robot").format(distance=distance_m)
             line = " · ".join(part for part in (away, speed if self.can_navigate() else "") if part)
             if self._state.map.value is not None and self._view.grid.value_at(at) is None:
-                line += ", not on the map yet"
+                line = ", ".join((line, tr("not on the map yet")))
         choices = []
         if not refusal:
             target = Pose2D(at.x(), at.y(), self._view.heading_towards(at))
             if self.can_navigate():
-                choices.append(("map_go_here", "Go here", "navigation-arrow", lambda: self._go_to_point(target)))
-                choices.append(("map_go_heading", "Choose heading", "compass", lambda: self.take("goal", at=at)))
-            choices.append(("map_add_place", "Add place", "flag", lambda: self.take("place", at=at)))
+                choices.append(("map_go_here", tr("Go here"), "navigation-arrow", lambda: self._go_to_point(target)))
+                choices.append(("map_go_heading", tr("Choose heading"), "compass", lambda: self.take("goal", at=at)))
+            choices.append(("map_add_place", tr("Add place"), "flag", lambda: self.take("place", at=at)))
             if self._can_set_pose():
-                choices.append(("map_robot_here", "Robot is here", "map-pin", lambda: self.take("pose", at=at)))
+                choices.append(("map_robot_here", tr("Robot is here"), "map-pin", lambda: self.take("pose", at=at)))
         self._card.offer(where, line, choices, per_row=2 if self.can_navigate() else 1)
         self._view.show_mark(at)
 
@@ -200,8 +202,9 @@ class MapTools(QObject):
                 self._console.do(intents.GoToPoint(pose))
             case "pose":
                 self._console.do(intents.SetInitialPose(pose))
-                how = "" if headed else " (heading as before)"
-                self.told.emit(f"The robot was told that it is here{how}", "hint", _TOLD_SHOWN_S)
+                told = tr("The robot was told that it is here")
+                as_before = tr("The robot was told that it is here (heading as before)")
+                self.told.emit(told if headed else as_before, "hint", _TOLD_SHOWN_S)
             case "place" if moving is not None:
                 old = next((place for place in self._state.places.value if place.name == moving), None)
                 if old is not None and not headed:
@@ -221,7 +224,9 @@ class MapTools(QObject):
         self._console.do(intents.RemovePlace(name))
         middle = QPointF(self._view.width() / 2, self._view.height())
         self._undo.offer(
-            middle, f"{name} was removed", [("map_undo_button", "Put back", "arrow-u-up-left", self._put_back)]
+            middle,
+            tr("{place} was removed").format(place=name),
+            [("map_undo_button", tr("Put back"), "arrow-u-up-left", self._put_back)],
         )
         self._undo_ends.start()
 
@@ -235,23 +240,25 @@ class MapTools(QObject):
         if pose is not None:
             self._ask_place_name(pose)
 
-    def _ask_place_name(self, pose: Pose2D, line: str = "What is the place called?", text: str = "") -> None:
+    def _ask_place_name(self, pose: Pose2D, line: str = "", text: str = "") -> None:
         self._naming = ("place", pose)
-        self._name.ask(self._view.to_view(pose.x_m, pose.y_m), line, verb="Add", text=text)
+        line = line or tr("What is the place called?")
+        self._name.ask(self._view.to_view(pose.x_m, pose.y_m), line, verb=tr("Add"), text=text)
 
     def ask_map_name(self, operation: str) -> None:
         self._naming = (operation, None)
         saving = operation == "save_map"
-        line = "Save the robot's map under which name?" if saving else "Load which saved map of the robot?"
+        line = tr("Save the robot's map under which name?") if saving else tr("Load which saved map of the robot?")
         middle = QPointF(self._view.width() / 2, self._view.height() / 3)
-        self._name.ask(middle, line, verb="Save" if saving else "Load")
+        self._name.ask(middle, line, verb=tr("Save") if saving else tr("Load"))
 
     def _on_named(self, name: str) -> None:
         what, pose = self._naming
         if what == "place" and pose is not None:
             taken = {place.name.casefold() for place in self._state.places.value}
             if name.casefold() in taken:
-                self._ask_place_name(pose, f"{name} is on the map already: another name?", name)
+                another = tr("{place} is on the map already: another name?").format(place=name)
+                self._ask_place_name(pose, another, name)
                 return
             self._console.do(intents.SavePlace(name, pose))
         elif what == "save_map":
@@ -286,5 +293,5 @@ class MapTools(QObject):
     def _refuse_place(self) -> bool:
         """A point of what odometry drew is none that the robot could be sent to."""
         if self.by_odometry:
-            self.told.emit("Goals and places need a map", "warning", _NO_PLACE_SHOWN_S)
+            self.told.emit(tr("Goals and places need a map"), "warning", _NO_PLACE_SHOWN_S)
         return self.by_odometry

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QWidget
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, PersonPlace, RobotPose
+from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.theme import Theme
@@ -64,7 +65,7 @@ class MapView(QWidget):
         self.left_px = 0  # covered by tools; the whole map is fitted beside them
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
-        self.setAccessibleName("Map with the robot's position")
+        self.setAccessibleName(tr("Map with the robot's position"))
         # Everything is painted, corners included: nothing that lies below is painted first.
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.grid.rendered.connect(self._on_rendered)

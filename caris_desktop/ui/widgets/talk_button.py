@@ -2,6 +2,7 @@
 
 from PySide6.QtGui import QHideEvent
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
 from caris_desktop.ui.actions import Actions
@@ -17,9 +18,9 @@ class TalkButton(ActionButton):
     """Blue while the participant hears, amber until then."""
 
     def __init__(self, theme: Theme, actions: Actions, hold: HoldToDrive, state: LiveState) -> None:
-        super().__init__(theme, "Talk", icon="microphone", height_px=30, may_lose_words=True)
+        super().__init__(theme, tr("Talk"), icon="microphone", height_px=30, may_lose_words=True)
         self.setObjectName("talk_button")
-        self.setToolTip("Hold it and speak: your own voice comes out of the robot")
+        self.setToolTip(tr("Hold it and speak: your own voice comes out of the robot"))
         self._actions = actions
         self._hold = hold
         self._state = state
@@ -38,7 +39,7 @@ class TalkButton(ActionButton):
         sound: SoundStatus = self._state.sound.value
         microphone: MicrophoneStatus = self._state.wizard_microphone.value
         talks = sound.talking == "robot"
-        self.set_label("Talk", look="plain" if not talks else "primary" if microphone.state == "on" else "amber")
+        self.set_label(tr("Talk"), look="plain" if not talks else "primary" if microphone.state == "on" else "amber")
 
     def hideEvent(self, event: QHideEvent) -> None:
         self._hold.mark_released.emit(TALK)
