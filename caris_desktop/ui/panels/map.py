@@ -391,7 +391,8 @@ class MapPanel(Panel):
         if self.tools.by_odometry:
             chips.append((tr("No map: drawn by odometry"), "hint"))
         if state.mapping.value.busy:
-            chips.append((tr(_BUSY.get(state.mapping.value.busy, _WORKS)), "hint"))
+            busy = _BUSY.get(state.mapping.value.busy, _WORKS)
+            chips.append((tr(busy), "hint"))
         if time.monotonic() < self._ended[2] and not self._cancel.isVisibleTo(self):
             chips.append(self._ended[:2])
         return chips

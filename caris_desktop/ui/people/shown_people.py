@@ -144,11 +144,12 @@ def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") ->
         return [tr("known from before")]
     if standing == "was":
         return [tr("left {ago}").format(ago=words.ago((now_ns - person.last_seen_ns) / 1e9))]
+    posture = _POSTURES.get(person.posture, person.posture)
     parts = [
         tr(SPEAKING) if person.speaking else "",
         tr("hand raised") if person.hand_raised else "",
         whereabouts(person),
-        tr(_POSTURES.get(person.posture, person.posture)),
+        tr(posture),
         seen_elsewhere(person, camera_on_show),
         tr("here {since}").format(since=words.since((now_ns - person.since_ns) / 1e9)),
         recognised(person),
