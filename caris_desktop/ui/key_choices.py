@@ -194,6 +194,8 @@ def _with_phrases(standard: Sequence[ActionSpec], firm: Sequence[ActionSpec], to
             settled[spec.id] = taken[normalized(spec.keys[0])] = spec
         else:
             clashes.append((spec, other))
+            # Without a key it stays a row: on the sheet it can be given another one.
+            settled[spec.id] = replace(spec, keys=())
     return Settled(tuple(settled[spec.id] for spec in standard if spec.id in settled), told, tuple(clashes))
 
 

@@ -239,8 +239,22 @@ def test_a_phrase_whose_key_another_act_has_is_shown(desk: Desk, window: MainWin
     window.wizard_keys.take_up()
     desk.qtbot.waitUntil(lambda: desk.sheet.is_built)
     words = find(desk.sheet, "shortcut_clashes")
-    assert words.property("text") == "“Goodbye.” cannot be said by Ctrl 6: “Photo” has it. Give that another key."
+    assert (
+        words.property("text")
+        == "“Goodbye.” cannot be said by Ctrl 6: “Photo” has it. Give one of the two another key."
+    )
     desk.choose("photo", Key.Key_7, CTRL)
     assert not words.isVisible()
     desk.qtbot.waitUntil(lambda: desk.sheet.is_built)
     assert desk.cell("keyed_phrase_1").caps == ("Ctrl 6",)
+
+
+def test_a_phrase_that_lost_its_key_is_given_another_one(desk: Desk, window: MainWindow) -> None:
+    window.wizards.set_value("shortcuts", as_text({"photo": Keys(("Ctrl+6",))}))  # chosen with another scenario
+    window.wizard_keys.take_up()
+    desk.qtbot.waitUntil(lambda: desk.sheet.is_built)
+    assert desk.cell("keyed_phrase_1").caps == ()
+    desk.choose("keyed_phrase_1", Key.Key_7, CTRL)
+    desk.qtbot.waitUntil(lambda: desk.sheet.is_built)
+    assert desk.cell("keyed_phrase_1").caps == ("Ctrl 7",) and desk.cell("photo").caps[0] == "Ctrl 6"
+    assert window.actions_table.settled.clashes == ()
