@@ -317,13 +317,16 @@ class EchoCanceller:
         self._learns_anew = self._learns_anew - 1 if same else _LEARNT_ANEW if before is not None else 0
         self._late = lag - _EARLY if not same else self._late
         first = max(self._first_heard(at), at - _LEARNT_ANEW_FROM if same else 0)
-        start = first if before is None or bad_from is None else self._again_from(max(first, bad_from), at, loudness)
+        if before is not None and bad_from is not None:
+            first = max(first, bad_from)
+        start = first if before is None else self._again_from(first, at, loudness)
         self._began = self._last_played = start
         self._loudness = _MARGIN * loudness
         self._room.doubt(self._loudness, self._known_before)
         self._learn_again(start, at + HOP)
-        # And once more with what was learnt of the room by its end: better known in hindsight.
-        self._learn_again(start, at + HOP)
+        # And once more with what was learnt of the room by its end: better known in hindsight, also of where it was not
+        # learnt from, as the robot may have been silent there.
+        self._learn_again(first, at + HOP)
 
     def _find(self, start: int, at: int) -> tuple[int, float, float]:
         """How late the robot is heard between ``start`` and the end of the frame ``at``, how clear that is, and how
