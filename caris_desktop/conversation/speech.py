@@ -31,11 +31,12 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_VOICE, PlayedSound, PlayedSoundEnded
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 _log = logging.getLogger(__name__)
 
 MAX_UTTERANCE_CHARACTERS = 1000
-UNHEARD = "not heard: this computer has no sound output"
+UNHEARD = QT_TR_NOOP("not heard: this computer has no sound output")
 _RENDER_S_PER_CHARACTER = 0.02
 # What goes through a pipe at once, even to an engine that does not read.
 _PREPARED_CHARACTERS = 15_000
@@ -241,7 +242,7 @@ class _SpeechDesk:
     def _take(self, command: Speak) -> None:
         text = speakable(command.text)
         if not text:
-            self._report(command, "failed", clock.now_ns(), "there is nothing to say in it")
+            self._report(command, "failed", clock.now_ns(), QT_TR_NOOP("there is nothing to say in it"))
         elif len(text) > MAX_UTTERANCE_CHARACTERS:
             too_long = f"it is longer than {MAX_UTTERANCE_CHARACTERS} characters: say it in parts"
             self._report(command, "failed", clock.now_ns(), too_long)
@@ -291,7 +292,7 @@ class _SpeechDesk:
     def _on_engine(self, event: dict[str, Any] | None) -> None:
         match event:
             case None:
-                self._on_engine_lost("the voice ended unexpectedly")
+                self._on_engine_lost(QT_TR_NOOP("the voice ended unexpectedly"))
             case {"event": "broken", "detail": str(detail)}:
                 self._fail_voice(detail)
             case {"event": "ready", "voice": str(voice), "why_not": str(why_not)}:
@@ -385,10 +386,10 @@ class _SpeechDesk:
             return
         self._on_engine_lost(
             {
-                "starting": "the voice did not start in time",
-                "rendering": "turning it into sound took too long",
-                "silencing": "the voice did not fall silent in time",
-            }.get(self._phase, "the sound device does not answer")
+                "starting": QT_TR_NOOP("the voice did not start in time"),
+                "rendering": QT_TR_NOOP("turning it into sound took too long"),
+                "silencing": QT_TR_NOOP("the voice did not fall silent in time"),
+            }.get(self._phase, QT_TR_NOOP("the sound device does not answer"))
         )
 
     def _pace(self) -> None:
@@ -412,8 +413,8 @@ class _SpeechDesk:
                     clock.now_ns(),
                     "error",
                     f"This computer has no voice ({detail}).",
-                    "What is to be spoken on this computer stays unsaid.",
-                    "Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say it again.",
+                    QT_TR_NOOP("What is to be spoken on this computer stays unsaid."),
+                    QT_TR_NOOP("Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say it again."),
                     until="voice",
                 )
             )
@@ -442,8 +443,8 @@ class _SpeechDesk:
                     clock.now_ns(),
                     "warning",
                     f"This computer has no sound output ({detail}).",
-                    "Nobody hears what it says; utterances still take their time and are recorded.",
-                    "Connect loudspeakers or start the sound server; the next utterance tries again.",
+                    QT_TR_NOOP("Nobody hears what it says; utterances still take their time and are recorded."),
+                    QT_TR_NOOP("Connect loudspeakers or start the sound server; the next utterance tries again."),
                     until="voice",
                 )
             )

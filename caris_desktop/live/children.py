@@ -1,11 +1,14 @@
 """The child processes of the services: what they say and that they ended reaches the GUI thread."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
+from caris_desktop.domain.events import Problem
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.slow_work import SlowWork
@@ -69,7 +72,7 @@ class Children(QObject):
     def pass_on(self, heard: Heard, value: Any, raw: bytes) -> None:
         """A message of a child: onto the bus, or to ``heard`` in the GUI thread. Any thread."""
         if type(value) in BY_TYPE:
-            self._bus.publish(value, raw)
+            self._bus.publish(told_here(value) if isinstance(value, Problem) else value, raw)
         else:
             self.tell(heard, value)
 
@@ -80,3 +83,9 @@ class Children(QObject):
     def _tell(self, take: Callable[[Any], None], value: Any) -> None:
         if not (self._closed and isinstance(value, ChildProcess)):
             take(value)
+
+
+def told_here(problem: Problem) -> Problem:
+    """What a child process tells, which speaks English, in the wizard's language as far as its sentences are fixed."""
+    what, meaning, advice = (tr(told) if told else "" for told in (problem.what, problem.meaning, problem.advice))
+    return replace(problem, what=what, meaning=meaning, advice=advice)

@@ -19,7 +19,7 @@ from caris_desktop.domain.sound import WIZARD_MICROPHONE
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.children import Children, told_here
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus
@@ -171,12 +171,11 @@ class LocalMicrophone(QObject):
             case MicrophoneLevel(peak) if self._open:
                 self._show("on", name, level=round(peak, 3))
             case MicrophoneFailed(problem) if self._open:
-                self._show(
-                    "failed", name, detail=tr("No microphone is plugged in.") if problem is None else problem.what
-                )
+                detail = tr("No microphone is plugged in.") if problem is None else told_here(problem).what
+                self._show("failed", name, detail=detail)
                 self._settled()
                 if problem is not None:
-                    self._bus.publish(problem)
+                    self._bus.publish(told_here(problem))
 
     def _on_stuck(self) -> None:
         if self.child is not None:

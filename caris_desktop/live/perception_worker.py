@@ -30,6 +30,7 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.children import told_here
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
@@ -237,7 +238,7 @@ class PerceptionWorker(QObject):
             elif isinstance(item, FrameSkipped):
                 busy = False
             elif isinstance(item, Problem):
-                self._publish(item)
+                self._publish(told_here(item))
             elif isinstance(item, _ChildEnded) and item.child is child:
                 ready = busy = False
                 child.stop(grace_s=0.0)

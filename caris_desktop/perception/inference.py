@@ -15,6 +15,7 @@ from caris_desktop.domain.people import LooksKind, PersonLooks
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.faces import FaceModelError, StudyFaces
 from caris_desktop.perception.inference_messages import (
@@ -224,8 +225,8 @@ def _looks_problem(trouble: str) -> Problem:
         clock.now_ns(),
         "warning",
         trouble,
-        "People are followed, but who comes back is not known again by how they look.",
-        "Replace or remove the file in the models folder; the log has the details.",
+        QT_TR_NOOP("People are followed, but who comes back is not known again by how they look."),
+        QT_TR_NOOP("Replace or remove the file in the models folder; the log has the details."),
         until="people",
     )
 
@@ -235,8 +236,12 @@ def _away_problem(why: str) -> Problem:
         clock.now_ns(),
         "warning",
         f"{why}.",
-        "It looks for people in this computer's place: there are no boxes until it answers; everything else works.",
-        "It is asked again every other second. See whether it runs, or remove perception.server from the scenario.",
+        QT_TR_NOOP(
+            "It looks for people in this computer's place: there are no boxes until it answers; everything else works."
+        ),
+        QT_TR_NOOP(
+            "It is asked again every other second. See whether it runs, or remove perception.server from the scenario."
+        ),
         until="people",
     )
 
@@ -247,7 +252,7 @@ def _things_problem(perceiver: Perceiver) -> Problem:
         clock.now_ns(),
         "warning",
         f"The detector does not know: {', '.join(perceiver.unknown_things)}.",
-        "These things get no boxes and are not recorded; people do.",
+        QT_TR_NOOP("These things get no boxes and are not recorded; people do."),
         f"Correct perception.classes in the scenario. The detector knows: {known}.",
     )
 
@@ -257,8 +262,10 @@ def _faces_problem(trouble: str) -> Problem:
         clock.now_ns(),
         "warning",
         trouble,
-        "Nobody is known again by their face; by their clothes people are, as far as the scenario lets them.",
-        "Replace or remove models/face.onnx in the study's folder, then start the program again.",
+        QT_TR_NOOP(
+            "Nobody is known again by their face; by their clothes people are, as far as the scenario lets them."
+        ),
+        QT_TR_NOOP("Replace or remove models/face.onnx in the study's folder, then start the program again."),
         until="people",
     )
 
@@ -267,9 +274,9 @@ def _start_problem() -> Problem:
     return Problem(
         clock.now_ns(),
         "error",
-        "The person detector could not be started.",
-        "People are not recognised; everything else works.",
-        "Run the set-up again; the log has the details.",
+        QT_TR_NOOP("The person detector could not be started."),
+        QT_TR_NOOP("People are not recognised; everything else works."),
+        QT_TR_NOOP("Run the set-up again; the log has the details."),
         until="people",
     )
 
@@ -278,8 +285,8 @@ def _processing_problem() -> Problem:
     return Problem(
         clock.now_ns(),
         "error",
-        "The person detector failed on several camera frames in a row.",
-        "People are not recognised any more; everything else works.",
-        "Restart the program; the log has the details.",
+        QT_TR_NOOP("The person detector failed on several camera frames in a row."),
+        QT_TR_NOOP("People are not recognised any more; everything else works."),
+        QT_TR_NOOP("Restart the program; the log has the details."),
         until="people",
     )

@@ -7,6 +7,7 @@ from uuid import uuid4
 
 import roslibpy
 
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.transport import SafeRos, SafeTopic
 from caris_desktop.ros.actions import (
     ACTIVE,
@@ -35,12 +36,12 @@ logger = logging.getLogger(__name__)
 FATE_TOLD_WITHIN_S = 5.0
 """How long a goal may be without news after a lost link, and after its return: actionlib lists for five seconds what is
 over, so who was away for longer does not learn of it any more."""
-FATE_UNKNOWN = "the link to the robot was lost, and what became of it is not known"
+FATE_UNKNOWN = QT_TR_NOOP("the link to the robot was lost, and what became of it is not known")
 _REMEMBERED_GOALS = 20
 _ENDED_WITHOUT_REASON: dict[Ending, str] = {
     "reached": "",
     "cancelled": "",
-    "failed": "the robot gave up and does not say why",
+    "failed": QT_TR_NOOP("the robot gave up and does not say why"),
 }
 
 
@@ -180,7 +181,7 @@ class BridgedActionClient:
             except MessageError as error:
                 # However it is told, the goal is over.
                 logger.info("%s: %s", self._name, error)
-                self._listener.goal_ended(wire_ids[0], "failed", "the robot's answer cannot be read")
+                self._listener.goal_ended(wire_ids[0], "failed", QT_TR_NOOP("the robot's answer cannot be read"))
                 return
             detail = result.detail or _ENDED_WITHOUT_REASON[result.ending]
             self._listener.goal_ended(wire_ids[0], result.ending, detail)

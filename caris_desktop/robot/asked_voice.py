@@ -11,6 +11,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.commands import Say
 from caris_desktop.domain.controls import VALUE, filled
 from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.profile import SpeechInterface, SpeechService, SpeechWeb
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.voice import LONGEST_UTTERANCE_S, STARTS_WITHIN_S, estimated_duration_s, tell_utterance
@@ -203,7 +204,7 @@ class ServiceSpeaker:
             raise NotSaidError(str(error)) from error
         if answer.get("success", True) is False:
             said = answer.get("message")
-            raise NotSaidError(said[:200] if isinstance(said, str) and said else "the robot refused")
+            raise NotSaidError(said[:200] if isinstance(said, str) and said else QT_TR_NOOP("the robot refused"))
 
 
 class WebSpeaker:

@@ -20,6 +20,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, RobotPose
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.controls import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
@@ -173,9 +174,9 @@ class ControlLink:
     async def finish(self) -> None:
         """Stop the robot and say goodbye."""
         moving = self._lease.held or self._lease.due_s() < self._loop.time() + 1.0 or self._navigator.under_way
-        self._controls.cancel_goals("the console closed")
+        self._controls.cancel_goals(QT_TR_NOOP("the console closed"))
         if self._connected and moving:
-            self._navigator.cancel_all("the console closed", CONSOLE)
+            self._navigator.cancel_all(QT_TR_NOOP("the console closed"), CONSOLE)
             self._stopper = CONSOLE
             self._lease.stop(self._loop.time())
             self._move()
@@ -229,11 +230,11 @@ class ControlLink:
             case commands.CancelGoal():
                 self._navigator.cancel(cancelled_by(command.actor), command.actor)
             case commands.SetInitialPose():
-                self._refused("The robot was not told where it is", self._maps.set_initial_pose(command))
+                self._refused(QT_TR_NOOP("The robot was not told where it is"), self._maps.set_initial_pose(command))
             case commands.RequestMap():
                 self._maps.request(command)
             case commands.MoveHead():
-                self._refused("The head does not turn", self._head.move(command))
+                self._refused(QT_TR_NOOP("The head does not turn"), self._head.move(command))
             case commands.OfferControls(controls=controls, driving_permitted=driving_permitted):
                 self._controls.offer(controls, driving_permitted=driving_permitted)
             case commands.UseControl():
@@ -245,9 +246,9 @@ class ControlLink:
                     self._report.problems.count(
                         "silence",
                         severity="info",
-                        what="The robot's voice cannot be interrupted.",
-                        meaning="It finishes its sentence.",
-                        advice="Name the robot's stop topic under 'speech' in its profile, if it has one.",
+                        what=QT_TR_NOOP("The robot's voice cannot be interrupted."),
+                        meaning=QT_TR_NOOP("It finishes its sentence."),
+                        advice=QT_TR_NOOP("Name the robot's stop topic under 'speech' in its profile, if it has one."),
                         cause=ANSWER,
                     )
             case commands.ListenToRobot() | commands.PlayOnRobot() | commands.CloseLink():
@@ -259,8 +260,10 @@ class ControlLink:
                 what,
                 severity="warning",
                 what=f"{what}: {refusal}.",
-                meaning="Nothing was sent to the robot.",
-                advice="Try again when that has changed." if self._connected else "Try again when the link is back.",
+                meaning=QT_TR_NOOP("Nothing was sent to the robot."),
+                advice=QT_TR_NOOP("Try again when that has changed.")
+                if self._connected
+                else QT_TR_NOOP("Try again when the link is back."),
                 cause=ANSWER,
             )
 
@@ -281,11 +284,11 @@ class ControlLink:
 
     def _motion_refusal(self) -> str:
         if not self._connected:
-            return "The robot is not connected"
+            return QT_TR_NOOP("The robot is not connected")
         if self._lease.latched:
-            return "The emergency stop is set"
+            return QT_TR_NOOP("The emergency stop is set")
         if self._silent:
-            return "The link to the robot is in trouble"
+            return QT_TR_NOOP("The link to the robot is in trouble")
         return ""
 
     def _drive_refusal(self, command: commands.Drive, age_s: float) -> str:
@@ -293,9 +296,9 @@ class ControlLink:
         if refusal:
             return refusal
         if command.stamp_ns < self._drives_count_from_ns:
-            return "The link was lost meanwhile; press the key again"
+            return QT_TR_NOOP("The link was lost meanwhile; press the key again")
         if age_s > EXPIRY_S or self._came_too_late(command):
-            return "The command came too late; press the key again"
+            return QT_TR_NOOP("The command came too late; press the key again")
         return ""
 
     def _came_too_late(self, command: commands.Drive | commands.GoTo) -> bool:
@@ -304,12 +307,12 @@ class ControlLink:
     def _go_to(self, command: commands.GoTo) -> None:
         refusal = self._motion_refusal()
         if not refusal and self._came_too_late(command):
-            refusal = "The command came too late; give it again"
+            refusal = QT_TR_NOOP("The command came too late; give it again")
         if refusal:
             self._navigator.refuse(command, refusal)
             return
         if self._lease.end(self._loop.time()):
-            self._put(DriveEnded(now_ns(), "The robot navigates", command.actor))
+            self._put(DriveEnded(now_ns(), QT_TR_NOOP("The robot navigates"), command.actor))
         # First, so that the goal begins with it; whoever else set the speed meanwhile does not count.
         self._goal_speed.apply()
         self._navigator.go(command)
@@ -325,7 +328,7 @@ class ControlLink:
             self._send_twist(ZERO_TWIST, "lease")
             self._lease.told(ZERO_TWIST)
         if self._lease.take_expired():
-            self._put(DriveEnded(now_ns(), "The console stopped answering for a moment", CONSOLE))
+            self._put(DriveEnded(now_ns(), QT_TR_NOOP("The console stopped answering for a moment"), CONSOLE))
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -340,7 +343,7 @@ class ControlLink:
         full = self._unread.full(self._loop.time())
         if leased.twist.moving and self._ros.unsent_bytes > 0:
             # What the network does not take now it would deliver late.
-            self._end_drive("The network does not take the commands")
+            self._end_drive(QT_TR_NOOP("The network does not take the commands"))
         elif full and leased.twist.moving:
             self._lease.told(self._told)
         elif not full or self._told.moving:
@@ -426,7 +429,7 @@ class ControlLink:
         except Exception:
             # The lease must go on, and what the guard cannot judge is not driven.
             logger.exception("The obstacle guard failed on %r", twist)
-            limit = GuardLimit(0.0, "blocked", detail="the guard failed; its log tells why")
+            limit = GuardLimit(0.0, "blocked", detail=QT_TR_NOOP("the guard failed; its log tells why"))
         self._tell_guard(limit, now_s)
         return limit.fraction
 
@@ -481,10 +484,10 @@ class ControlLink:
         self._silent = True
         if self._lease.due_s() < float("inf"):
             # One zero has gone out behind the last velocity, or does so now; it is said again when the robot is heard.
-            self._end_drive("The robot has not been heard for a moment")
+            self._end_drive(QT_TR_NOOP("The robot has not been heard for a moment"))
             self._move()
             self._lease.forget()
-        self._report.changed("trouble", "The robot has not been heard for a moment")
+        self._report.changed("trouble", QT_TR_NOOP("The robot has not been heard for a moment"))
 
     def link_heard(self) -> None:
         self._silent = False
@@ -500,7 +503,7 @@ class ControlLink:
         self._unread.forget()
         self._forget_zeros()
         if self._lease.held:
-            self._put(DriveEnded(now_ns(), "The link to the robot was lost", CONSOLE))
+            self._put(DriveEnded(now_ns(), QT_TR_NOOP("The link to the robot was lost"), CONSOLE))
         self._lease.forget()
         self._navigator.link_lost()
         self._goal_speed.link_lost()
@@ -563,8 +566,8 @@ class ControlLink:
                     now_ns(),
                     "warning",
                     "The robot lacks something that its profile names: " + " ".join(missing),
-                    "What is missing stays empty or does nothing.",
-                    "Start it on the robot, or correct the names in the robot profile.",
+                    QT_TR_NOOP("What is missing stays empty or does nothing."),
+                    QT_TR_NOOP("Start it on the robot, or correct the names in the robot profile."),
                     cause="robot_lacks",
                 )
             )
@@ -574,8 +577,8 @@ class ControlLink:
             f"reading {title}",
             severity="warning",
             what=f"{{count}} message(s) of the robot cannot be shown as {title}: {reason}.",
-            meaning="What the Robot panel shows of it stays as it is.",
-            advice="Check the control's topic and field in the robot profile or the scenario.",
+            meaning=QT_TR_NOOP("What the Robot panel shows of it stays as it is."),
+            advice=QT_TR_NOOP("Check the control's topic and field in the robot profile or the scenario."),
         )
 
     def _report_unconfirmed_cancel(self) -> None:
@@ -583,9 +586,9 @@ class ControlLink:
             Problem(
                 now_ns(),
                 "error",
-                "The robot did not confirm that it gave up its navigation goal.",
-                "It may still be moving by itself.",
-                "Watch the robot; use its emergency stop if it moves.",
+                QT_TR_NOOP("The robot did not confirm that it gave up its navigation goal."),
+                QT_TR_NOOP("It may still be moving by itself."),
+                QT_TR_NOOP("Watch the robot; use its emergency stop if it moves."),
             )
         )
 

@@ -24,6 +24,7 @@ from caris_desktop.domain.controls import (
 )
 from caris_desktop.domain.events import ControlUsed, RequestState
 from caris_desktop.domain.sensing import ControlReadings
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, fitted
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
@@ -131,7 +132,7 @@ class _Server:
         goal = self.goals.pop(wire_id, None)
         if goal is not None:
             state: RequestState = "succeeded" if ending == "reached" else "failed"
-            self.tell(goal.command, state, detail or ("it was cancelled" if ending == "cancelled" else ""))
+            self.tell(goal.command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else ""))
 
 
 class RobotControls:
@@ -180,7 +181,7 @@ class RobotControls:
         """These of the scenario from now on, beside the profile's own; one of the same id takes its place."""
         self._driving_permitted = driving_permitted
         if not driving_permitted:
-            self.cancel_goals("the scenario does not drive")
+            self.cancel_goals(QT_TR_NOOP("the scenario does not drive"))
         offered = {control.id: control for control in (*self._own, *controls)}
         if offered == self._controls:
             # Who offers the same again has forgotten what it was told.
@@ -201,7 +202,7 @@ class RobotControls:
         actions = {(effect.action, effect.type) for effect in wanted if isinstance(effect, SendActionGoal)}
         for key in [key for key in self._servers if key not in actions]:
             server = self._servers.pop(key)
-            self._fail_goals(server, "the scenario has changed", cancel=True)
+            self._fail_goals(server, QT_TR_NOOP("the scenario has changed"), cancel=True)
             if server.client is not None:
                 server.client.close()
         for action, type_ in actions - self._servers.keys():
@@ -236,7 +237,7 @@ class RobotControls:
         """The emergency stop: what the robot does by itself is cancelled, and nothing is sent that could move it."""
         self._held = held
         if held:
-            self.cancel_goals("the emergency stop was set")
+            self.cancel_goals(QT_TR_NOOP("the emergency stop was set"))
 
     def cancel_goals(self, reason: str) -> None:
         """Cancel what controls have the robot do by itself."""
@@ -263,7 +264,7 @@ class RobotControls:
         self._tell(command, "requested", "")
         control = self._controls.get(command.control)
         if control is None or control.effect is None:
-            self._tell(command, "failed", "neither the robot's profile nor the scenario has such a control")
+            self._tell(command, "failed", QT_TR_NOOP("neither the robot's profile nor the scenario has such a control"))
             return
         if refusal := self._refusal(control):
             self._tell(command, "failed", refusal)
@@ -283,13 +284,13 @@ class RobotControls:
     def _refusal(self, control: RobotControl) -> str:
         """Why this control must send nothing now; empty when it may."""
         if self._sends_velocity(control):
-            return "it publishes velocities, and only driving may send those"
+            return QT_TR_NOOP("it publishes velocities, and only driving may send those")
         if control.is_motion and self._held:
-            return "the emergency stop is set"
+            return QT_TR_NOOP("the emergency stop is set")
         if control.is_motion and not self._driving_permitted:
-            return "the scenario does not permit driving, and this may move the robot"
+            return QT_TR_NOOP("the scenario does not permit driving, and this may move the robot")
         if not self._ros.is_connected:
-            return "the robot is not connected"
+            return QT_TR_NOOP("the robot is not connected")
         return ""
 
     def _sends_velocity(self, control: RobotControl) -> bool:
@@ -308,7 +309,9 @@ class RobotControls:
         match effect:
             case PublishMessage(topic=topic, type=type_):
                 sent = self._publishers[topic, type_].publish(message)
-                self._tell(command, "succeeded" if sent else "failed", "" if sent else "the robot is not connected")
+                self._tell(
+                    command, "succeeded" if sent else "failed", "" if sent else QT_TR_NOOP("the robot is not connected")
+                )
             case CallService():
                 self._in_background(self._call(command, control, effect, message))
             case SendActionGoal():
@@ -330,13 +333,15 @@ class RobotControls:
         succeeded = answer.get("success", True) is not False
         said = answer.get("message")
         detail = said[:LONGEST_TEXT_SHOWN] if isinstance(said, str) else ""
-        self._tell(command, "succeeded" if succeeded else "failed", detail or ("" if succeeded else "it refused"))
+        self._tell(
+            command, "succeeded" if succeeded else "failed", detail or ("" if succeeded else QT_TR_NOOP("it refused"))
+        )
 
     def _send_goal(self, command: UseControl, effect: SendActionGoal, goal: Message) -> None:
         server = self._servers[effect.action, effect.type]
         wire_id = server.client.send(command.control, goal) if server.client is not None else None
         if wire_id is None:
-            self._tell(command, "failed", "the robot is not connected")
+            self._tell(command, "failed", QT_TR_NOOP("the robot is not connected"))
             return
         server.goals[wire_id] = _Goal(command)
         if self._dialect is Dialect.ROS1:

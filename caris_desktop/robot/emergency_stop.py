@@ -9,6 +9,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import SetEmergencyStop
 from caris_desktop.domain.events import EmergencyStopChanged, Problem
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.preflight import RobotInventory
 from caris_desktop.robot.profile import EmergencyStopInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
@@ -87,9 +88,12 @@ class EmergencyStop:
                     Problem(
                         now_ns(),
                         "error",
-                        "The emergency stop did not reach the robot: it is not connected.",
-                        "It is set here and will be told to the robot when it is back; until then the robot decides.",
-                        "Use the robot's own emergency stop.",
+                        QT_TR_NOOP("The emergency stop did not reach the robot: it is not connected."),
+                        QT_TR_NOOP(
+                            "It is set here and will be told to the robot when it is back; until then the robot"
+                            " decides."
+                        ),
+                        QT_TR_NOOP("Use the robot's own emergency stop."),
                         until="connected",
                         cause="emergency_stop",
                     )
@@ -101,9 +105,9 @@ class EmergencyStop:
                 Problem(
                     now_ns(),
                     "warning",
-                    "The emergency stop was not cleared: the robot is not connected.",
-                    "It stays set.",
-                    "Clear it when the robot is connected again.",
+                    QT_TR_NOOP("The emergency stop was not cleared: the robot is not connected."),
+                    QT_TR_NOOP("It stays set."),
+                    QT_TR_NOOP("Clear it when the robot is connected again."),
                     until="connected",
                     cause="emergency_stop",
                 )
@@ -149,9 +153,9 @@ class EmergencyStop:
                 Problem(
                     now_ns(),
                     "warning",
-                    "The robot's own emergency stop is still set.",
-                    "It does not move.",
-                    "Release it at the robot.",
+                    QT_TR_NOOP("The robot's own emergency stop is still set."),
+                    QT_TR_NOOP("It does not move."),
+                    QT_TR_NOOP("Release it at the robot."),
                     until="released",
                     cause="emergency_stop",
                 )
@@ -165,7 +169,7 @@ class EmergencyStop:
             if self._command.publish(encode_bool(latched)):
                 self._told(latched=latched, reason="")
             else:
-                self._told(latched=latched, reason="it is not connected")
+                self._told(latched=latched, reason=QT_TR_NOOP("it is not connected"))
         elif interface.service is not None:
             kind = service_type_name(self._dialect, "std_srvs", "SetBool")
             request = {interface.service_field: latched is interface.service_stop_value}
@@ -183,7 +187,7 @@ class EmergencyStop:
     async def _call_now(self, service: str, kind: str, request: dict[str, Any], *, latched: bool, asked: int) -> None:
         try:
             answer = await self._ros.ask(service, kind, request)
-            reason = "" if answer.get("success", True) else str(answer.get("message") or "it refused")
+            reason = "" if answer.get("success", True) else str(answer.get("message") or QT_TR_NOOP("it refused"))
         except ServiceCallError as error:
             reason = str(error)
         # The wizard may have changed her mind while the robot thought about it; the last word counts.
@@ -200,7 +204,9 @@ class EmergencyStop:
                     "error",
                     f"The robot did not {verb} its emergency stop ({reason}).",
                     f"It is {state}; the console sends no motion.",
-                    "Use the robot's own emergency stop." if latched else "Try again, or clear it at the robot.",
+                    QT_TR_NOOP("Use the robot's own emergency stop.")
+                    if latched
+                    else QT_TR_NOOP("Try again, or clear it at the robot."),
                     until="released",
                     cause="emergency_stop",
                 )

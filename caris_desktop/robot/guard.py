@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.events import GuardChanged, GuardState
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.footprint import Array, Footprint, moved_by, transformed
 from caris_desktop.robot.profile import RobotProfile
 
@@ -42,8 +43,8 @@ _VIEWS, _VIEW_EVERY_M, _VIEW_EVERY_RAD, _SAME_VIEW = 12, 0.3, 0.35, 0.03
 _ODOMETRY_FRESH_S = 0.3
 _BINS = 720
 
-_STALE_WORDS = "no fresh scan from the LIDAR"
-_UNSEEN_WORDS = "the LIDAR does not see there"
+_STALE_WORDS = QT_TR_NOOP("no fresh scan from the LIDAR")
+_UNSEEN_WORDS = QT_TR_NOOP("the LIDAR does not see there")
 
 
 @dataclass(frozen=True, slots=True)

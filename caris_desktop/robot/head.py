@@ -10,6 +10,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import MoveHead
 from caris_desktop.domain.events import HeadMoved
 from caris_desktop.domain.sensing import HeadState
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.profile import HeadInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic
 from caris_desktop.robot.watched import WatchedTopics
@@ -73,13 +74,13 @@ class RobotHead:
     def move(self, command: MoveHead) -> str:
         """Turn the head. Why it is refused, or an empty text."""
         if self._head is None:
-            return "this robot's profile names no head"
+            return QT_TR_NOOP("this robot's profile names no head")
         if not self._ros.is_connected:
-            return "the robot is not connected"
+            return QT_TR_NOOP("the robot is not connected")
         if self._held:
-            return "the emergency stop is set"
+            return QT_TR_NOOP("the emergency stop is set")
         if not (math.isfinite(command.pan_rad) and math.isfinite(command.tilt_rad)):
-            return "that is no direction"
+            return QT_TR_NOOP("that is no direction")
         self._next = replace(
             command,
             pan_rad=_clamped(command.pan_rad, self._head.pan_range_rad),

@@ -15,6 +15,7 @@ from caris_desktop.domain import commands
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import LinkChanged, LinkState, Problem
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.outbox import Outbox, ProblemReporter
 
 logger = logging.getLogger(__name__)
@@ -22,7 +23,9 @@ logger = logging.getLogger(__name__)
 GOODBYE_S = 0.3
 _LAST_WORDS_S = 0.5
 
-UNREACHABLE_MEANING = "Driving, video and everything else of the robot is off. The console keeps trying to connect."
+UNREACHABLE_MEANING = QT_TR_NOOP(
+    "Driving, video and everything else of the robot is off. The console keeps trying to connect."
+)
 
 
 class Link(Protocol):
@@ -117,6 +120,6 @@ class LinkReporter:
             "refused",
             severity="warning",
             what=f"The robot sent {{count}} message(s) that cannot be used: {detail[:200]}.",
-            meaning="They were ignored; everything else goes on.",
-            advice="If something stays empty, check the topic names and types in the robot profile.",
+            meaning=QT_TR_NOOP("They were ignored; everything else goes on."),
+            advice=QT_TR_NOOP("If something stays empty, check the topic names and types in the robot profile."),
         )

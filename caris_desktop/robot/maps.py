@@ -12,6 +12,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import RequestMap, SetInitialPose
 from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapRequestChanged, RequestState
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.preflight import RobotInventory
 from caris_desktop.robot.profile import MapServices, RobotProfile
 from caris_desktop.robot.transport import AnswerTooLargeError, SafeRos, SafeTopic, ServiceCallError
@@ -35,7 +36,7 @@ logger = logging.getLogger(__name__)
 # Large maps are written and read for a while.
 MAP_WAIT_S = 60.0
 LONGEST_NAME = 100
-UNSURE = "The robot does not tell whether it found the map: look whether it shows the right one"
+UNSURE = QT_TR_NOOP("The robot does not tell whether it found the map: look whether it shows the right one")
 _NAME = re.compile(r"[\w][\w .-]*", re.UNICODE)
 _RESULT = re.compile(rb'"result"\s*:\s*([0-9]{1,3})\b')
 _PAUSED = "paused_new_measurements"
@@ -44,11 +45,11 @@ _PAUSED = "paused_new_measurements"
 def map_name_refusal(name: str) -> str:
     """Why ``name`` cannot be a map's name, or an empty text. It becomes part of a file name on the robot."""
     if not name.strip():
-        return "a map needs a name"
+        return QT_TR_NOOP("a map needs a name")
     if len(name) > LONGEST_NAME:
         return f"the name is longer than {LONGEST_NAME} characters"
     if not _NAME.fullmatch(name) or ".." in name or name != name.strip():
-        return "a map's name is made of letters, digits, spaces, '-', '_' and single dots"
+        return QT_TR_NOOP("a map's name is made of letters, digits, spaces, '-', '_' and single dots")
     return ""
 
 
@@ -124,9 +125,9 @@ class RobotMaps:
         """Tell the localization. Why it was not told, or an empty text."""
         pose = command.pose_in_map
         if self._initial_pose is None:
-            return "this robot's profile names no topic for it"
+            return QT_TR_NOOP("this robot's profile names no topic for it")
         if not all(math.isfinite(value) for value in (pose.x_m, pose.y_m, pose.heading_rad)):
-            return "that is not a place in the map"
+            return QT_TR_NOOP("that is not a place in the map")
         message = encode_initial_pose(
             self._dialect,
             pose,
@@ -136,7 +137,7 @@ class RobotMaps:
             frame_id=self._frame,
         )
         if not self._initial_pose.publish(message):
-            return "the robot is not connected"
+            return QT_TR_NOOP("the robot is not connected")
         self._emit(InitialPoseSet(now_ns(), pose, command.actor))
         return ""
 
@@ -155,16 +156,16 @@ class RobotMaps:
         if command.operation in ("save", "load") and (refusal := map_name_refusal(command.name)):
             return refusal
         if not self._ros.is_connected:
-            return "the robot is not connected"
+            return QT_TR_NOOP("the robot is not connected")
         if self._busy:
-            return "the robot is still busy with the map operation before"
+            return QT_TR_NOOP("the robot is still busy with the map operation before")
         able = {
             "save": offer.serialize or offer.save,
             "load": offer.deserialize or offer.load,
             "start_mapping": offer.pause,
             "start_localization": offer.pause,
         }
-        return "" if able[command.operation] else "the robot offers no service for it"
+        return "" if able[command.operation] else QT_TR_NOOP("the robot offers no service for it")
 
     async def _carry_out(self, command: RequestMap) -> None:
         detail = ""
@@ -222,7 +223,7 @@ class RobotMaps:
             await self._call(offer.deserialize, "slam_toolbox", "DeserializePoseGraph", request)
             return ""
         if offer.load is None:
-            return "the robot offers no service for it"
+            return QT_TR_NOOP("the robot offers no service for it")
         package = "nav_msgs" if self._dialect is Dialect.ROS1 else "nav2_msgs"
         try:
             answer = await self._call(offer.load, package, "LoadMap", encode_load_map(f"{path}.yaml"))

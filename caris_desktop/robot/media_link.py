@@ -15,6 +15,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.pictures import PictureError, fitted, unfolded
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import CameraLens, FrameRef
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.map_merger import MapMerger
@@ -134,7 +135,7 @@ class MediaLink:
         self._watched.link_connected()
 
     def link_silent(self) -> None:
-        self._report.changed("trouble", "No video or map for a moment")
+        self._report.changed("trouble", QT_TR_NOOP("No video or map for a moment"))
 
     def link_heard(self) -> None:
         self._report.changed("connected")
@@ -176,7 +177,7 @@ class MediaLink:
             f"image {camera.name}",
             severity="warning",
             what=f"{{count}} picture(s) of the camera {camera.name} were dropped: {problem}.",
-            meaning="The video stands still or stutters.",
+            meaning=QT_TR_NOOP("The video stands still or stutters."),
             advice=f"Check what the robot publishes on {camera.topic}.",
         )
 
@@ -208,7 +209,7 @@ class MediaLink:
                 clock.now_ns(),
                 "info",
                 f"The camera {camera.name} sends its pictures uncompressed, about {mb_per_s:.0f} MB a second.",
-                "Over a wireless link the picture may stutter, and everything else be late with it.",
+                QT_TR_NOOP("Over a wireless link the picture may stutter, and everything else be late with it."),
                 f"Compress them on the robot: {republish_advice(camera.topic)}.",
             )
         )
@@ -249,8 +250,10 @@ class MediaLink:
                 "map update",
                 severity="warning",
                 what=f"{{count}} update(s) of the robot's map were refused: {error}.",
-                meaning="The map may be older than the robot's own in some part.",
-                advice="It is right again with the next whole map. Check that both topics are of the same map.",
+                meaning=QT_TR_NOOP("The map may be older than the robot's own in some part."),
+                advice=QT_TR_NOOP(
+                    "It is right again with the next whole map. Check that both topics are of the same map."
+                ),
             )
             return
         if merged and self._map_due is None:

@@ -11,6 +11,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import GoTo
 from caris_desktop.domain.events import GoalChanged, GoalState
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.profile import NavigationServer
 from caris_desktop.robot.transport import SafeRos
@@ -30,7 +31,7 @@ PROGRESS_EVERY_NS = 500_000_000
 # A publisher that was just advertised reaches its subscribers only after a moment.
 CANCEL_AGAIN_S = (0.3, 1.0)
 
-NO_NAVIGATION = "this robot's profile names no navigation"
+NO_NAVIGATION = QT_TR_NOOP("this robot's profile names no navigation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,20 +93,20 @@ class Navigator:
         if self._goal is not None:
             # The navigation itself preempts the old goal; its late answers no longer belong to anything here.
             self._goal = replace(self._goal, cancelled_by=command.actor)
-            self._end("cancelled", "replaced by another goal")
+            self._end("cancelled", QT_TR_NOOP("replaced by another goal"))
         target_in_map = command.target_in_map
         if self._server is None:
             self.refuse(command, NO_NAVIGATION)
             return
         if not all(math.isfinite(value) for value in (target_in_map.x_m, target_in_map.y_m, target_in_map.heading_rad)):
-            self.refuse(command, "the target is not a place in the map")
+            self.refuse(command, QT_TR_NOOP("the target is not a place in the map"))
             return
         self._epoch = next(self._epochs)
         # Stamp zero: the newest transforms are meant, and the robot's clock may differ from ours.
         encode = encode_move_base_target if self._moves_base else encode_navigate_to_pose_goal
         wire_id = self._server.send(command.goal_id, encode(target_in_map, stamp_ns=0, frame_id=self._map_frame))
         if wire_id is None:
-            self.refuse(command, "the robot is not connected")
+            self.refuse(command, QT_TR_NOOP("the robot is not connected"))
             return
         self._robot_tells_distance = False
         self._goal = _Goal(command, wire_id, distance_left_m=self._beeline_m(target_in_map))
@@ -148,8 +149,10 @@ class Navigator:
         if self._goal is not None:
             self._lost_wire_id = self._goal.wire_id
             if self._goal.cancelling is None:
-                self._goal = replace(self._goal, cancelling="the link to the robot was lost", cancelled_by=CONSOLE)
-            self._tell("the link to the robot was lost; the goal is cancelled when it is back")
+                self._goal = replace(
+                    self._goal, cancelling=QT_TR_NOOP("the link to the robot was lost"), cancelled_by=CONSOLE
+                )
+            self._tell(QT_TR_NOOP("the link to the robot was lost; the goal is cancelled when it is back"))
             self._await_fate()
 
     def link_connected(self) -> None:
@@ -204,7 +207,7 @@ class Navigator:
         if self._goal is None or self._goal.wire_id != wire_id:
             return
         if ending == "cancelled" and self._goal.cancelling is None:
-            detail = detail or "the robot gave it up"
+            detail = detail or QT_TR_NOOP("the robot gave it up")
         elif self._goal.cancelling is not None and ending != "reached":
             ending, detail = "cancelled", self._goal.cancelling
         self._end(ending, detail)

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.profile import SecuritySettings
 
 _AUTHORIZED_FOR_S = 3600
@@ -107,30 +108,33 @@ def explain_tls_failure(error: ssl.SSLError, name: str, address: str) -> tuple[s
             return no_tls(address)
         return (
             f"No secured connection to {name} came about ({error.reason or error}).",
-            "Check the TLS settings of the robot's rosbridge (certfile, keyfile).",
+            QT_TR_NOOP("Check the TLS settings of the robot's rosbridge (certfile, keyfile)."),
         )
     code = error.verify_code
     if code == _EXPIRED:
         return (
             f"The certificate of {name} has expired.",
-            "Renew it on the robot. If it is still valid, check this computer's date.",
+            QT_TR_NOOP("Renew it on the robot. If it is still valid, check this computer's date."),
         )
     if code == _NOT_YET_VALID:
         return (
             f"The certificate of {name} is not valid yet.",
-            "Check the date of this computer and of the robot.",
+            QT_TR_NOOP("Check the date of this computer and of the robot."),
         )
     if code in (_WRONG_NAME, _WRONG_IP):
         return (
             f"The certificate of what answers at {address} is for another name than {name}.",
-            "Use the name that stands in the certificate as the address, or give the robot a certificate for this one.",
+            QT_TR_NOOP(
+                "Use the name that stands in the certificate as the address, or give the robot a certificate for"
+                " this one."
+            ),
         )
     if code in _UNTRUSTED:
         return (
             f"The certificate of {name} is not trusted: nobody known to this computer signed it.",
-            "If it is the robot's own, name its file as 'ca_file' under 'security' in the robot profile.",
+            QT_TR_NOOP("If it is the robot's own, name its file as 'ca_file' under 'security' in the robot profile."),
         )
     return (
         f"The certificate of {name} was not accepted ({error.verify_message}).",
-        "Check the certificate on the robot.",
+        QT_TR_NOOP("Check the certificate on the robot."),
     )

@@ -13,6 +13,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import LinkReporter
 from caris_desktop.robot.localization import PoseTracker
@@ -136,7 +137,9 @@ class Sensors:
         if scan.frame_id:
             mounted = self._poses.base_from(scan.frame_id, scan.robot_stamp_ns)
             if mounted is None:
-                self._complain_of_frame(scan.frame_id, "The LIDAR is shown where the profile says that it is mounted.")
+                self._complain_of_frame(
+                    scan.frame_id, QT_TR_NOOP("The LIDAR is shown where the profile says that it is mounted.")
+                )
         robot_from_laser = mounted or self._profile.robot_from_laser
         # Where the robot was when it measured, not where it is when that arrives: a turning robot has turned on.
         map_from_robot = self._poses.map_from_base(robot_stamp_ns=scan.robot_stamp_ns, now_ns=scan.stamp_ns)
@@ -171,7 +174,7 @@ class Sensors:
         path = decode_path(message, most_points=MOST_PATH_POINTS)
         map_from_path = self._poses.map_from(path.frame_id, path.robot_stamp_ns)
         if map_from_path is None:
-            self._complain_of_frame(path.frame_id, "The robot's planned path is not shown.")
+            self._complain_of_frame(path.frame_id, QT_TR_NOOP("The robot's planned path is not shown."))
             return
         points = points_in_parent(map_from_path, path.points_m)
         self._put(PlannedPath(self._ros.arrival_ns, path.robot_stamp_ns, points))
@@ -200,8 +203,10 @@ class Sensors:
                 "warning",
                 "The robot does not tell where it is: its transforms do not lead from "
                 f"{frames.map!r} to {frames.base!r}.",
-                "It is shown by its odometry where it sends no map, and not at all on one; goals and places cannot be "
-                "used, and the distance to goals is not known.",
+                QT_TR_NOOP(
+                    "It is shown by its odometry where it sends no map, and not at all on one; goals and places cannot"
+                    " be used, and the distance to goals is not known."
+                ),
                 "Set where it is on the map. If that does not help, compare 'frames' in the robot profile with the "
                 f"robot's own: {', '.join(sorted(self._poses.tree.frames)[:8])}.",
                 until="pose",
@@ -220,7 +225,7 @@ class Sensors:
             severity="warning",
             what=f"{self._poses.unknown_frame(frame[:100])}.",
             meaning=meaning,
-            advice="Check 'frames' in the robot profile, and what the robot publishes on tf and tf_static.",
+            advice=QT_TR_NOOP("Check 'frames' in the robot profile, and what the robot publishes on tf and tf_static."),
         )
 
 

@@ -12,6 +12,7 @@ from caris_desktop.domain.commands import PlayOnRobot
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
 from caris_desktop.domain.sound_clock import SoundClock
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.clock_offset import OffsetEstimate
 from caris_desktop.robot.outbox import ProblemReporter
 from caris_desktop.robot.profile import AudioInterface
@@ -104,7 +105,7 @@ class RobotSound:
                 "sound",
                 severity="warning",
                 what=f"{{count}} piece(s) of the robot's sound were dropped: {error}.",
-                meaning="What was said then is neither heard nor recorded.",
+                meaning=QT_TR_NOOP("What was said then is neither heard nor recorded."),
                 advice=f"Check 'audio' in the robot profile against what the robot publishes on {self._told.topic}.",
             )
             return
@@ -118,8 +119,8 @@ class RobotSound:
                 "missing sound",
                 severity="info",
                 what=f"The robot's sound broke off for {missing_ns / 1e9:.1f} s ({{count}} time(s) lately).",
-                meaning="What was said then is neither heard nor recorded.",
-                advice="If it happens often, look at the robot's network.",
+                meaning=QT_TR_NOOP("What was said then is neither heard nor recorded."),
+                advice=QT_TR_NOOP("If it happens often, look at the robot's network."),
             )
         self._put(AudioChunk(stamp_ns, ROBOT_MICROPHONE, rate_hz, samples))
 

@@ -11,6 +11,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import Say
 from caris_desktop.domain.controls import filled
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, make_action_client
 from caris_desktop.robot.profile import SpeechAction, SpeechInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic
@@ -86,7 +87,7 @@ class ActionVoice:
     def say(self, command: Say) -> None:
         utterance = _Utterance(command)
         if not self._ros.is_connected:
-            tell_utterance(self._emit, utterance.asked, "failed", "the robot is not connected")
+            tell_utterance(self._emit, utterance.asked, "failed", QT_TR_NOOP("the robot is not connected"))
             return
         self._waiting.append(utterance)
         if len(self._waiting) == 1:
@@ -108,7 +109,7 @@ class ActionVoice:
             self._adrift = True
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._finish("failed", FATE_UNKNOWN))
         for utterance in unsent:
-            tell_utterance(self._emit, utterance.asked, "failed", "the link to the robot was lost")
+            tell_utterance(self._emit, utterance.asked, "failed", QT_TR_NOOP("the link to the robot was lost"))
 
     def link_connected(self) -> None:
         due, self._silence_due = self._silence_due, None
@@ -129,7 +130,7 @@ class ActionVoice:
         elif not self._adrift:
             return
         self._adrift = False
-        self._wait(LONGEST_UTTERANCE_S, lambda: self._give_up("the robot did not report that it finished"))
+        self._wait(LONGEST_UTTERANCE_S, lambda: self._give_up(QT_TR_NOOP("the robot did not report that it finished")))
 
     def _reckon_active(self, wire_id: str) -> None:
         self._reckoned = True
@@ -153,9 +154,9 @@ class ActionVoice:
         asked = self._waiting[0].asked
         self._wire_id = self._client.send(asked.utterance_id, filled(self._goal, asked.text))
         if self._wire_id is None:
-            self._end_all("failed", "the robot is not connected")
+            self._end_all("failed", QT_TR_NOOP("the robot is not connected"))
         elif self._dialect is Dialect.ROS1:
-            self._wait(STARTS_WITHIN_S, lambda: self._give_up("the robot did not report that it speaks"))
+            self._wait(STARTS_WITHIN_S, lambda: self._give_up(QT_TR_NOOP("the robot did not report that it speaks")))
         else:
             # rosbridge itself does not tell that a goal was accepted, and answers when it was not.
             wire_id = self._wire_id
@@ -229,9 +230,9 @@ class TopicVoice:
         """Ask the robot to say it now, or behind what it is saying."""
         utterance = _Utterance(command)
         if self._say is None:
-            self._tell(utterance, "failed", "this robot's profile names no voice")
+            self._tell(utterance, "failed", QT_TR_NOOP("this robot's profile names no voice"))
         elif not self._say.publish(encode_string(command.text)):
-            self._tell(utterance, "failed", "the robot is not connected")
+            self._tell(utterance, "failed", QT_TR_NOOP("the robot is not connected"))
         else:
             self._waiting.append(utterance)
             if len(self._waiting) == 1:
@@ -269,15 +270,15 @@ class TopicVoice:
             return
         if speaking and self._adrift and self._waiting[0].started:
             self._adrift = False
-            self._wait(LONGEST_UTTERANCE_S, lambda: self._fail("the robot did not report that it finished"))
+            self._wait(LONGEST_UTTERANCE_S, lambda: self._fail(QT_TR_NOOP("the robot did not report that it finished")))
         elif speaking and not self._waiting[0].started:
-            self._start(LONGEST_UTTERANCE_S, "the robot did not report that it finished")
+            self._start(LONGEST_UTTERANCE_S, QT_TR_NOOP("the robot did not report that it finished"))
         elif not speaking and self._waiting[0].started:
             self._finish()
 
     def _expect_start(self) -> None:
         if self._follows_topic:
-            self._wait(STARTS_WITHIN_S, lambda: self._fail("the robot did not report that it speaks"))
+            self._wait(STARTS_WITHIN_S, lambda: self._fail(QT_TR_NOOP("the robot did not report that it speaks")))
         else:
             self._start(0.0, "")
             asked = self._waiting[0].asked

@@ -27,6 +27,7 @@ from websockets.protocol import State
 from websockets.uri import parse_uri
 
 from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.profile import SecuritySettings
 from caris_desktop.robot.security import SecurityError, explain_tls_failure, no_tls, tls_context
 
@@ -224,7 +225,7 @@ class Wire(asyncio.Protocol):
         """Say goodbye properly; what was sent before still arrives."""
         if self.is_open:
             self._ended_here = True
-            self._why_lost = "closed by this program"
+            self._why_lost = QT_TR_NOOP("closed by this program")
             self._protocol.send_close(1000)
             self._flush()
         elif self._transport is not None:
@@ -405,10 +406,10 @@ class Wire(asyncio.Protocol):
 
     def _farewell(self) -> str:
         if isinstance(self._protocol.parser_exc, PayloadTooBig):
-            return "it sent a message that is far too large"
+            return QT_TR_NOOP("it sent a message that is far too large")
         close = self._protocol.close_rcvd
         if close is None:
-            return str(self._protocol.parser_exc or "the connection was closed")
+            return str(self._protocol.parser_exc or QT_TR_NOOP("the connection was closed"))
         return f"it closed the connection ({close.code}{' ' + close.reason if close.reason else ''})"
 
     def _flush(self) -> None:
@@ -435,7 +436,7 @@ class Wire(asyncio.Protocol):
         self._over = True
         if self._watch is not None:
             self._watch.cancel()
-        reason = self._why_lost or "the connection broke off"
+        reason = self._why_lost or QT_TR_NOOP("the connection broke off")
         self._fail_opening(ConnectionError(reason))
         if not self.opened.cancelled():
             # Nobody may be waiting any more.
@@ -536,7 +537,7 @@ async def open_wire(
             await made[-1].opened
     except BaseException:
         for wire in made:
-            wire.abort("the handshake did not complete")
+            wire.abort(QT_TR_NOOP("the handshake did not complete"))
         raise
     return made[-1]
 
@@ -552,23 +553,26 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
     if isinstance(error, TimeoutError):
         return (
             f"Nothing answers at {address}.",
-            "Check that the robot is on and in the same network, and that no firewall is in the way.",
+            QT_TR_NOOP("Check that the robot is on and in the same network, and that no firewall is in the way."),
         )
     if isinstance(error, socket.gaierror):
-        return (f"No computer named {name} is known.", "Check the address, or use the robot's IP address.")
+        return (f"No computer named {name} is known.", QT_TR_NOOP("Check the address, or use the robot's IP address."))
     if isinstance(error, ConnectionRefusedError):
         return (
             f"{name} is there, but no rosbridge listens at {address}.",
-            "Start rosbridge on the robot (rosbridge_websocket), or correct the port.",
+            QT_TR_NOOP("Start rosbridge on the robot (rosbridge_websocket), or correct the port."),
         )
     if isinstance(error, InvalidURI):
-        return (f"{address} is not an address that can be used: {error.msg}.", "Correct the robot's address.")
+        return (
+            f"{address} is not an address that can be used: {error.msg}.",
+            QT_TR_NOOP("Correct the robot's address."),
+        )
     if isinstance(error, (InvalidHandshake, ConnectionError)):
         return (
             f"What answers at {address} is not a rosbridge server ({error}).",
             "Check the port; rosbridge uses 9090 unless set otherwise. A secured one has an address with wss://.",
         )
-    return (f"{address} cannot be reached ({error}).", "Check the network and the robot's address.")
+    return (f"{address} cannot be reached ({error}).", QT_TR_NOOP("Check the network and the robot's address."))
 
 
 def _quiet_logger() -> logging.Logger:

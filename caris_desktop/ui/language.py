@@ -61,8 +61,10 @@ class Language:
 
 
 def in_trial_language(text: str, _meant: str = "", number: int = -1) -> str:
-    """``text`` with accents, 40 % longer, in brackets: ``[Šàvé ēx]``. What is filled in later stays as it is."""
-    if not text.strip():
+    """``text`` with accents, 40 % longer, in brackets: ``[Šàvé ēx]``. What is filled in later stays as it is, and so
+    does what was translated already.
+    """
+    if not text.strip() or (text.startswith("[") and text.endswith("]")):
         return text
     parts = [part if _KEPT.fullmatch(part) else part.translate(_ACCENTS) for part in _KEPT.split(text)]
     fill, more = "", round(_LONGER * len(text))

@@ -68,3 +68,8 @@ def test_everything_that_is_translated_can_be_told_by_its_brackets(spoken: Langu
         p="Lab"
     )
     assert tr("%n steps", "", 3).startswith("[3 ")
+
+
+def test_what_was_translated_already_stays(spoken: Language) -> None:
+    spoken.use(TRIAL)
+    assert tr(tr("Stop")) == tr("Stop")

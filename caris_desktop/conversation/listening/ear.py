@@ -20,6 +20,7 @@ from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE, Hearing
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 _WINDOW_NS = WINDOW * 1_000_000_000 // RATE_HZ
 _BEFORE_VOICE_NS = 400_000_000
@@ -239,9 +240,9 @@ class Ear:
             self._tell_hearing(turn)
             return
         if not text:
-            self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail="no words were made out in it")
+            self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("no words were made out in it"))
         elif robots:
-            self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail="it was the robot's own voice")
+            self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("it was the robot's own voice"))
         else:
             self._tell_utterance(turn, "finished", turn.voice_ended_ns, text)
         if self._turn is None:

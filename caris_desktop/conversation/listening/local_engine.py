@@ -12,6 +12,7 @@ from caris_desktop.conversation.listening.engine import HeardText, NoEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.plausible import is_nothing
 from caris_desktop.conversation.listening.recogniser_files import OFFLINE_PACKAGE, find_recogniser
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 _RATE_HZ = 16_000
 _FRAMES_PER_S = 100
@@ -33,15 +34,15 @@ class LocalEngine:
             self._model = _open(str(folder), settings.threads)
         except ImportError as error:
             raise NoEngine(
-                "The speech recogniser is not installed.",
-                "What is said is not turned into text; all else goes on.",
-                "Run: pip install faster-whisper",
+                QT_TR_NOOP("The speech recogniser is not installed."),
+                QT_TR_NOOP("What is said is not turned into text; all else goes on."),
+                QT_TR_NOOP("Run: pip install faster-whisper"),
             ) from error
         except (RuntimeError, ValueError, OSError) as error:
             raise NoEngine(
                 f"The speech recogniser {folder.name} cannot be loaded ({error}).",
-                "What is said is not turned into text; all else goes on.",
-                "Get the model anew, or correct listening.model.",
+                QT_TR_NOOP("What is said is not turned into text; all else goes on."),
+                QT_TR_NOOP("Get the model anew, or correct listening.model."),
             ) from error
         several = bool(self._model.model.is_multilingual)
         self.language = settings.language if several else "en"
@@ -50,8 +51,8 @@ class LocalEngine:
         if settings.language not in (self.language, ""):
             raise NoEngine(
                 f"The speech recogniser {self.model} knows English only, and the scenario's language is another.",
-                "What is said is not turned into text; all else goes on.",
-                "Set listening.model to a model that knows the language, or listening.language to en.",
+                QT_TR_NOOP("What is said is not turned into text; all else goes on."),
+                QT_TR_NOOP("Set listening.model to a model that knows the language, or listening.language to en."),
             )
         self.transcribe(np.zeros(_RATE_HZ, np.float32), "", careful=False)  # the first time takes longer
 

@@ -32,6 +32,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 _log = logging.getLogger(__name__)
 _LOOK_EVERY_S = 0.02
@@ -74,7 +75,11 @@ class _Recogniser:
         try:
             VoiceActivity()
         except NoVoiceActivity as error:
-            self._fail(NoEngine(f"{error}.", "What is said is not turned into text.", "Install it with pip."))
+            self._fail(
+                NoEngine(
+                    f"{error}.", QT_TR_NOOP("What is said is not turned into text."), QT_TR_NOOP("Install it with pip.")
+                )
+            )
         try:
             while True:
                 while self._connection.poll(_LOOK_EVERY_S):
@@ -162,7 +167,11 @@ class _Recogniser:
             match self._words.news.get():
                 case WordsReady() as ready:
                     self._every_s = ready.every_s
-                    detail = "" if self._turn_model else "No model tells how a turn's end sounds: silence alone does."
+                    detail = (
+                        ""
+                        if self._turn_model
+                        else QT_TR_NOOP("No model tells how a turn's end sounds: silence alone does.")
+                    )
                     self._ready = RecogniserReady(ready.model, ready.language, ready.load_s, detail)
                     self._connection.send(self._ready)
                 case NoEngine() as failure:
@@ -199,7 +208,7 @@ def _silent(source: str) -> Problem:
         clock.now_ns(),
         "warning",
         f"Nothing at all is heard from the {source}.",
-        "What the participant says there is neither heard nor turned into text.",
-        "Look whether it is muted or switched off, or choose another one.",
+        QT_TR_NOOP("What the participant says there is neither heard nor turned into text."),
+        QT_TR_NOOP("Look whether it is muted or switched off, or choose another one."),
         until="quiet",
     )

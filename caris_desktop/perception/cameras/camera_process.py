@@ -16,6 +16,7 @@ from caris_desktop.domain.pictures import PictureError, fitted
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.perception.cameras.camera_source import (
     SOUND_RATE_HZ,
     CameraError,
@@ -113,17 +114,19 @@ class _Running:
                 if self._chosen.recorded:
                     self._wait(PLAY_AFTER_S)
                 self._play(camera, first)
-                self._tell_state("ended", "The video has been played to its end.")
+                self._tell_state("ended", QT_TR_NOOP("The video has been played to its end."))
                 break
             except CameraError as error:
                 log.warning("camera %s: %s", name, error, exc_info=error.__cause__)
                 if self._chosen.recorded:
-                    self._tell_problem(error, "error", "There is no picture from this video.")
+                    self._tell_problem(error, "error", QT_TR_NOOP("There is no picture from this video."))
                     self._tell_state("ended", str(error), error.advice)
                     break
                 if failures == 0:
                     self._tell_problem(
-                        error, "warning", "There is no picture from this camera until it is back; it is retried."
+                        error,
+                        "warning",
+                        QT_TR_NOOP("There is no picture from this camera until it is back; it is retried."),
                     )
                     self._tell_state("lost", str(error), error.advice)
             finally:
@@ -196,8 +199,8 @@ class _Running:
                 clock.now_ns(),
                 "warning",
                 f"A picture of the camera {self._chosen.name} was left out: it {refused}.",
-                "The video stands still while no better one comes.",
-                "If it stays so, check the camera's settings and its cable or network.",
+                QT_TR_NOOP("The video stands still while no better one comes."),
+                QT_TR_NOOP("If it stays so, check the camera's settings and its cable or network."),
                 until="picture",
             )
         )

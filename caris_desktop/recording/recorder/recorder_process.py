@@ -23,6 +23,7 @@ from caris_desktop.domain.events import ANSWER, Problem, Severity
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.streams import StreamSpec
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.recording.recorder.blurring import Blurring, Covering
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.lsl_outlet import MarkerOutlet, OutletUnavailableError
@@ -174,7 +175,8 @@ class _Recorder:
         image_bgr = self._frames.read(wanted.ref)
         if image_bgr is None:
             self._tell_problem(
-                "No photo was taken.", "The picture was gone before it could be kept.", "Take it again.", "warning",
+                QT_TR_NOOP("No photo was taken."), QT_TR_NOOP("The picture was gone before it could be kept."),
+                QT_TR_NOOP("Take it again."), "warning",
                 cause=ANSWER,
             )  # fmt: skip
             return
@@ -189,9 +191,9 @@ class _Recorder:
         except (OSError, ValueError) as error:
             _log.exception("photo %s", wanted.without_session)
             self._tell_problem(
-                "The photo could not be kept.",
+                QT_TR_NOOP("The photo could not be kept."),
                 f"{wanted.without_session.parent} cannot be written ({error}).",
-                "Make room or rights for the study's folder, then take it again.",
+                QT_TR_NOOP("Make room or rights for the study's folder, then take it again."),
                 cause=ANSWER,
             )
             return
@@ -287,7 +289,7 @@ class _Recorder:
     def _tell_outlet(self, error: OutletUnavailableError | None) -> None:
         if error is None:
             return
-        meaning = "Everything is recorded here all the same; other recorders get no markers."
+        meaning = QT_TR_NOOP("Everything is recorded here all the same; other recorders get no markers.")
         if self._session is not None:
             self._session.problem("warning", error.what, meaning, error.advice)
         else:

@@ -34,6 +34,7 @@ from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.recording.disk_file import DiskFile, Reserve
 from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.blurring import Blurring
@@ -214,15 +215,19 @@ class SessionRecorder:
         if not self._photos_permitted:
             self.problem(
                 "warning",
-                "No photo was taken.",
-                "This scenario does not permit photos.",
-                "Nothing to do.",
+                QT_TR_NOOP("No photo was taken."),
+                QT_TR_NOOP("This scenario does not permit photos."),
+                QT_TR_NOOP("Nothing to do."),
                 cause=ANSWER,
             )
             return
         if self.paused:
             self.problem(
-                "warning", "No photo was taken.", "The recording is paused.", "Resume it, then try again.", cause=ANSWER
+                "warning",
+                QT_TR_NOOP("No photo was taken."),
+                QT_TR_NOOP("The recording is paused."),
+                QT_TR_NOOP("Resume it, then try again."),
+                cause=ANSWER,
             )
             return
         image_bgr = self._frames.read(wanted.ref)
@@ -240,7 +245,8 @@ class SessionRecorder:
 
     def _tell_photo_gone(self) -> None:
         self.problem(
-            "warning", "No photo was taken.", "The picture was gone before it could be kept.", "Take it again.",
+            "warning", QT_TR_NOOP("No photo was taken."),
+            QT_TR_NOOP("The picture was gone before it could be kept."), QT_TR_NOOP("Take it again."),
             cause=ANSWER,
         )  # fmt: skip
 
@@ -392,14 +398,14 @@ class SessionRecorder:
     def give_up(self) -> str:
         """Once ``full``: tell why nothing more can be recorded, and end. What happened, in words for the report."""
         error = self._broken
-        what = "The disk is full." if error is None else f"The disk failed: {error.strerror or error}."
+        what = QT_TR_NOOP("The disk is full.") if error is None else f"The disk failed: {error.strerror or error}."
         self.problem(
             "error",
             what,
-            "The recording has ended; everything up to now is kept. Driving and speaking still work.",
-            "Free some room, or choose another study folder, then record again."
+            QT_TR_NOOP("The recording has ended; everything up to now is kept. Driving and speaking still work."),
+            QT_TR_NOOP("Free some room, or choose another study folder, then record again.")
             if error is None
-            else "Choose a study folder on another disk, then record again.",
+            else QT_TR_NOOP("Choose a study folder on another disk, then record again."),
         )
         self.end("disk_full" if error is None else "disk_failed", CONSOLE)
         return what
@@ -559,22 +565,22 @@ class SessionRecorder:
         if failure.kind == "photo":
             self.problem(
                 "error",
-                "The photo could not be kept.",
-                "The session goes on without it.",
-                "Free some room on the disk." if failure.disk_full else f"Try again. ({failure.detail})",
+                QT_TR_NOOP("The photo could not be kept."),
+                QT_TR_NOOP("The session goes on without it."),
+                QT_TR_NOOP("Free some room on the disk.") if failure.disk_full else f"Try again. ({failure.detail})",
                 cause=ANSWER,
             )
             return
         if failure.lost:
             self._miss("frame", f"{failure.camera}: {failure.detail}"[:200], failure.lost)
         if failure.disk_full:
-            self._end_video("The disk is full.")
+            self._end_video(QT_TR_NOOP("The disk is full."))
         elif failure.kind == "video" and failure.detail != "the video has ended":
             self.problem(
                 "error",
                 f"The video of {failure.camera} ended: {failure.detail}.",
-                "What was recorded up to now is kept. Events and robot data go on.",
-                "Stop and start the recording to have video again.",
+                QT_TR_NOOP("What was recorded up to now is kept. Events and robot data go on."),
+                QT_TR_NOOP("Stop and start the recording to have video again."),
             )
 
     def _on_rate_changed(self, change: VideoRateChanged) -> None:
@@ -586,9 +592,11 @@ class SessionRecorder:
             self.problem(
                 "warning",
                 f"This computer cannot keep up with the video of {change.camera}.",
-                "Frames are left out evenly and counted, until there is time for all of them again. Nothing else is "
-                "missing.",
-                "Close other programs, or choose a smaller picture or fewer frames for this camera.",
+                QT_TR_NOOP(
+                    "Frames are left out evenly and counted, until there is time for all of them again. Nothing else is"
+                    " missing."
+                ),
+                QT_TR_NOOP("Close other programs, or choose a smaller picture or fewer frames for this camera."),
                 until="quiet",
                 cause="busy",
             )
@@ -604,9 +612,11 @@ class SessionRecorder:
             self.problem(
                 "warning",
                 f"The whole picture of {camera} is pixelated.",
-                "People have to be covered in what is kept, and where they are is not known in time. The recording "
-                "goes on, and shows everything again but them as soon as they are found in time.",
-                "See what Diagnostics says about people; close other programs if this computer is busy.",
+                QT_TR_NOOP(
+                    "People have to be covered in what is kept, and where they are is not known in time. The recording "
+                    "goes on, and shows everything again but them as soon as they are found in time."
+                ),
+                QT_TR_NOOP("See what Diagnostics says about people; close other programs if this computer is busy."),
                 until="quiet",
                 cause="busy",
             )
@@ -669,8 +679,8 @@ class SessionRecorder:
         self.problem(
             "warning",
             f"The recording is {behind_s:.1f} s behind.",
-            "What happens waits in memory and keeps its times; only pictures are left out, and counted.",
-            "Close other programs. If it lasts, record with fewer or smaller cameras.",
+            QT_TR_NOOP("What happens waits in memory and keeps its times; only pictures are left out, and counted."),
+            QT_TR_NOOP("Close other programs. If it lasts, record with fewer or smaller cameras."),
             until="quiet",
             cause="busy",
         )
@@ -678,13 +688,13 @@ class SessionRecorder:
     def _live_on_reserve(self) -> None:
         """Events only, from now on."""
         self._told_reserve = True
-        self._end_video("The disk is full.")
+        self._end_video(QT_TR_NOOP("The disk is full."))
         self._end_audio(None)
         self.problem(
             "error",
-            "The disk is full: from here on only events and robot data are recorded.",
+            QT_TR_NOOP("The disk is full: from here on only events and robot data are recorded."),
             f"They have {_megabytes(self._reserve.left_bytes)} that were kept for them; then the recording ends.",
-            "Free some room on the disk now, or stop the recording.",
+            QT_TR_NOOP("Free some room on the disk now, or stop the recording."),
             cause="disk",
         )
 
@@ -700,7 +710,7 @@ class SessionRecorder:
                 f"The disk is filling up: {free} are left{left}.",
                 f"The video gets fewer frames when {_megabytes(self._limits.lower_video_free_bytes)} are left, and "
                 f"ends at {_megabytes(self._limits.end_video_free_bytes)}.",
-                "Delete or move files that you do not need.",
+                QT_TR_NOOP("Delete or move files that you do not need."),
                 cause="disk",
             )
         if disk.slow and not self._told_slow:
@@ -710,7 +720,9 @@ class SessionRecorder:
                 f"The disk is slow: it took {disk.delay_s:.1f} s to write what was recorded.",
                 "Every second frame of the videos is left out meanwhile. A power cut now could cost the last "
                 f"{disk.delay_s + 1:.0f} s.",
-                "Close programs that use this disk, or choose a study folder on another one for the next session.",
+                QT_TR_NOOP(
+                    "Close programs that use this disk, or choose a study folder on another one for the next session."
+                ),
                 until="quiet",
                 cause="disk",
             )
@@ -723,8 +735,8 @@ class SessionRecorder:
         self.problem(
             "error",
             what,
-            "Video is no longer recorded; events, robot data and speech still are.",
-            "Free some room on the disk, then stop and start the recording.",
+            QT_TR_NOOP("Video is no longer recorded; events, robot data and speech still are."),
+            QT_TR_NOOP("Free some room on the disk, then stop and start the recording."),
             cause="disk",
         )
 
@@ -740,8 +752,8 @@ class SessionRecorder:
             self.problem(
                 "error",
                 f"Sound is no longer recorded: {error.strerror or error}.",
-                "What was recorded up to now is kept. Events and robot data go on.",
-                "Stop and start the recording to have sound again.",
+                QT_TR_NOOP("What was recorded up to now is kept. Events and robot data go on."),
+                QT_TR_NOOP("Stop and start the recording to have sound again."),
             )
         elif error is not None:
             self._on_reserve = True
@@ -832,15 +844,23 @@ def _reserve(folder: Path, limits: DiskLimits) -> Reserve:
 
 def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:
     """What happened, what it means and what to do, for the wizard."""
-    meaning = "Nothing is being recorded. Driving and speaking still work."
+    meaning = QT_TR_NOOP("Nothing is being recorded. Driving and speaking still work.")
     if no_room(error):
-        return "The disk is full.", meaning, "Free some room, or choose another study folder, then record again."
+        return (
+            QT_TR_NOOP("The disk is full."),
+            meaning,
+            QT_TR_NOOP("Free some room, or choose another study folder, then record again."),
+        )
     if isinstance(error, FileExistsError):
-        return f"{folder} holds files already.", meaning, "Record again: the next session gets a folder of its own."
+        return (
+            f"{folder} holds files already.",
+            meaning,
+            QT_TR_NOOP("Record again: the next session gets a folder of its own."),
+        )
     return (
         f"{folder} cannot be written: {error.strerror or error}.",
         meaning,
-        "Choose a study folder that you may write to, then record again.",
+        QT_TR_NOOP("Choose a study folder that you may write to, then record again."),
     )
 
 
