@@ -244,28 +244,24 @@ class ControlLink:
             case commands.Silence():
                 if not self._voice.silence(command.actor) and self._connected:
                     self._report.problems.count(
-                        "silence",
-                        severity="info",
+                        "silence", severity="info", cause=ANSWER,
                         what=QT_TR_NOOP("The robot's voice cannot be interrupted."),
                         meaning=QT_TR_NOOP("It finishes its sentence."),
                         advice=QT_TR_NOOP("Name the robot's stop topic under 'speech' in its profile, if it has one."),
-                        cause=ANSWER,
-                    )
+                    )  # fmt: skip
             case commands.ListenToRobot() | commands.PlayOnRobot() | commands.CloseLink():
                 pass
 
     def _refused(self, what: str, refusal: str) -> None:
         if refusal:
             self._report.problems.count(
-                what,
-                severity="warning",
+                what, severity="warning", cause=ANSWER,
                 what=f"{what}: {refusal}.",
                 meaning=QT_TR_NOOP("Nothing was sent to the robot."),
                 advice=QT_TR_NOOP("Try again when that has changed.")
                 if self._connected
                 else QT_TR_NOOP("Try again when the link is back."),
-                cause=ANSWER,
-            )
+            )  # fmt: skip
 
     def _drive(self, command: commands.Drive, given_s: float, age_s: float) -> None:
         refusal = self._drive_refusal(command, age_s)
