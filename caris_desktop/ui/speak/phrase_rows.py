@@ -6,7 +6,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.ui import tokens
-from caris_desktop.ui.action_rows import PHRASE_COUNT, say_keyed_phrase
+from caris_desktop.ui.action_rows import PHRASE_COUNT
 from caris_desktop.ui.actions import Actions, cap_text, keyed_phrases
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -101,8 +101,8 @@ class PhraseRows(QWidget):
 
     def _tell_keyless(self) -> None:
         """A key that does something else goes on doing that."""
-        bound = {spec.argument for spec in self._actions.all_specs if spec.intent is say_keyed_phrase}
-        keyless = [phrase for phrase in keyed_phrases(self._console.scenario) if phrase not in bound]
+        lost = {spec.argument for spec, _other in self._actions.settled.clashes}
+        keyless = [phrase for phrase in keyed_phrases(self._console.scenario) if phrase in lost]
         told = [
             tr("{key} does something else already: “{phrase}” is without it.").format(
                 key=cap_text(phrase.key), phrase=phrase.say
