@@ -27,7 +27,7 @@ def use_translator(translator: Translator | None) -> None:
 
 def tr(text: str, meant: str = "", number: int = -1) -> str:
     """``text`` in the wizard's language. ``meant`` tells apart two meanings of one English text."""
-    return _Used.translator(text, meant, number)
+    return _Used.translator(text, meant, number) if text else ""
 
 
 def QT_TR_NOOP(text: str) -> str:  # noqa: N802 - by this name lupdate finds it

@@ -7,6 +7,7 @@ from datetime import datetime
 from caris_desktop.domain import clock, events, person_marks
 from caris_desktop.domain.sensing import CameraState, PersonBox
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
 from caris_desktop.robot.profile import RobotProfile
@@ -168,14 +169,20 @@ def expectation(bytes_per_hour: float | None, free_bytes: int | None) -> str:
     return f"{rate}; {free}: room for {long_duration(free_bytes / bytes_per_hour * 3600)}"
 
 
+def with_label(sentence: str, label: str) -> str:
+    """With what a scenario or a wizard calls it."""
+    return f"{sentence}: {label}" if label else sentence
+
+
 def with_detail(sentence: str, detail: str) -> str:
-    return f"{sentence}: {detail}" if detail else sentence
+    """With a reason out of the record, which is English there."""
+    return f"{sentence}: {tr(detail)}" if detail else sentence
 
 
 def mark_sentence(mark: events.Marked) -> str:
     """What a mark says, in the state it has now."""
     if mark.kind == "note":
-        return "Note taken back" if mark.state == "withdrawn" else with_detail("Note", f"“{shortened(mark.note, 120)}”")
+        return "Note taken back" if mark.state == "withdrawn" else with_label("Note", f"“{shortened(mark.note, 120)}”")
     what = "Wizard error marked" if mark.kind == "wizard_error" else "Marked"
     label = mark.label
     match mark.state:
@@ -186,7 +193,7 @@ def mark_sentence(mark: events.Marked) -> str:
     if mark.end_ns is not None and mark.start_ns is not None:
         label = f"{label or 'a stretch'}, {age((mark.end_ns - mark.start_ns) / 1e9)}"
     note = f" “{shortened(mark.note, 80)}”" if mark.note else ""
-    return with_detail(what, label) + note
+    return with_label(what, label) + note
 
 
 def shortened(text: str, length: int = 48) -> str:
@@ -228,7 +235,7 @@ def goal_speed(robot: RobotProfile | None, drive: DriveStatus) -> tuple[str, boo
 def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotProfile | None) -> str:
     """What the robot does now, in one line; why it does nothing where it may not."""
     if not drive.allowed:
-        return drive.reason
+        return tr(drive.reason)
     by_itself = goal is not None and goal.state in UNDER_WAY
     if goal is None or not by_itself:
         return drive_line(drive)

@@ -272,7 +272,7 @@ class DrivePanel(Panel):
         if drive.emergency_stop:
             return tr("Release it in the red bar above to drive again."), "red"
         if not drive.allowed:
-            return drive.reason, "amber"
+            return tr(drive.reason), "amber"
         if self.hold.must_let_go and not self.hold.held:
             return tr("Let go and press again to drive."), "amber"
         if guard:
