@@ -62,7 +62,9 @@ class SettingEntries:
         settings, levels = self._console.scenario.assistance, self._state.levels.value
         return [
             Entry(
-                f"{title}: {event_words.LEVELS[level].lower()}", "Do", "sliders-horizontal", "",
+                tr("{function}: {level}").format(
+                    function=tr(title), level=tr(event_words.LEVELS[level]).lower()
+                ), "Do", "sliders-horizontal", "",
                 self._doer(intents.SetLevel(function, level)), also="assistant level suggestions proposals",
             )
             for function, title in event_words.FUNCTIONS.items()
