@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import (
     AssistantSetup,
@@ -35,9 +36,12 @@ _LEAST_PX, _NAME_CHARACTERS = 90, 40
 ROOM_LOW_S, ROOM_ALMOST_GONE_S = 30 * 60.0, 5 * 60.0
 BATTERY_OLD_AFTER_S = 60.0
 _LINK_WORDS = {
-    "connecting": ("amber", "connecting"), "connected": ("green", ""), "trouble": ("amber", "unsteady"),
-    "lost": ("red", "out of reach"), "closed": ("dim", "not connected"),
-}  # fmt: skip
+    "connecting": ("amber", QT_TR_NOOP("{robot} connecting")),
+    "connected": ("green", "{robot}"),
+    "trouble": ("amber", QT_TR_NOOP("{robot} unsteady")),
+    "lost": ("red", QT_TR_NOOP("{robot} out of reach")),
+    "closed": ("dim", QT_TR_NOOP("{robot} not connected")),
+}
 _LINK_ICONS = {
     "connecting": "circle-dashed", "connected": "check-circle", "trouble": "warning", "lost": "warning-octagon",
     "closed": "circle",
@@ -206,42 +210,45 @@ class StatusBar(QWidget):
         state, items = self._console.state, self.items
         self._told = self._states()
         link: LinkStatus = state.link.value
-        role, word = _LINK_WORDS[link.state]
+        role, said = _LINK_WORDS[link.state]
         if link.state == "connecting" and not state.present.live:
-            word = "not reached"
-        robot = words.shortened(link.robot, _NAME_CHARACTERS) or "Robot"
+            said = QT_TR_NOOP("{robot} not reached")
+        robot = words.shortened(link.robot, _NAME_CHARACTERS) or tr("Robot")
         facts = words.link_facts(link, state.traffic.value, state.present.anchor).replace(" · ", "\n")
-        icon, whose = _LINK_ICONS[link.state], f"{robot} {word}".strip()
+        icon, whose = _LINK_ICONS[link.state], tr(said).format(robot=robot)
         if not state.present.live:
             # Another robot may be driven now, beside this replay.
-            role, icon, whose = "dim" if role == "green" else role, "clock-counter-clockwise", f"{whose} · recorded"
-        items["link"].say(
-            whose, role, icon=icon, tip=f"{link.robot}\n{facts}\nClick for the last minute.".strip()
-        )  # fmt: skip
+            role, icon = "dim" if role == "green" else role, "clock-counter-clockwise"
+            whose = tr("{what} · recorded").format(what=whose)
+        minute = tr("Click for the last minute.")
+        items["link"].say(whose, role, icon=icon, tip=f"{link.robot}\n{facts}\n{minute}".strip())
         connected = link.state in ("connected", "trouble")
         round_trip = link.round_trip_ms if connected else None
         items["round_trip"].say(
-            f"link {round_trip:.0f} ms" if round_trip is not None else "",
+            tr("link {time} ms").format(time=f"{round_trip:.0f}") if round_trip is not None else "",
             tip=_round_trip_tip(link, state.present.anchor),
         )
-        items["video"].say(*self._stream_words("video", state.frame), tip="Age of the newest picture")
-        items["lidar"].say(*self._stream_words("LIDAR", state.scan), tip="Age of the newest LIDAR scan")
+        items["video"].say(*self._stream_words(tr("video"), state.frame), tip=tr("Age of the newest picture"))
+        items["lidar"].say(*self._stream_words(tr("LIDAR"), state.scan), tip=tr("Age of the newest LIDAR scan"))
         # The pose is shown on the map; here it is told only where it has become old.
         old_pose = state.pose.freshness in ("stale", "lost")
         items["pose"].say(
-            *(self._stream_words("pose", state.pose) if old_pose else ("",)), tip="Age of the newest pose"
+            *(self._stream_words(tr("pose"), state.pose) if old_pose else ("",)), tip=tr("Age of the newest pose")
         )
         self._say_battery()
         refused = sum(measured.refused for measured in state.traffic.value.values())
         items["refused"].say(
-            f"{refused} message{'s' if refused != 1 else ''} refused" if refused else "", "amber", icon="warning",
-            tip="Messages from the robot that could not be used: malformed, too large or of another type.\n"
-            "Diagnostics tells which topics.",
+            _refused(refused) if refused else "", "amber", icon="warning",
+            tip=tr(
+                "Messages from the robot that could not be used: malformed, too large or of another type.\n"
+                "Diagnostics tells which topics."
+            ),
         )  # fmt: skip
         load: LoadStatus = state.load.value
         items["load"].say(
-            f"busy: {load.detail}" if load.detail else "", "amber", icon="gauge" if load.detail else "",
-            tip="The computer does not keep up. Driving, stopping, sound and the recording go on as before.",
+            tr("busy: {what}").format(what=load.detail) if load.detail else "", "amber",
+            icon="gauge" if load.detail else "",
+            tip=tr("The computer does not keep up. Driving, stopping, sound and the recording go on as before."),
         )  # fmt: skip
         self._say_models(state.perception.value)
         self._say_microphones(state.microphone.value, state.wizard_microphone.value, state.sound.value)
@@ -250,16 +257,17 @@ class StatusBar(QWidget):
         self._fit()
 
     def _stream_words(self, name: str, stream: LiveStream) -> tuple[str, str]:
-        age_s = stream.age_s()
+        age = words.age(stream.age_s() or 0.0)
         match stream.freshness:
             case "fresh":
-                return f"{name} {words.age(age_s or 0.0)}", "dim"
+                return tr("{stream} {age}").format(stream=name, age=age), "dim"
             case "stale":
-                return f"{name} delayed {words.age(age_s or 0.0)}", "amber"
+                return tr("{stream} delayed {age}").format(stream=name, age=age), "amber"
             case "lost":
-                return f"{name} lost for {words.age(age_s or 0.0)}", "red"
+                return tr("{stream} lost for {age}").format(stream=name, age=age), "red"
             case _:
-                return f"no {name} yet" if self._console.state.present.live else f"no {name}", "dim"
+                none = tr("no {stream} yet") if self._console.state.present.live else tr("no {stream}")
+                return none.format(stream=name), "dim"
 
     def minimumSizeHint(self) -> QSize:
         # A long word here must not make the window wider than its screen.
@@ -298,44 +306,53 @@ class StatusBar(QWidget):
         age_s = stream.age_s() or 0.0
         # Robots tell their charge at any pace, so only a silence of minutes makes it doubtful.
         old = age_s > BATTERY_OLD_AFTER_S
-        text = f"battery {'low, ' if low else ''}{battery:.0%}".replace("%", " %")
+        charge, age = f"{battery:.0%}".replace("%", " %"), words.age(age_s)
+        text = (tr("battery low, {charge}") if low else tr("battery {charge}")).format(charge=charge)
         self.items["battery"].say(
-            f"{text}, told {words.age(age_s)} ago" if old else text, "amber" if low or old else "dim",
-            icon="battery-warning" if low else "", tip=f"Told {words.age(age_s)} ago",
-        )  # fmt: skip
+            tr("{battery}, told {age} ago").format(battery=text, age=age) if old else text,
+            "amber" if low or old else "dim",
+            icon="battery-warning" if low else "",
+            tip=tr("Told {age} ago").format(age=age),
+        )
 
     def _say_models(self, perception: PerceptionStatus) -> None:
         match perception.state:
             case "ready":
                 took_ms = perception.inference_ms
-                where = f"by {perception.server}, to which it goes" if perception.server else "on this computer"
+                tip = tr("Time to find the people in a picture, on this computer.")
+                if perception.server:
+                    tip = tr("Time to find the people in a picture, by {server}, to which it goes.")
                 self.items["perception"].say(
-                    "people: ready" if took_ms is None else f"people {took_ms:.0f} ms",
-                    tip=f"Time to find the people in a picture, {where}.\n{perception.model}".strip(),
+                    tr("people: ready") if took_ms is None else tr("people {time} ms").format(time=f"{took_ms:.0f}"),
+                    tip=f"{tip.format(server=perception.server)}\n{perception.model}".strip(),
                 )
             case "loading":
-                self.items["perception"].say("people: loading model", tip=perception.model)
+                self.items["perception"].say(tr("people: loading model"), tip=perception.model)
             case "failed":
                 self.items["perception"].say(
-                    "people are not being found", "amber", icon="warning", tip=perception.detail
+                    tr("people are not being found"), "amber", icon="warning", tip=perception.detail
                 )
             case _:
                 self.items["perception"].say("")
         scenario = self._console.scenario
         setup: AssistantSetup = self._console.state.assistant_setup.value
         local = not scenario.permissions.assistant or not setup.server
-        text, tip = "local models only", "Nothing that is said or asked leaves this computer."
+        text, tip = tr("local models only"), tr("Nothing that is said or asked leaves this computer.")
         if not local:
-            text = f"language model: {words.shortened(setup.model, _NAME_CHARACTERS)}"
-            tip = f"What is asked goes to {setup.server}."
+            text = tr("language model: {model}").format(model=words.shortened(setup.model, _NAME_CHARACTERS))
+            tip = tr("What is asked goes to {server}.").format(server=setup.server)
         if perception.server and not is_loopback(perception.server):
-            text = "pictures leave this computer" if local else f"{text}, pictures leave too"
-            tip = f"{tip}\nPeople are found by {perception.server}, which gets the pictures."
+            too = tr("{models}, pictures leave too").format(models=text)
+            text = tr("pictures leave this computer") if local else too
+            found = tr("People are found by {server}, which gets the pictures.").format(server=perception.server)
+            tip = f"{tip}\n{found}"
             local = False
         ear = scenario.listening
         if scenario.permissions.transcription and ear.engine == "server" and not is_loopback(ear.server):
-            text = "sound leaves this computer" if local else f"{text}, sound leaves too"
-            tip = f"{tip}\nWhat is said is turned into text by {without_credentials(ear.server)}, which gets the sound."
+            too = tr("{models}, sound leaves too").format(models=text)
+            text = tr("sound leaves this computer") if local else too
+            made = tr("What is said is turned into text by {server}, which gets the sound.")
+            tip = f"{tip}\n{made.format(server=without_credentials(ear.server))}"
         self.items["models"].say(text, tip=tip)
 
     def _say_listening(self, listening: ListeningStatus, microphone: MicrophoneStatus) -> None:
@@ -346,15 +363,18 @@ class StatusBar(QWidget):
             return
         match listening.state:
             case "ready" if microphone.state in ("starting", "on"):
-                language = f" ({listening.language})" if listening.language else ""
-                tip = f"What is said near the robot becomes text{language}.\n{listening.model}\n{listening.detail}"
-                item.say("listening", tip=tip.strip())
+                tip = tr("What is said near the robot becomes text.")
+                if listening.language:
+                    tip = tr("What is said near the robot becomes text ({language}).").format(
+                        language=listening.language
+                    )
+                item.say(tr("listening"), tip=f"{tip}\n{listening.model}\n{listening.detail}".strip())
             case "loading":
-                item.say("listening: loading model")
+                item.say(tr("listening: loading model"))
             case "failed":
-                item.say("no transcription", "amber", icon="warning", tip=listening.detail)
+                item.say(tr("no transcription"), "amber", icon="warning", tip=listening.detail)
             case _:
-                item.say("no transcription", tip="No microphone hears the participant.")
+                item.say(tr("no transcription"), tip=tr("No microphone hears the participant."))
 
     def _say_microphones(self, participant: MicrophoneStatus, wizard: MicrophoneStatus, sound: SoundStatus) -> None:
         """Whoever looks sees that a microphone is open, and whose."""
@@ -363,18 +383,18 @@ class StatusBar(QWidget):
         tips = [words.microphone_facts(each) for each in (participant, wizard) if each.state != "off"]
         talks = sound.talking and wizard.state in ("starting", "on")
         if sound.hearing:
-            tips.append("You hear along what it hears")
+            tips.append(tr("You hear along what it hears"))
         if talks and wizard.state == "starting":
-            text, role, icon = "your microphone opens…", "amber", "microphone"
+            text, role, icon = tr("your microphone opens…"), "amber", "microphone"
         elif talks:
-            whom = "the participant hears you" if sound.talking == "robot" else "you are dictating"
+            whom = tr("the participant hears you") if sound.talking == "robot" else tr("you are dictating")
             text, role, icon = whom, "green", "microphone"
         elif "failed" in (participant.state, wizard.state):
-            text, role, icon = "microphone not heard", "amber", "microphone-slash"
+            text, role, icon = tr("microphone not heard"), "amber", "microphone-slash"
         elif participant.state == "off" and wizard.state == "off":
             text, role, icon = "", "dim", ""
         else:
-            text = "microphone open" if participant.state != "off" else "your microphone is open"
+            text = tr("microphone open") if participant.state != "off" else tr("your microphone is open")
             role, icon = "text", "microphone"
         self.items["microphone"].say(text, role, icon=icon, tip="\n".join(tips))
 
@@ -391,21 +411,23 @@ class StatusBar(QWidget):
         item = self.items["recording"]
         match recording.state:
             case "recording":
-                item.say(f"recording, {words.size(recording.written_bytes)}", "text", icon="record")
+                item.say(
+                    tr("recording, {size}").format(size=words.size(recording.written_bytes)), "text", icon="record"
+                )
             case "paused":
-                item.say(f"paused, {words.size(recording.written_bytes)}", "amber", icon="pause")
+                item.say(tr("paused, {size}").format(size=words.size(recording.written_bytes)), "amber", icon="pause")
             case "starting" | "stopping":
-                item.say("starting to record" if recording.state == "starting" else "saving the recording")
+                item.say(tr("starting to record") if recording.state == "starting" else tr("saving the recording"))
             case "failed":
-                item.say("recording failed", "red", icon="warning-octagon", tip=recording.detail)
+                item.say(tr("recording failed"), "red", icon="warning-octagon", tip=recording.detail)
             case _:
-                item.say("not recording")
+                item.say(tr("not recording"))
         dropped = {stream: count for stream, count in recording.dropped.items() if count}
         self.items["dropped"].say(
             words.all_missing(dropped), "amber", icon="warning",
             tip="\n".join([
                 *(words.missing(stream, count) for stream, count in sorted(dropped.items())),
-                "The computer or its disk did not keep up. Everything said and done is recorded all the same.",
+                tr("The computer or its disk did not keep up. Everything said and done is recorded all the same."),
             ]),
         )  # fmt: skip
         self._say_disk(recording)
@@ -414,19 +436,25 @@ class StatusBar(QWidget):
         """While something is recorded how long there is room for it, else how much is free."""
         item, free, room_s = self.items["disk"], recording.free_bytes, recording.room_s
         if recording.state == "recording" and room_s is not None:
-            rate = f"{words.size(recording.bytes_per_s * 3600)} per hour"
-            left = "" if free is None else f"{words.size(free)} free, "
-            tip = f"{left}{rate} at present. Video is reduced first when room gets short."
+            rate = words.size(recording.bytes_per_s * 3600)
+            tip = tr("{rate} per hour at present. Video is reduced first when room gets short.").format(rate=rate)
+            if free is not None:
+                tip = tr("{free} free, {rate} per hour at present. Video is reduced first when room gets short.")
+                tip = tip.format(free=words.size(free), rate=rate)
             room = words.long_duration(room_s)
             if room_s < ROOM_ALMOST_GONE_S:
-                item.say(f"disk almost full: room for {room}", "red", icon="warning-octagon", tip=tip)
+                item.say(
+                    tr("disk almost full: room for {time}").format(time=room), "red", icon="warning-octagon", tip=tip
+                )
             elif room_s < ROOM_LOW_S:
-                item.say(f"room for {room} only", "amber", icon="warning", tip=tip)
+                item.say(tr("room for {time} only").format(time=room), "amber", icon="warning", tip=tip)
             else:
-                item.say(f"room for {room}", tip=tip)
+                item.say(tr("room for {time}").format(time=room), tip=tip)
             return
         low = free is not None and free < 2e9
-        text = "" if free is None else f"{words.size(free)} {'left on disk' if low else 'free'}"
+        text = ""
+        if free is not None:
+            text = (tr("{size} left on disk") if low else tr("{size} free")).format(size=words.size(free))
         item.say(text, "amber" if low else "dim", icon="warning" if low else "")
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -436,10 +464,14 @@ class StatusBar(QWidget):
         painter.drawLine(0, 0, self.width(), 0)
 
 
+def _refused(count: int) -> str:
+    return tr("1 message refused") if count == 1 else tr("%n messages refused", "", count)
+
+
 def _round_trip_tip(link: LinkStatus, anchor: ClockAnchor) -> str:
     """Round trip, and how the robot's clock goes beside ours."""
-    lines = ["Time to the robot and back."]
+    lines = [tr("Time to the robot and back.")]
     if link.clock_offset_ms is not None:
         offset = words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
-        lines.append(f"Robot clock {offset}.")
-    return "\n".join([*lines, "Click for the last minute."])
+        lines.append(tr("Robot clock {offset}.").format(offset=offset))
+    return "\n".join([*lines, tr("Click for the last minute.")])
