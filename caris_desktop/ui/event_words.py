@@ -46,7 +46,10 @@ def _by_whom(event: object) -> str:
     told = isinstance(event, events.AlarmChanged | events.DriveEnded | events.GuardChanged) or bool(
         getattr(event, "detail", "")
     )
-    return "" if actor in ("", WIZARD) or (actor == CONSOLE and told) else tr(in_words(actor))
+    if actor in ("", WIZARD) or (actor == CONSOLE and told):
+        return ""
+    whom = in_words(actor)
+    return tr(whom)
 
 
 def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | None:
