@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QPoint, QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QFont, QFontMetricsF, QPainter, QRegion, QTransform
 from PySide6.QtSvg import QSvgGenerator
-from PySide6.QtWidgets import QAbstractButton, QAbstractScrollArea, QLabel, QLineEdit, QTabBar, QWidget
+from PySide6.QtWidgets import QAbstractButton, QAbstractScrollArea, QComboBox, QLabel, QLineEdit, QTabBar, QWidget
 
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.drop_down import DropDown
 
 _SPARE_PX = 1.5
 _OVERLAP = 0.2
@@ -131,6 +132,8 @@ def _shown(window: QWidget) -> Iterator[QWidget]:
 def _text_of(widget: QWidget) -> str:
     if isinstance(widget, QLineEdit):
         return widget.placeholderText() if not widget.text() else ""
+    if isinstance(widget, QComboBox):
+        return widget.currentText()
     return widget.text() if isinstance(widget, (QLabel, QAbstractButton)) else ""
 
 
@@ -166,6 +169,8 @@ def _named_by(widget: QWidget) -> str:
 
 
 def _lacking_px(widget: QWidget) -> tuple[float, float] | None:
+    if isinstance(widget, QComboBox):
+        return _lacking_in_combo_box(widget)
     text = _text_of(widget)
     if not text.strip() or isinstance(widget, CutLabel):
         return None  # cut short on purpose, with the whole text in its tip
@@ -189,6 +194,17 @@ def _lacking_px(widget: QWidget) -> tuple[float, float] | None:
     beyond = _beyond_parent(widget)
     lacks = max(lacks[0], beyond[0]), max(lacks[1], beyond[1])
     return (max(0.0, lacks[0]), max(0.0, lacks[1])) if max(lacks) > _SPARE_PX else None
+
+
+_LONGEST_CHOICE = 34
+"""Of what has more characters, such as names that servers give to models, a part may be left to the tip."""
+
+
+def _lacking_in_combo_box(widget: QComboBox) -> tuple[float, float] | None:
+    if not isinstance(widget, DropDown) or len(widget.currentText()) > _LONGEST_CHOICE:
+        return None
+    lacks_px = widget.lacks_px()
+    return (float(lacks_px), 0.0) if lacks_px > _SPARE_PX else None
 
 
 def _beyond_parent(widget: QWidget) -> tuple[float, float]:

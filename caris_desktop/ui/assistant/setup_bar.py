@@ -17,7 +17,7 @@ from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 _PHOTOS_OFFERED = 8
 _HEIGHT_PX = 28
-_MODEL_CHARACTERS, _CHARACTERS = 14, 6
+_MODEL_WIDEST_PX, _WIDEST_PX = 280, 180
 
 
 class SetupBar(FlowRow):
@@ -45,7 +45,7 @@ class SetupBar(FlowRow):
         for drop_down in (self.model, self.role, self.style_choice, self.template, self.picture):
             drop_down.setMinimumHeight(_HEIGHT_PX)
             drop_down.setMaximumHeight(_HEIGHT_PX)
-            drop_down.setMinimumContentsLength(_MODEL_CHARACTERS if drop_down is self.model else _CHARACTERS)
+            drop_down.show_whole(up_to_px=_MODEL_WIDEST_PX if drop_down is self.model else _WIDEST_PX)
             self.add(drop_down)
         self.add(self.words)
         self.model.activated.connect(self._on_model)

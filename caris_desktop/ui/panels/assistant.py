@@ -114,7 +114,9 @@ class AssistantPanel(Panel):
         self._style()
 
     def _button(self, text: str, name: str, act: Any, *, icon: str = "", primary: bool = False) -> ActionButton:
-        button = ActionButton(self.theme, text, icon=icon, look="primary" if primary else "plain")
+        button = ActionButton(
+            self.theme, text, icon=icon, look="primary" if primary else "plain", may_shrink=not primary
+        )
         button.setObjectName(name)
         button.clicked.connect(act)
         return button

@@ -40,7 +40,9 @@ class FacePanel(Panel):
         self._text.setObjectName("face_text")
         self._text.setPlaceholderText(tr("Show a text instead…"))
         self._text.setAccessibleName(tr("A text to show in place of the face"))
-        self._text.setMinimumWidth(180)
+        self._text.setMinimumWidth(
+            max(180, self._text.fontMetrics().horizontalAdvance(self._text.placeholderText()) + 28)
+        )
         self._text.setMaxLength(200)
         self._text.returnPressed.connect(self._on_text)
         self._back = ActionButton(self.theme, tr("Face again"), icon="smiley", height_px=30)

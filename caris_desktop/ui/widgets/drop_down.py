@@ -1,33 +1,83 @@
 """A drop-down list that shows its arrow, and that the wheel passes by."""
 
-from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QPainter, QPaintEvent, QWheelEvent
-from PySide6.QtWidgets import QComboBox
+import html
+import math
+
+from PySide6.QtCore import QEvent, QRectF, Qt
+from PySide6.QtGui import QHelpEvent, QPaintEvent, QWheelEvent
+from PySide6.QtWidgets import QComboBox, QStyle, QStyleOptionComboBox, QStylePainter, QToolTip
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 
+_ARROW_PX, _BESIDE_PX = 22, 12
+
 
 class DropDown(QComboBox):
-    """Takes no focus from a click, so that driving by bare keys goes on; who scrolls past it changes nothing."""
+    """Takes no focus from a click, so that driving by bare keys goes on; who scrolls past it changes nothing.
+
+    What it has no room for ends in dots, and its tip has it whole; the list that opens is as wide as its entries.
+    """
 
     def __init__(self, theme: Theme, name: str, accessible_name: str) -> None:
         super().__init__()
         self._theme = theme
+        self._widest_px = 0
         self.setObjectName(name)
         self.setAccessibleName(accessible_name)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX - 4)
         self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
 
+    def show_whole(self, *, up_to_px: int) -> None:
+        """From now on it is as wide as what is chosen needs, this wide at most."""
+        self._widest_px = up_to_px
+        self.currentTextChanged.connect(self._be_wide_enough)
+        self._be_wide_enough(self.currentText())
+
+    def lacks_px(self) -> int:
+        """How much wider it would have to be for what is chosen to be seen whole."""
+        self.ensurePolished()
+        return max(0, math.ceil(self.fontMetrics().horizontalAdvance(self.currentText())) - self._room_px())
+
+    def _be_wide_enough(self, text: str) -> None:
+        self.ensurePolished()
+        needed_px = self.fontMetrics().horizontalAdvance(text) + self.width() - self._room_px() + 2
+        self.setMinimumWidth(min(needed_px, self._widest_px))
+
+    def _room_px(self) -> int:
+        option = QStyleOptionComboBox()
+        self.initStyleOption(option)
+        part = QStyle.SubControl.SC_ComboBoxEditField
+        field = self.style().subControlRect(QStyle.ComplexControl.CC_ComboBox, option, part, self)
+        return min(field.right() - 1, self.width() - _ARROW_PX) - max(field.left(), _BESIDE_PX // 2)
+
+    def showPopup(self) -> None:
+        view = self.view()
+        view.setMinimumWidth(view.sizeHintForColumn(0) + 2 * _BESIDE_PX)
+        super().showPopup()
+
+    def event(self, event: QEvent) -> bool:
+        if isinstance(event, QHelpEvent) and event.type() == QEvent.Type.ToolTip and self.lacks_px():
+            lines = [html.escape(self.currentText()), *filter(None, [self.toolTip()])]
+            QToolTip.showText(event.globalPos(), "<br>".join(lines), self)
+            return True
+        return super().event(event)
+
     def wheelEvent(self, event: QWheelEvent) -> None:
         event.ignore()
 
-    def paintEvent(self, event: QPaintEvent) -> None:
-        super().paintEvent(event)
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QStylePainter(self)
+        option = QStyleOptionComboBox()
+        self.initStyleOption(option)
+        option.currentText = self.fontMetrics().elidedText(
+            self.currentText(), Qt.TextElideMode.ElideRight, self._room_px()
+        )
+        painter.drawComplexControl(QStyle.ComplexControl.CC_ComboBox, option)
+        painter.drawControl(QStyle.ControlElement.CE_ComboBoxLabel, option)
         # A style sheet with a border takes the style's own arrow away.
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setRenderHint(QStylePainter.RenderHint.Antialiasing)
         rect = QRectF(self.width() - 22, self.height() / 2 - 6, 12, 12)
         draw_icon(painter, rect, "caret-down", self._theme.color("text" if self.isEnabled() else "dim"))
