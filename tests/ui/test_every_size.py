@@ -16,6 +16,7 @@ from caris_desktop.scenario.file import load_scenario
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.drop_down import DropDown
 from tests.support.window_check import flaws
 from tests.ui import samples
 from tests.ui.conftest import freshen
@@ -111,13 +112,18 @@ def test_the_check_sees_what_is_cut_off_and_what_lies_on_one_another(window: Mai
     squeezed.setGeometry(600, 90, 40, 20)
     over.adjustSize()
     over.move(20, 18)
-    for label in (squeezed, over):
-        label.show()
+    choice = DropDown(window.theme, "squeezed_choice", "Choice")
+    choice.addItem("Chosen out of sight")
+    choice.setParent(window)
+    choice.setGeometry(600, 130, 70, 28)
+    for widget in (squeezed, over, choice):
+        widget.show()
     found = flaws(window)
-    for label in (squeezed, over):
-        label.hide()
-        label.deleteLater()
-    assert any("squeezed" in flaw for flaw in found), found
+    for widget in (squeezed, over, choice):
+        widget.hide()
+        widget.deleteLater()
+    assert any("'squeezed'" in flaw or "squeezed lacks" in flaw for flaw in found), found
+    assert any("squeezed_choice" in flaw for flaw in found), found
     assert any("Lies over the title" in flaw and "on one another" in flaw for flaw in found), found
 
 

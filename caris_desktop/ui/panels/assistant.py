@@ -32,6 +32,7 @@ _MOST_TYPED = 32_000
 _ROOMY_PX = 380
 """From this height on what goes along is in view all the time, below while a question is being written."""
 _LOW_PX = 210
+_HINT_SIDES_PX = 10
 _NO_EXCHANGE = ExchangeStatus("", "", "cancelled")
 
 
@@ -52,7 +53,7 @@ class AssistantPanel(Panel):
         self.field.stepped.connect(self._step)
         self.field.setObjectName("assistant_field")
         self.field.setAccessibleName(tr("Question to the assistant"))
-        self.field.setPlaceholderText(tr("Ask the assistant…"))
+        self.field.hints = (tr("Ask the assistant…"), tr("Ask…"))
         self.field.setMinimumHeight(40)
         # A pasted text stays whole: what is too long is said, and not cut behind the wizard's back.
         self.field.setMaxLength(_MOST_TYPED)
@@ -460,9 +461,18 @@ def _the_one_of(status: AssistantStatus) -> tuple[ExchangeStatus, ...]:
 
 
 class _QuestionField(QLineEdit):
-    """The arrow keys up and down go through the questions that were asked."""
+    """The arrow keys up and down go through the questions that were asked. Of ``hints`` it shows the first that it has
+    room for.
+    """
 
     stepped = Signal(int)
+    hints: tuple[str, ...] = ("",)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        room_px = self.contentsRect().width() - _HINT_SIDES_PX
+        wide = self.fontMetrics().horizontalAdvance
+        self.setPlaceholderText(next((hint for hint in self.hints if wide(hint) <= room_px), self.hints[-1]))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         step = {Qt.Key.Key_Up: -1, Qt.Key.Key_Down: 1}.get(Qt.Key(event.key()))
