@@ -19,6 +19,7 @@ from pathlib import Path
 import psutil
 
 from caris_desktop.domain.file_replacement import no_room
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.recording.names import Pseudonyms, pseudonymised, pseudonyms_of
 from caris_desktop.recording.session.session_header import is_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
@@ -86,19 +87,45 @@ def _format(name: str, title: str, description: str, *, of_study: str = "") -> E
 
 
 FORMATS: tuple[ExportFormat, ...] = (
-    _format("csv", "Tables (CSV)", "One tidy table for each kind of value and event, with a data dictionary."),
-    _format("parquet", "Tables (Parquet)", "The same tables, typed, for pandas, R and DuckDB."),
-    _format("eaf", "ELAN", "A project with media, tiers and controlled vocabularies; opens in ELAN by double click."),
-    _format("textgrid", "Praat TextGrid", "The tiers for Praat, by the session's time and by that of each sound file."),
-    _format("vtt", "Captions (WebVTT)", "What was said, as captions of the video."),
-    _format("rosbag2", "ROS bags", "Standard messages for ROS 2 (MCAP) and ROS 1."),
-    _format("frames", "Learning data", "Images and boxes for YOLO and MOT; episodes of driving and dialogue as JSONL."),
-    _format("rocrate", "Archive (RO-Crate)", "The whole session with metadata and licence, for a repository."),
-    _format("html", "Report", "One page for people: time line, trajectory, talk time, transcript, problems."),
+    _format(
+        "csv",
+        QT_TR_NOOP("Tables (CSV)"),
+        QT_TR_NOOP("One tidy table for each kind of value and event, with a data dictionary."),
+    ),
+    _format("parquet", QT_TR_NOOP("Tables (Parquet)"), QT_TR_NOOP("The same tables, typed, for pandas, R and DuckDB.")),
+    _format(
+        "eaf",
+        QT_TR_NOOP("ELAN"),
+        QT_TR_NOOP("A project with media, tiers and controlled vocabularies; opens in ELAN by double click."),
+    ),
+    _format(
+        "textgrid",
+        QT_TR_NOOP("Praat TextGrid"),
+        QT_TR_NOOP("The tiers for Praat, by the session's time and by that of each sound file."),
+    ),
+    _format("vtt", QT_TR_NOOP("Captions (WebVTT)"), QT_TR_NOOP("What was said, as captions of the video.")),
+    _format("rosbag2", QT_TR_NOOP("ROS bags"), QT_TR_NOOP("Standard messages for ROS 2 (MCAP) and ROS 1.")),
+    _format(
+        "frames",
+        QT_TR_NOOP("Learning data"),
+        QT_TR_NOOP("Images and boxes for YOLO and MOT; episodes of driving and dialogue as JSONL."),
+    ),
+    _format(
+        "rocrate",
+        QT_TR_NOOP("Archive (RO-Crate)"),
+        QT_TR_NOOP("The whole session with metadata and licence, for a repository."),
+    ),
+    _format(
+        "html",
+        QT_TR_NOOP("Report"),
+        QT_TR_NOOP("One page for people: time line, trajectory, talk time, transcript, problems."),
+    ),
     _format(
         "methods",
-        "Methods sheet",
-        "What a paper has to report of a Wizard-of-Oz study, filled from the log. One sheet for all sessions.",
+        QT_TR_NOOP("Methods sheet"),
+        QT_TR_NOOP(
+            "What a paper has to report of a Wizard-of-Oz study, filled from the log. One sheet for all sessions."
+        ),
         of_study="write_methods_of_study",
     ),
 )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan
+from caris_desktop.domain.translation import tr
 from caris_desktop.robot.profile import RobotProfile
 
 CLOSE_M = 0.6
@@ -57,15 +58,27 @@ def ahead_of(scan: LaserScan) -> Ahead:
 
 def ahead_words(ahead: Ahead, looks_away: str = "") -> tuple[str, bool]:
     """In words, and whether it is a warning. ``looks_away`` says where the picture looks instead."""
-    of_base, away = (" of the base", f" · {looks_away}") if looks_away else ("", "")
+    close = False
     if ahead.distance_m is not None:
         close = ahead.distance_m < CLOSE_M
-        return f"{'Close! ' if close else ''}Obstacle {ahead.distance_m:.1f} m ahead{of_base}{away}", close
-    if ahead.covered < 0.1:
-        return f"The LIDAR does not look ahead{of_base}{away}", False
-    if ahead.covered < 0.9:
-        return f"Nothing ahead{of_base} where the LIDAR looks; it does not see all of it{away}", False
-    return f"Nothing in reach ahead{of_base}{away}", False
+        if close:
+            line = (
+                tr("Close! Obstacle {distance} m ahead")
+                if not looks_away
+                else tr("Close! Obstacle {distance} m ahead of the base")
+            )
+        else:
+            line = tr("Obstacle {distance} m ahead of the base") if looks_away else tr("Obstacle {distance} m ahead")
+        line = line.format(distance=f"{ahead.distance_m:.1f}")
+    elif ahead.covered < 0.1:
+        line = tr("The LIDAR does not look ahead of the base") if looks_away else tr("The LIDAR does not look ahead")
+    elif ahead.covered < 0.9 and looks_away:
+        line = tr("Nothing ahead of the base where the LIDAR looks; it does not see all of it")
+    elif ahead.covered < 0.9:
+        line = tr("Nothing ahead where the LIDAR looks; it does not see all of it")
+    else:
+        line = tr("Nothing in reach ahead of the base") if looks_away else tr("Nothing in reach ahead")
+    return " · ".join(filter(None, (line, looks_away))), close
 
 
 def looks_away(robot: RobotProfile | None, frame: FrameRef | None, head: HeadState | None) -> str:
@@ -75,12 +88,12 @@ def looks_away(robot: RobotProfile | None, frame: FrameRef | None, head: HeadSta
     if model is None:
         return ""
     if model.on_head and head is None:
-        return "the head may look elsewhere"
+        return tr("the head may look elsewhere")
     if head is not None:
         model = model.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
     heading_rad = math.remainder(model.heading_rad, 2 * math.pi)
     if abs(heading_rad) <= _LOOKS_AWAY_RAD:
         return ""
     if abs(heading_rad) >= _LOOKS_BACK_RAD:
-        return "the picture looks back"
-    return f"the picture looks {'left' if heading_rad > 0 else 'right'}"
+        return tr("the picture looks back")
+    return tr("the picture looks left") if heading_rad > 0 else tr("the picture looks right")

@@ -7,6 +7,7 @@ from PySide6.QtGui import QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QWidget
 
 from caris_desktop.domain import intents
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens
@@ -60,8 +61,8 @@ class EmergencyBand(Band):
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "emergency_band", role="red")
-        self.say("Emergency stop is on. The robot stays where it is until you release it.")
-        self.release = ActionButton(theme, "Release emergency stop", height_px=_BUTTON_PX)
+        self.say(tr("Emergency stop is on. The robot stays where it is until you release it."))
+        self.release = ActionButton(theme, tr("Release emergency stop"), height_px=_BUTTON_PX)
         self.release.setObjectName("emergency_release")
         self.release.clicked.connect(lambda: console.do(intents.ReleaseEmergencyStop()))
         self.row.addWidget(self.release)
@@ -77,10 +78,10 @@ class GuardBand(Band):
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "guard_band", role="amber")
-        self.say("Obstacle guard is off. Nothing slows or stops the robot before obstacles.")
-        on = ActionButton(theme, "Switch on", icon="shield-check", height_px=_BUTTON_PX)
-        on.setAccessibleName("Switch the guard on")
-        on.setToolTip("Switch the guard on")
+        self.say(tr("Obstacle guard is off. Nothing slows or stops the robot before obstacles."))
+        on = ActionButton(theme, tr("Switch on"), icon="shield-check", height_px=_BUTTON_PX)
+        on.setAccessibleName(tr("Switch the guard on"))
+        on.setToolTip(tr("Switch the guard on"))
         on.setObjectName("guard_on")
         on.clicked.connect(lambda: console.do(intents.SetGuard(on=True)))
         self.row.addWidget(on)
@@ -97,10 +98,10 @@ class QuestionBand(Band):
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "question_band", role="amber")
         self._do: Callable[[], None] | None = None
-        self.yes = ActionButton(theme, "Yes", height_px=_BUTTON_PX)
+        self.yes = ActionButton(theme, tr("Yes"), height_px=_BUTTON_PX)
         self.yes.setObjectName("question_yes")
         self.yes.clicked.connect(self._on_yes)
-        no = ActionButton(theme, "Cancel", look="ghost", height_px=_BUTTON_PX)
+        no = ActionButton(theme, tr("Cancel"), look="ghost", height_px=_BUTTON_PX)
         no.setObjectName("question_no")
         no.clicked.connect(self.put_away)
         self.row.addWidget(self.yes)

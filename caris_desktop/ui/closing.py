@@ -7,6 +7,7 @@ from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.bands import QuestionBand
 from caris_desktop.ui.overlay import Overlay
@@ -48,14 +49,15 @@ class Closing(QObject):
         if self._replay:
             return []
         saved = self._console.state.recording.value.state in ("starting", "recording", "paused")
-        return [*(["The recording ends and is saved."] if saved else []), *motion_that_ends(self._console.state)]
+        return [*([tr("The recording ends and is saved.")] if saved else []), *motion_that_ends(self._console.state)]
 
     def _ask(self, ends: list[str]) -> None:
         for overlay in self._overlays:
             overlay.close_overlay()
         if self._window.isMinimized():
             self._window.showNormal()
-        self._question.ask(f"Close the console? {' '.join(ends)}", "Close the console", lambda: self._on_agreed(ends))
+        question = " ".join((tr("Close the console?"), *ends))
+        self._question.ask(question, tr("Close the console"), lambda: self._on_agreed(ends))
 
     def _on_agreed(self, asked: list[str]) -> None:
         ends = self.what_ends()
@@ -68,7 +70,7 @@ class Closing(QObject):
         """Something drives: the window was asked to close, and stays."""
         self._problems.show_problem(
             Problem(
-                self._console.state.present.now_ns(), "info", "The window stays open while you drive.", "",
-                "Let go of the drive keys and of Alt, then close it.",
+                self._console.state.present.now_ns(), "info", tr("The window stays open while you drive."), "",
+                tr("Let go of the drive keys and of Alt, then close it."),
             )
         )  # fmt: skip

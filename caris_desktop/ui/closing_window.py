@@ -7,6 +7,7 @@ from collections.abc import Callable
 from PySide6.QtCore import QEventLoop, Qt
 from PySide6.QtWidgets import QApplication, QLabel, QProgressBar, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 
@@ -20,7 +21,7 @@ class ClosingWindow(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.setObjectName("closing_window")
-        self.setWindowTitle("CARIS Desktop is closing")
+        self.setWindowTitle(tr("CARIS Desktop is closing"))
         self.setWindowFlag(Qt.WindowType.WindowCloseButtonHint, on=False)
         self._began_s = time.monotonic()
         self._what = QLabel()
@@ -56,7 +57,7 @@ class ClosingWindow(QWidget):
         while thread.is_alive():
             elapsed_s = time.monotonic() - self._began_s
             if elapsed_s > SHOWN_AFTER_S:
-                self._since.setText(f"For {elapsed_s:.0f} s. Do not switch the computer off.")
+                self._since.setText(tr("For {time} s. Do not switch the computer off.").format(time=f"{elapsed_s:.0f}"))
                 self.show()
             # Nobody can do anything here; keys and clicks are not for a program that ends.
             QApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents, _STEP_MS)

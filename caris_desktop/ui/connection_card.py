@@ -8,6 +8,7 @@ from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.overlay import Overlay
@@ -18,9 +19,9 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 SPAN_S = 60.0
 _SAMPLE_MS = 250
 _CURVES = (
-    ("round_trip", "To the robot and back", "blue", Qt.PenStyle.SolidLine),
-    ("video", "Age of the picture", "green", Qt.PenStyle.DashLine),
-    ("lidar", "Age of the LIDAR scan", "amber", Qt.PenStyle.DotLine),
+    ("round_trip", QT_TR_NOOP("To the robot and back"), "blue", Qt.PenStyle.SolidLine),
+    ("video", QT_TR_NOOP("Age of the picture"), "green", Qt.PenStyle.DashLine),
+    ("lidar", QT_TR_NOOP("Age of the LIDAR scan"), "amber", Qt.PenStyle.DotLine),
 )
 
 
@@ -65,17 +66,17 @@ class ConnectionCard(Overlay):
         self._layout = QVBoxLayout(self.card)
         self._layout.setContentsMargins(20, 16, 20, 16)
         self._layout.setSpacing(10)
-        self._heading = QLabel("Connection in the last minute")
+        self._heading = QLabel(tr("Connection in the last minute"))
         self._state = state
         self._facts = QLabel()
         self._facts.setObjectName("connection_facts")
         self._facts.setTextFormat(Qt.TextFormat.PlainText)
         self._facts.setWordWrap(True)
-        diagnostics = self._diagnostics = ActionButton(theme, "Every topic", icon="gauge")
+        diagnostics = self._diagnostics = ActionButton(theme, tr("Every topic"), icon="gauge")
         diagnostics.setObjectName("connection_diagnostics")
-        diagnostics.setToolTip("Open the Diagnostics panel: rate, age and size of everything that comes")
+        diagnostics.setToolTip(tr("Open the Diagnostics panel: rate, age and size of everything that comes"))
         diagnostics.clicked.connect(self.diagnostics_requested)
-        robots = ActionButton(theme, "Another robot…", icon="robot")
+        robots = ActionButton(theme, tr("Another robot…"), icon="robot")
         robots.setObjectName("connection_robots")
         robots.clicked.connect(self.robots_requested)
         head = QHBoxLayout()
@@ -88,7 +89,7 @@ class ConnectionCard(Overlay):
         row = QHBoxLayout()
         row.setSpacing(16)
         for name, text, role, dash in _CURVES:
-            self._legend[name] = _LegendEntry(theme, text, role, dash)
+            self._legend[name] = _LegendEntry(theme, tr(text), role, dash)
             row.addWidget(self._legend[name])
         row.addStretch(1)
         self._layout.addLayout(row)
@@ -126,8 +127,8 @@ class ConnectionCard(Overlay):
         self._plot.setMenuEnabled(False)
         self._plot.hideButtons()
         self._plot.setXRange(-SPAN_S, 0, padding=0)
-        self._plot.setLabel("bottom", "seconds ago")
-        self._plot.setLabel("left", "milliseconds")
+        self._plot.setLabel("bottom", tr("seconds ago"))
+        self._plot.setLabel("left", tr("milliseconds"))
         self._plot.showGrid(x=False, y=True, alpha=0.25)
         for name, *_ in _CURVES:
             self._curves[name] = self._plot.plot([], [], connect="finite")

@@ -29,6 +29,7 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import DriveEnded
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
@@ -117,7 +118,7 @@ class HoldToDrive(QObject):
         """Stop listening; anything held is released."""
         for identity in tuple(self._marking):
             self._end_marking(identity)
-        self.release_all("The window was closed")
+        self.release_all(QT_TR_NOOP("The window was closed"))
         self._app.removeEventFilter(self)
         self._app.removeNativeEventFilter(self._grabs)
 
@@ -179,11 +180,11 @@ class HoldToDrive(QObject):
     # ---- which keys these are
 
     def _on_rebound(self) -> None:
-        self.release_all("The keys were changed")
+        self.release_all(QT_TR_NOOP("The keys were changed"))
         self._bindings.take(self._actions.all_specs)
 
     def _on_rebuilt(self) -> None:
-        self.release_all("The scenario was changed")
+        self.release_all(QT_TR_NOOP("The scenario was changed"))
         self._bindings.take(self._actions.all_specs)
         self._update_key_owner()
 
@@ -199,7 +200,7 @@ class HoldToDrive(QObject):
         if kind == QEvent.Type.WindowDeactivate and self._is_ours(watched):
             # Between the main window and a floating panel nothing is lost: both belong to this window.
             if not self._is_ours(self._app.activeWindow()):
-                self.release_all("The window lost the focus")
+                self.release_all(QT_TR_NOOP("The window lost the focus"))
             self._update_key_owner()
         elif kind == QEvent.Type.WindowActivate and self._is_ours(watched):
             self._forget_keys_that_went_up_elsewhere()
@@ -212,7 +213,7 @@ class HoldToDrive(QObject):
             return event.spontaneous() and self._filter_close(event)
         elif kind in (QEvent.Type.Show, QEvent.Type.Hide) and isinstance(watched, QWidget) and watched.isWindow():
             if kind == QEvent.Type.Show and _takes_over(watched):
-                self.release_all("A dialog or menu opened")
+                self.release_all(QT_TR_NOOP("A dialog or menu opened"))
             # Qt takes note of popups and dialogs only after this event.
             QTimer.singleShot(0, self, self._on_windows_changed)
         return False
@@ -448,7 +449,7 @@ class HoldToDrive(QObject):
             # A stop is a stop, also where the window manager keeps Alt+Escape for itself.
             self._on_stop_key(Qt.Key(key))
         else:
-            self.release_all("The window manager took the keyboard")
+            self.release_all(QT_TR_NOOP("The window manager took the keyboard"))
 
     def _stop(self) -> None:
         self.motion.end_held()
@@ -479,7 +480,7 @@ class HoldToDrive(QObject):
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if drive.emergency_stop or not drive.allowed:
-            self.release_all(drive.reason or "Driving is not possible now")
+            self.release_all(drive.reason or QT_TR_NOOP("Driving is not possible now"))
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, DriveEnded):
@@ -520,7 +521,7 @@ class HoldToDrive(QObject):
         self._actions.set_driving_focus(driving)
         self._update_key_owner()
         if not driving:
-            self.motion.end_bare_keys("The driving panels lost the focus")
+            self.motion.end_bare_keys(QT_TR_NOOP("The driving panels lost the focus"))
 
     def _on_windows_changed(self) -> None:
         self._update_key_owner()
@@ -549,7 +550,7 @@ class HoldToDrive(QObject):
 
     def _on_application_state_changed(self, state: Qt.ApplicationState) -> None:
         if state != Qt.ApplicationState.ApplicationActive:
-            self.release_all("Another program came to the front")
+            self.release_all(QT_TR_NOOP("Another program came to the front"))
             # The release of a held mark key goes to that program.
             for identity in tuple(self._marking):
                 self._end_marking(identity)

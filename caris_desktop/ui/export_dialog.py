@@ -17,22 +17,22 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ExportStatus
 from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.export import FORMATS
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import TEXT_LEFT_PX, CheckBox
 from caris_desktop.ui.widgets.drop_down import DropDown
 
 _LICENCES = (
-    ("No licence chosen", ""),
-    ("CC0 1.0: anyone may do anything", "CC0-1.0"),
-    ("CC BY 4.0: name the authors", "CC-BY-4.0"),
-    ("CC BY-NC 4.0: name the authors, not for profit", "CC-BY-NC-4.0"),
+    (QT_TR_NOOP("No licence chosen"), ""),
+    (QT_TR_NOOP("CC0 1.0: anyone may do anything"), "CC0-1.0"),
+    (QT_TR_NOOP("CC BY 4.0: name the authors"), "CC-BY-4.0"),
+    (QT_TR_NOOP("CC BY-NC 4.0: name the authors, not for profit"), "CC-BY-NC-4.0"),
 )
-_OTHER = "Another licence…"
 _FIRST_CHOICE = ("csv", "html")
 
 
@@ -57,27 +57,29 @@ class ExportDialog(QWidget):
         self._dim: list[QLabel] = [self._which]
         self._folder = QLineEdit()
         self._folder.setObjectName("export_folder")
-        self._folder.setAccessibleName("Folder to write to")
+        self._folder.setAccessibleName(tr("Folder to write to"))
         self._folder.setMinimumHeight(36)
         self._folder.textChanged.connect(self._show_state)
-        self._browse = ActionButton(theme, "Choose…", icon="folder-open", height_px=36)
+        self._browse = ActionButton(theme, tr("Choose…"), icon="folder-open", height_px=36)
         self._browse.setObjectName("export_choose")
         self._browse.clicked.connect(self._choose_folder)
-        self._licence = DropDown(theme, "export_licence", "Licence")
+        self._licence = DropDown(theme, "export_licence", tr("Licence"))
         self._licence.setMinimumHeight(36)
         for text, value in _LICENCES:
-            self._licence.addItem(text, value)
-        self._licence.addItem(_OTHER, None)
+            self._licence.addItem(tr(text), value)
+        self._licence.addItem(tr("Another licence…"), None)
         self._licence.currentIndexChanged.connect(self._show_state)
         self._other = QLineEdit()
         self._other.setObjectName("export_other_licence")
-        self._other.setAccessibleName("Name or address of the licence")
-        self._other.setPlaceholderText("name or address of the licence")
+        self._other.setAccessibleName(tr("Name or address of the licence"))
+        self._other.setPlaceholderText(tr("name or address of the licence"))
         self._other.setMinimumHeight(36)
         self._other.setMaxLength(200)
-        self._names = CheckBox(theme, "Names of wizards and coders, and the robot’s address, in place of W1, C1 …")
+        self._names = CheckBox(theme, tr("Names of wizards and coders, and the robot’s address, in place of W1, C1 …"))
         self._names.setObjectName("export_with_names")
-        self._names.setToolTip("Only for those who may know who they were. What was said is exported as it was said.")
+        self._names.setToolTip(
+            tr("Only for those who may know who they were. What was said is exported as it was said.")
+        )
         self._bar = QProgressBar()
         self._bar.setObjectName("export_progress")
         self._bar.setTextVisible(False)
@@ -87,16 +89,16 @@ class ExportDialog(QWidget):
         self._what.setWordWrap(True)
         self._what.setTextFormat(Qt.TextFormat.PlainText)
         self._what.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self._close = ActionButton(theme, "Close", look="ghost", height_px=38)
+        self._close = ActionButton(theme, tr("Close"), look="ghost", height_px=38)
         self._close.setObjectName("export_close")
         self._close.clicked.connect(self.close)
-        self._open = ActionButton(theme, "Open folder", icon="folder-open", height_px=38)
+        self._open = ActionButton(theme, tr("Open folder"), icon="folder-open", height_px=38)
         self._open.setObjectName("export_open")
         self._open.clicked.connect(self._open_folder)
-        self._cancel = ActionButton(theme, "Cancel export", icon="x", height_px=38)
+        self._cancel = ActionButton(theme, tr("Cancel export"), icon="x", height_px=38)
         self._cancel.setObjectName("export_cancel")
         self._cancel.clicked.connect(library.cancel_export)
-        self._start = ActionButton(theme, "Export", icon="export", look="primary", height_px=38)
+        self._start = ActionButton(theme, tr("Export"), icon="export", look="primary", height_px=38)
         self._start.setObjectName("export_start")
         self._start.clicked.connect(self._on_start)
         self._lay_out()
@@ -117,11 +119,12 @@ class ExportDialog(QWidget):
             self._mine = False
             self._propose_folder()
         count = len(self._sessions)
-        title = "Export 1 session" if count == 1 else f"Export {count} sessions"
+        title = tr("Export 1 session") if count == 1 else tr("Export %n sessions", "", count)
         self._heading.setText(title)
-        self.setWindowTitle(f"{title} · CARIS Desktop")
+        self.setWindowTitle(tr("{title} · CARIS Desktop").format(title=title))
         names = [folder.name for folder in self._sessions]
-        self._which.setText(", ".join(names[:3]) + (f" and {count - 3} more" if count > 3 else ""))
+        named = ", ".join(names[:3])
+        self._which.setText(tr("{some} and %n more", "", count - 3).format(some=named) if count > 3 else named)
         self._which.setToolTip("\n".join(names[:40]))
         self._show_state()
 
@@ -150,13 +153,13 @@ class ExportDialog(QWidget):
         head.addWidget(self._which)
         layout.addLayout(head)
         layout.addWidget(self._make_formats(), 1)
-        layout.addWidget(self._label("Where to"))
+        layout.addWidget(self._label(tr("Where to")))
         where = QHBoxLayout()
         where.setSpacing(8)
         where.addWidget(self._folder, 1)
         where.addWidget(self._browse)
         layout.addLayout(where)
-        layout.addWidget(self._label("Licence, if others will get the data"))
+        layout.addWidget(self._label(tr("Licence, if others will get the data")))
         licence = QHBoxLayout()
         licence.setSpacing(8)
         licence.addWidget(self._licence, 1)
@@ -186,13 +189,13 @@ class ExportDialog(QWidget):
         column.setContentsMargins(0, 0, 8, 0)
         column.setSpacing(6)
         for fmt in FORMATS:
-            box = CheckBox(self._theme, fmt.title)
+            box = CheckBox(self._theme, tr(fmt.title))
             box.setObjectName(f"export_format_{fmt.name}")
-            box.setAccessibleDescription(fmt.description)
+            box.setAccessibleDescription(tr(fmt.description))
             box.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
             box.setChecked(fmt.name in _FIRST_CHOICE)
             box.toggled.connect(self._show_state)
-            description = _Description(fmt.description, box)
+            description = _Description(tr(fmt.description), box)
             description.setFont(self._theme.font(tokens.STATUS_PX))
             self._dim.append(description)
             row = QVBoxLayout()
@@ -216,7 +219,7 @@ class ExportDialog(QWidget):
         # Our own and not modal: a system's file dialog would take the keys that stop the robot.
         wanted = Path(self._folder.text().strip()).expanduser()
         there = next((path for path in (wanted, *wanted.parents) if path.is_dir()), Path.home())
-        dialog = QFileDialog(self, "Where to export to", str(there))
+        dialog = QFileDialog(self, tr("Where to export to"), str(there))
         dialog.setObjectName("export_folder_dialog")
         dialog.setFileMode(QFileDialog.FileMode.Directory)
         dialog.setOptions(QFileDialog.Option.DontUseNativeDialog | QFileDialog.Option.ShowDirsOnly)
@@ -275,30 +278,34 @@ class ExportDialog(QWidget):
         ready = bool(self.formats) and bool(self._folder.text().strip())
         self._start.setEnabled(ready)
         count = len(self.formats)
-        self._start.set_label("Export", look="plain" if ended and status.state == "done" else "primary")
+        self._start.set_label(tr("Export"), look="plain" if ended and status.state == "done" else "primary")
         text, role = "", "dim"
         if running:
             text = f"{status.fraction:.0%}".replace("%", " %") + (f" · {status.what}" if status.what else "")
         elif ended:
             text, role = self._outcome(status)
         elif not count:
-            text = "Choose at least one format."
+            text = tr("Choose at least one format.")
         self._what.setText(text)
         self._what.setVisible(bool(text))
         self._theme.color_text(self._what, role)
 
     def _outcome(self, status: ExportStatus) -> tuple[str, str]:
         written = len(status.written)
-        kept = f"What was finished stays ({words.counted(written, 'export')})." if written else ""
+        exports = tr("1 export") if written == 1 else tr("%n exports", "", written)
+        kept = tr("What was finished stays ({exports}).").format(exports=exports) if written else ""
         match status.state:
             case "done":
-                where = f" in {self._out}" if self._out is not None else ""
-                text = f"Done: {words.counted(written, 'export')}{where}."
+                if self._out is None:
+                    text = tr("Done: {exports}.").format(exports=exports)
+                else:
+                    text = tr("Done: {exports} in {folder}.").format(exports=exports, folder=self._out)
                 return (f"{text} {status.detail}".strip(), "amber" if status.detail else "green")
             case "cancelled":
-                return f"Cancelled. {kept or 'Nothing was written.'}", "dim"
+                return f"{tr('Cancelled.')} {kept or tr('Nothing was written.')}", "dim"
             case _:
-                return f"{status.detail or 'The export failed; the program’s log tells why.'} {kept}".strip(), "red"
+                why = status.detail or tr("The export failed; the program’s log tells why.")
+                return f"{why} {kept}".strip(), "red"
 
     # ---- look
 

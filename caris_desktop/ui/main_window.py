@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QApplication, QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
@@ -17,6 +18,7 @@ from caris_desktop.scenario.library import ScenarioChoice, list_scenarios
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.ui import words
 from caris_desktop.ui.action_conditions import ActionConditions
+from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GROUP
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.alarms.alarm_list import AlarmList, AlarmsButton
 from caris_desktop.ui.appearance import Appearance
@@ -252,7 +254,7 @@ class MainWindow(QWidget):
         from caris_desktop.ui.replay.replay_parts import ReplayParts
 
         self._replay = replay
-        self.actions_table.keep_only(("Safety", "Window", "Speaking"))
+        self.actions_table.keep_only((SAFETY_GROUP, WINDOW_GROUP, SPEAKING_GROUP))
         self.actions_table.rebuild(self._console.scenario)
         self._top_bar.show_replay(replay.live_robots)
         self._status_bar.show_replay()
@@ -309,7 +311,8 @@ class MainWindow(QWidget):
         self._focus_first()
 
     def _title(self, scenario: Scenario) -> str:
-        replay = f"Replay of {self._replay.session.folder.name}" if self._replay is not None else ""
+        session = "" if self._replay is None else self._replay.session.folder.name
+        replay = tr("Replay of {session}").format(session=session) if session else ""
         return " · ".join(part for part in (replay, scenario.title, "CARIS Desktop") if part)
 
     def open_panel(self, name: PanelName) -> None:
@@ -432,7 +435,7 @@ class MainWindow(QWidget):
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)
         if event.type() == QEvent.Type.WindowStateChange and self.isMinimized():
-            self.hold.release_all("The window was minimised")
+            self.hold.release_all(QT_TR_NOOP("The window was minimised"))
 
     def show_in_place(self) -> None:
         """Show it where it was last time. The first time it fills a small screen, where every pixel is needed."""

@@ -59,24 +59,24 @@ class MarkCard(QWidget):
         self._line.setTextFormat(Qt.TextFormat.PlainText)
         self._line.setWordWrap(True)
         close = self._button("mark_card_close", "", icon="x", look="ghost")
-        close.setAccessibleName("Close")
+        close.setAccessibleName(tr("Close"))
         close.clicked.connect(self.close_card)
         self._labels = FlowRow(gap_px=6)
         self._label_buttons: list[ActionButton] = []
         self._kinds = FlowRow(gap_px=6)
         self._kind_buttons: list[tuple[str, str, ActionButton]] = []
         self._kinds_shown: tuple[ErrorKind, ...] = ()
-        self._end = self._button("mark_card_end", "End", icon="stop", look="primary")
+        self._end = self._button("mark_card_end", tr("End"), icon="stop", look="primary")
         self._end.clicked.connect(self._on_end)
-        self._earlier = self._button("mark_card_earlier", "3 s earlier", icon="rewind")
+        self._earlier = self._button("mark_card_earlier", tr("3 s earlier"), icon="rewind")
         self._earlier.clicked.connect(self.earlier_requested)
-        self._add_note = self._button("mark_card_note", "Note", icon="note-pencil")
+        self._add_note = self._button("mark_card_note", tr("Note"), icon="note-pencil")
         self._add_note.clicked.connect(self._on_add_note)
-        self._undo = self._button("mark_card_undo", "Undo", icon="arrow-u-up-left")
+        self._undo = self._button("mark_card_undo", tr("Undo"), icon="arrow-u-up-left")
         self._undo.clicked.connect(self.withdraw_requested)
-        self._add_note.setToolTip("Write a note to this mark")
-        self._undo.setToolTip("Take this mark back")
-        self._earlier.setToolTip("What is meant happened 3 seconds before. Press again for 6, 9, …")
+        self._add_note.setToolTip(tr("Write a note to this mark"))
+        self._undo.setToolTip(tr("Take this mark back"))
+        self._earlier.setToolTip(tr("What is meant happened 3 seconds before. Press again for 6, 9, …"))
         self._correct = QWidget()
         correct = QHBoxLayout(self._correct)
         correct.setContentsMargins(0, 0, 0, 0)
@@ -85,14 +85,14 @@ class MarkCard(QWidget):
             correct.addWidget(button)
         self.field = EnterField()
         self.field.setObjectName("note_field")
-        self.field.setAccessibleName("Note")
-        self.field.setPlaceholderText("What happens now?")
+        self.field.setAccessibleName(tr("Note"))
+        self.field.setPlaceholderText(tr("What happens now?"))
         self.field.setMaxLength(400)
         self.field.setMinimumHeight(36)
         self.field.returnPressed.connect(self._keep_note)
-        self._keep = self._button("note_keep", "Keep", key="Enter", look="primary")
+        self._keep = self._button("note_keep", tr("Keep"), key="Enter", look="primary")
         self._keep.clicked.connect(self._keep_note)
-        leave = self._button("note_leave", "Leave", key="Esc")
+        leave = self._button("note_leave", tr("Leave"), key="Esc")
         leave.clicked.connect(self.close_card)
         self._note_row = QWidget()
         note_row = QHBoxLayout(self._note_row)
@@ -165,8 +165,9 @@ class MarkCard(QWidget):
     def show_taken_back(self, mark: Marked) -> None:
         """The mark is gone."""
         if not self.writes_note:
-            title = "Note taken back" if mark.kind == "note" else "Mark taken back"
-            self.say(title, f"{mark.label} does not count." if mark.label else "It does not count.")
+            title = tr("Note taken back") if mark.kind == "note" else tr("Mark taken back")
+            line = tr("{label} does not count.") if mark.label else tr("It does not count.")
+            self.say(title, line.format(label=mark.label))
 
     def say(self, title: str, line: str) -> None:
         """Show a sentence for a moment, with nothing to press."""
@@ -200,8 +201,9 @@ class MarkCard(QWidget):
         self._note_for = "" if mark is None else mark.mark_id
         at_ns = self._console.state.present.now_ns() if mark is None else _moment_ns(mark)
         self._mark = None
-        self._title.setText(f"Note about {words.clock_time(at_ns, self._console.state.present.anchor)}")
-        self._line.setText("Alt still drives while you write.")
+        at = words.clock_time(at_ns, self._console.state.present.anchor)
+        self._title.setText(tr("Note about {time}").format(time=at))
+        self._line.setText(tr("Alt still drives while you write."))
         for part in (self._labels, self._kinds, self._correct):
             part.hide()
         self._second.stop()
@@ -295,17 +297,21 @@ class MarkCard(QWidget):
         at = words.clock_time(_moment_ns(mark), anchor)
         if mark.state == "open":
             lasts_s = (self._console.state.present.now_ns() - _moment_ns(mark)) / 1e9
-            self._title.setText(f"{mark.label or 'Stretch'} · {words.stretch(lasts_s)}")
-            self._line.setText(f"Since {at}{', as long as you hold the key' if self._held else ''}")
+            self._title.setText(f"{mark.label or tr('Stretch')} · {words.stretch(lasts_s)}")
+            since = tr("Since {time}, as long as you hold the key") if self._held else tr("Since {time}")
+            self._line.setText(since.format(time=at))
         else:
-            what = {"wizard_error": "Wizard error", "note": "Note kept"}.get(mark.kind, "Marked")
-            label = f": {mark.label}" if mark.label else " · what kind?" if self._asks else ""
-            self._title.setText(f"{what}{label}")
+            what = {"wizard_error": tr("Wizard error"), "note": tr("Note kept")}.get(mark.kind, tr("Marked"))
+            if mark.label:
+                what = words.with_label(what, mark.label)
+            elif self._asks:
+                what = tr("{marked} · what kind?").format(marked=what)
+            self._title.setText(what)
             parts = [at]
             if mark.end_ns is not None:
-                parts.append(f"lasted {words.age((mark.end_ns - _moment_ns(mark)) / 1e9)}")
+                parts.append(tr("lasted {time}").format(time=words.age((mark.end_ns - _moment_ns(mark)) / 1e9)))
             if self._earlier_s:
-                parts.append(f"moved {self._earlier_s:.0f} s back")
+                parts.append(tr("moved {time} s back").format(time=f"{self._earlier_s:.0f}"))
             if mark.note:
                 parts.append(f"“{words.shortened(mark.note, 60)}”")
             self._line.setText(" · ".join(parts))

@@ -7,9 +7,11 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, MarkKind
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.recording import ERROR_KEYS
+from caris_desktop.ui.action_rows import MARKS_GROUP
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.mark_card import MarkCard
@@ -37,7 +39,7 @@ class Marking(QObject):
         self._console = console
         self._actions = actions
         self._hold = hold
-        actions.answer_for("Marks", self)
+        actions.answer_for(MARKS_GROUP, self)
         self._held: dict[str, _Held] = {}
         self.card = MarkCard(theme, console, actions, window)
         self.card.earlier_requested.connect(self.mark_earlier)
@@ -178,7 +180,7 @@ class Marking(QObject):
     def _on_note_kept(self, text: str, mark_id: str, ago_s: float) -> None:
         """``mark_id`` is empty for a note of its own, ``ago_s`` how long ago its moment was."""
         if self._console.state.recording.value.state != "recording":
-            self.card.say("The note was not kept", "Nothing is being recorded now.")
+            self.card.say(tr("The note was not kept"), tr("Nothing is being recorded now."))
             return
         if mark_id:
             self._console.do(intents.ChangeNote(mark_id, text))

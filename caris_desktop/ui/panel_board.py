@@ -12,6 +12,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
@@ -78,7 +79,7 @@ class PanelBoard(QObject):
         for name in self._panels:
             self._keep(name)
         actions, hold = self._context.actions, self._context.hold
-        hold.release_all("The scenario was changed")
+        hold.release_all(QT_TR_NOOP("The scenario was changed"))
         actions.bind_driving_panels(())
         hold.set_driving_panels(())
         possible = self.possible()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.domain.intents import Permission
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.scenario.model import PanelName, Scenario
 
 
@@ -32,29 +33,45 @@ class PanelSpec:
 
 
 PANELS: Mapping[PanelName, PanelSpec] = {
-    "video": PanelSpec("Video", "video", "VideoPanel", "video-camera", ("map", "people")),
-    "map": PanelSpec("Map", "map", "MapPanel", "map-trifold", ("people", "session", "drive")),
-    "drive": PanelSpec("Drive", "drive", "DrivePanel", "game-controller", ("map", "people", "session"), "driving"),
-    "people": PanelSpec("People", "people", "PeoplePanel", "users", ("session", "drive", "map")),
-    "speak": PanelSpec("Speak", "speak", "SpeakPanel", "chat-text", ("assistant",), "speech"),
+    "video": PanelSpec(QT_TR_NOOP("Video"), "video", "VideoPanel", "video-camera", ("map", "people")),
+    "map": PanelSpec(QT_TR_NOOP("Map"), "map", "MapPanel", "map-trifold", ("people", "session", "drive")),
+    "drive": PanelSpec(
+        QT_TR_NOOP("Drive"), "drive", "DrivePanel", "game-controller", ("map", "people", "session"), "driving"
+    ),
+    "people": PanelSpec(QT_TR_NOOP("People"), "people", "PeoplePanel", "users", ("session", "drive", "map")),
+    "speak": PanelSpec(QT_TR_NOOP("Speak"), "speak", "SpeakPanel", "chat-text", ("assistant",), "speech"),
     "conversation": PanelSpec(
-        "Conversation", "conversation", "ConversationPanel", "chats", ("assistant", "people", "session", "map")
+        QT_TR_NOOP("Conversation"),
+        "conversation",
+        "ConversationPanel",
+        "chats",
+        ("assistant", "people", "session", "map"),
     ),
     "assistant": PanelSpec(
-        "Assistant", "assistant", "AssistantPanel", "sparkle", ("people", "session", "map"), "assistant"
+        QT_TR_NOOP("Assistant"), "assistant", "AssistantPanel", "sparkle", ("people", "session", "map"), "assistant"
     ),
-    "session": PanelSpec("Session", "session", "SessionPanel", "list-bullets", ("people", "drive", "assistant", "map")),
+    "session": PanelSpec(
+        QT_TR_NOOP("Session"), "session", "SessionPanel", "list-bullets", ("people", "drive", "assistant", "map")
+    ),
     "robot": PanelSpec(
-        "Robot", "robot", "RobotPanel", "sliders", ("people", "drive", "session", "map"), "robot_controls"
+        QT_TR_NOOP("Robot"), "robot", "RobotPanel", "sliders", ("people", "drive", "session", "map"), "robot_controls"
     ),
-    "motion": PanelSpec("Motion", "motion", "MotionPanel", "chart-line", ("map", "drive", "people", "session")),
-    "photos": PanelSpec("Photos", "photos", "PhotosPanel", "image", ("people", "session", "map", "drive"), "photos"),
-    "face": PanelSpec("Robot’s face", "face", "FacePanel", "smiley", ("people", "session", "map"), "face"),
+    "motion": PanelSpec(
+        QT_TR_NOOP("Motion"), "motion", "MotionPanel", "chart-line", ("map", "drive", "people", "session")
+    ),
+    "photos": PanelSpec(
+        QT_TR_NOOP("Photos"), "photos", "PhotosPanel", "image", ("people", "session", "map", "drive"), "photos"
+    ),
+    "face": PanelSpec(QT_TR_NOOP("Robot’s face"), "face", "FacePanel", "smiley", ("people", "session", "map"), "face"),
     "notes": PanelSpec(
-        "Notes", "notes", "NotesPanel", "note-pencil", ("session", "people", "conversation", "map"), "notes"
+        QT_TR_NOOP("Notes"), "notes", "NotesPanel", "note-pencil", ("session", "people", "conversation", "map"), "notes"
     ),
     "diagnostics": PanelSpec(
-        "Diagnostics", "diagnostics", "DiagnosticsPanel", "gauge", ("session", "people", "assistant", "drive", "map")
+        QT_TR_NOOP("Diagnostics"),
+        "diagnostics",
+        "DiagnosticsPanel",
+        "gauge",
+        ("session", "people", "assistant", "drive", "map"),
     ),
 }
 

@@ -20,7 +20,7 @@ from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.protocol.step_cards import MOST_DIGITS, BranchesCard, StepsCard
 from caris_desktop.ui.protocol.step_pills import ShownStep, StepPills, StepState
 from caris_desktop.ui.protocol.step_words import is_late, record_words, time_words
-from caris_desktop.ui.step_acts import present_step, target_of
+from caris_desktop.ui.step_acts import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
@@ -92,7 +92,7 @@ class ProtocolStrip(QWidget):
         state = console.state
         for value in (state.protocol, state.scenario):
             value.changed.connect(self._on_changed)
-        actions.answer_for("Protocol", self)
+        actions.answer_for(PROTOCOL_GROUP, self)
         actions.keys_changed.connect(self._make_room)
         hold.escape_pressed.connect(self.put_away)
         theme.changed.connect(self._style)

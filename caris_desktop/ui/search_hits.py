@@ -8,6 +8,7 @@ from PySide6.QtCore import QAbstractListModel, QModelIndex, QPersistentModelInde
 from PySide6.QtGui import QFontMetrics, QKeyEvent, QPainter
 from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem, QWidget
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import LibraryStatus
 from caris_desktop.recording.studies.query import SearchHit
 from caris_desktop.ui import tokens, words
@@ -57,19 +58,26 @@ class HitsModel(QAbstractListModel):
         if role == Qt.ItemDataRole.AccessibleTextRole:
             return f"{self.whose(hit)}, {words.elapsed(hit.session_s)}, {kind_words(hit.kind)}: {hit.snippet}"
         if role == Qt.ItemDataRole.ToolTipRole:
-            return f"{hit.snippet}\nDouble click to replay from here"
+            return f"{hit.snippet}\n{tr('Double click to replay from here')}"
         return None
 
 
 _KINDS = {
-    "robot": "Robot", "participant": "Participant", "wizard": "Wizard", "mark": "Mark", "note": "Note",
-    "wizard_error": "Wizard error", "assistant": "Assistant", "problem": "Problem", "annotation": "Annotation",
-    "session": "Session",
-}  # fmt: skip
+    "robot": QT_TR_NOOP("Robot"),
+    "participant": QT_TR_NOOP("Participant"),
+    "wizard": QT_TR_NOOP("Wizard"),
+    "mark": QT_TR_NOOP("Mark"),
+    "note": QT_TR_NOOP("Note"),
+    "wizard_error": QT_TR_NOOP("Wizard error"),
+    "assistant": QT_TR_NOOP("Assistant"),
+    "problem": QT_TR_NOOP("Problem"),
+    "annotation": QT_TR_NOOP("Annotation"),
+    "session": QT_TR_NOOP("Session"),
+}
 
 
 def kind_words(kind: str) -> str:
-    return _KINDS.get(kind, kind.replace("_", " ").capitalize())
+    return tr(_KINDS[kind]) if kind in _KINDS else kind.replace("_", " ").capitalize()
 
 
 class HitDelegate(QStyledItemDelegate):

@@ -11,6 +11,7 @@ from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelInd
 from PySide6.QtGui import QIcon, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QWidget
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.studies.query import SessionEntry
 from caris_desktop.ui import words
 from caris_desktop.ui.icons import icon
@@ -40,19 +41,20 @@ def local_time(started_utc: str) -> str:
 
 def state_words(entry: SessionEntry) -> str:
     """Whether the session is whole and counts, and what went wrong in it."""
-    whole = "Copy" if entry.copy_of else "Complete"
-    parts = ["Ended unexpectedly" if not entry.closed_properly else "Incomplete" if entry.losses else whole]
+    whole = tr("Copy") if entry.copy_of else tr("Complete")
+    lost = tr("Incomplete") if entry.losses else whole
+    parts = [lost if entry.closed_properly else tr("Ended unexpectedly")]
     if entry.purpose:
         parts.insert(0, entry.purpose.capitalize())
     if entry.problems:
-        parts.append(words.counted(entry.problems, "problem"))
+        parts.append(tr("1 problem") if entry.problems == 1 else tr("%n problems", "", entry.problems))
     return " · ".join(parts)
 
 
 def lacks_words(entry: SessionEntry) -> str:
     """What a session lacks, and that it is a copy of another one; empty for most."""
-    copy = f"This is a copy of {entry.copy_of}: it counts once. " if entry.copy_of else ""
-    return f"{copy}{' '.join(entry.losses)}".strip()
+    copy = tr("This is a copy of {session}: it counts once.").format(session=entry.copy_of) if entry.copy_of else ""
+    return " ".join((copy, *entry.losses)).strip()
 
 
 def natural_order(text: str) -> tuple[tuple[int, int, str], ...]:
@@ -66,17 +68,27 @@ def _doubtful(entry: SessionEntry) -> bool:
 
 
 COLUMNS: tuple[Column, ...] = (
-    Column("Date", lambda entry: local_time(entry.started_utc), lambda entry: entry.started_utc, 148),
-    Column("Participant", lambda entry: entry.participant, lambda entry: natural_order(entry.participant), 100),
-    Column("Condition", lambda entry: entry.condition, lambda entry: natural_order(entry.condition), 88),
-    Column("Trial", lambda entry: entry.trial, lambda entry: natural_order(entry.trial), 62),
-    Column("Recording", lambda entry: entry.recording, lambda entry: natural_order(entry.recording), 90),
-    Column("Wizard", lambda entry: entry.wizard, lambda entry: natural_order(entry.wizard), 84),
-    Column("Scenario", lambda entry: entry.scenario, lambda entry: natural_order(entry.scenario), 160),
-    Column("Length", lambda entry: words.elapsed(entry.duration_s), lambda entry: entry.duration_s, 76, right=True),
-    Column("Size", lambda entry: words.size(entry.size_bytes), lambda entry: entry.size_bytes, 86, right=True),
-    Column("Marks", lambda entry: str(entry.marks), lambda entry: entry.marks, 66, right=True),
-    Column("State", state_words, lambda entry: (_doubtful(entry), entry.purpose, entry.problems), 140),
+    Column(QT_TR_NOOP("Date"), lambda entry: local_time(entry.started_utc), lambda entry: entry.started_utc, 148),
+    Column(
+        QT_TR_NOOP("Participant"), lambda entry: entry.participant, lambda entry: natural_order(entry.participant), 100
+    ),
+    Column(QT_TR_NOOP("Condition"), lambda entry: entry.condition, lambda entry: natural_order(entry.condition), 88),
+    Column(QT_TR_NOOP("Trial"), lambda entry: entry.trial, lambda entry: natural_order(entry.trial), 62),
+    Column(QT_TR_NOOP("Recording"), lambda entry: entry.recording, lambda entry: natural_order(entry.recording), 90),
+    Column(QT_TR_NOOP("Wizard"), lambda entry: entry.wizard, lambda entry: natural_order(entry.wizard), 84),
+    Column(QT_TR_NOOP("Scenario"), lambda entry: entry.scenario, lambda entry: natural_order(entry.scenario), 160),
+    Column(
+        QT_TR_NOOP("Length"),
+        lambda entry: words.elapsed(entry.duration_s),
+        lambda entry: entry.duration_s,
+        76,
+        right=True,
+    ),
+    Column(
+        QT_TR_NOOP("Size"), lambda entry: words.size(entry.size_bytes), lambda entry: entry.size_bytes, 86, right=True
+    ),
+    Column(QT_TR_NOOP("Marks"), lambda entry: str(entry.marks), lambda entry: entry.marks, 66, right=True),
+    Column(QT_TR_NOOP("State"), state_words, lambda entry: (_doubtful(entry), entry.purpose, entry.problems), 140),
 )
 
 
@@ -112,12 +124,12 @@ class SessionsModel(QAbstractTableModel):
         entry, column = self._entries[index.row()], COLUMNS[index.column()]
         goes_on = entry.folder == self.recording
         if role == Qt.ItemDataRole.DisplayRole:
-            return "Recording now" if goes_on and column.title == "State" else column.text(entry)
+            return tr("Recording now") if goes_on and column.title == "State" else column.text(entry)
         if role == Qt.ItemDataRole.TextAlignmentRole:
             side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
             return int(side | Qt.AlignmentFlag.AlignVCenter)
         if role == Qt.ItemDataRole.ToolTipRole:
-            said = (str(entry.folder), "Recording now" if goes_on else state_words(entry), lacks_words(entry))
+            said = (str(entry.folder), tr("Recording now") if goes_on else state_words(entry), lacks_words(entry))
             return "\n".join(part for part in said if part)
         if role == Qt.ItemDataRole.DecorationRole and column.title == "State":
             return _warning_icon(self._theme) if _doubtful(entry) and not goes_on else None
@@ -128,7 +140,7 @@ class SessionsModel(QAbstractTableModel):
     ) -> Any:
         if orientation == Qt.Orientation.Horizontal:
             if role == Qt.ItemDataRole.DisplayRole:
-                return COLUMNS[section].title
+                return tr(COLUMNS[section].title)
             if role == Qt.ItemDataRole.TextAlignmentRole:
                 side = Qt.AlignmentFlag.AlignRight if COLUMNS[section].right else Qt.AlignmentFlag.AlignLeft
                 return int(side | Qt.AlignmentFlag.AlignVCenter)

@@ -17,10 +17,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import LibraryStatus
 from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import tokens
 from caris_desktop.ui.search_hits import HitDelegate, HitList, HitsModel
 from caris_desktop.ui.session_table import COLUMNS, SessionsModel, SessionTable, lacks_words, natural_order
 from caris_desktop.ui.theme import Theme
@@ -29,11 +30,11 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 
 _TYPING_PAUSE_MS = 120
 _FILTERS = (
-    ("participant", "All participants"),
-    ("condition", "All conditions"),
-    ("wizard", "All wizards"),
-    ("scenario", "All scenarios"),
-    ("purpose", "All kinds of runs"),
+    ("participant", QT_TR_NOOP("All participants")),
+    ("condition", QT_TR_NOOP("All conditions")),
+    ("wizard", QT_TR_NOOP("All wizards")),
+    ("scenario", QT_TR_NOOP("All scenarios")),
+    ("purpose", QT_TR_NOOP("All kinds of runs")),
 )
 
 
@@ -46,15 +47,15 @@ class SessionsWindow(QWidget):
     def __init__(self, theme: Theme, library: SessionLibrary, parent: QWidget | None = None) -> None:
         super().__init__(parent, Qt.WindowType.Window)
         self.setObjectName("sessions_window")
-        self.setWindowTitle("Sessions · CARIS Desktop")
+        self.setWindowTitle(tr("Sessions · CARIS Desktop"))
         self._theme = theme
         self._library = library
         self._shown: tuple[SessionEntry, ...] = ()
         self._known: dict[str, set[str]] = {name: set() for name, _ in _FILTERS}
         self.search = QLineEdit()
         self.search.setObjectName("sessions_search")
-        self.search.setAccessibleName("Search")
-        self.search.setPlaceholderText("Search in everything said, noted and marked…")
+        self.search.setAccessibleName(tr("Search"))
+        self.search.setPlaceholderText(tr("Search in everything said, noted and marked…"))
         self.search.setClearButtonEnabled(True)
         self.search.setMinimumHeight(36)
         self.search.textChanged.connect(self._on_typed)
@@ -63,18 +64,18 @@ class SessionsWindow(QWidget):
         self._typing.timeout.connect(self._find)
         self._filters: dict[str, DropDown] = {}
         for name, text in _FILTERS:
-            choice = DropDown(theme, f"sessions_{name}", text)
+            choice = DropDown(theme, f"sessions_{name}", tr(text))
             choice.setMinimumHeight(36)
             choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
             choice.setMaximumWidth(190)
-            choice.addItem(text, "")
+            choice.addItem(tr(text), "")
             choice.currentIndexChanged.connect(self._find)
             self._filters[name] = choice
         self.model = SessionsModel(theme, self)
         self.table = SessionTable()
         self.table.setModel(self.model)
         self.table.setObjectName("sessions_table")
-        self.table.setAccessibleName("Sessions")
+        self.table.setAccessibleName(tr("Sessions"))
         self.table.chosen.connect(self._replay)
         self.table.doubleClicked.connect(self._on_row_chosen)
         self.table.selectionModel().selectionChanged.connect(self._on_selection_changed)
@@ -84,7 +85,7 @@ class SessionsWindow(QWidget):
         self.hits = HitsModel(self)
         self.hit_list = HitList()
         self.hit_list.setObjectName("sessions_hits")
-        self.hit_list.setAccessibleName("Found")
+        self.hit_list.setAccessibleName(tr("Found"))
         self.hit_list.setModel(self.hits)
         self.hit_list.setItemDelegate(HitDelegate(theme, self.hits, self.hit_list))
         self.hit_list.setUniformItemSizes(True)
@@ -107,10 +108,10 @@ class SessionsWindow(QWidget):
         self._lacks.setTextFormat(Qt.TextFormat.PlainText)
         self._lacks.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._lacks.hide()
-        self._all = self._button("sessions_show_all", "Show all", "x", self._show_all, look="ghost")
-        self._open = self._button("sessions_open_folder", "Open folder", "folder-open", self._open_folder)
-        self._export = self._button("sessions_export", "Export…", "export", self._on_export)
-        self._replay_button = self._button("sessions_replay", "Replay", "play", self._replay, look="primary")
+        self._all = self._button("sessions_show_all", tr("Show all"), "x", self._show_all, look="ghost")
+        self._open = self._button("sessions_open_folder", tr("Open folder"), "folder-open", self._open_folder)
+        self._export = self._button("sessions_export", tr("Export…"), "export", self._on_export)
+        self._replay_button = self._button("sessions_replay", tr("Replay"), "play", self._replay, look="primary")
         self._replay_button.set_key("Enter")
         self._lay_out()
         library.found.changed.connect(self._on_found)
@@ -203,8 +204,9 @@ class SessionsWindow(QWidget):
         self.hits.show_hits(status)
         searching = status.updating and bool(status.query.text) and not self._hits_part.isHidden()
         self._hits_part.setVisible(bool(status.hits) or searching)
-        found = f"{words.counted(len(status.hits), 'place')} with “{status.query.text}”"
-        self._found.setText(found if status.hits else "Searching…")
+        places = len(status.hits)
+        found = tr("1 place with “{text}”") if places == 1 else tr("%n places with “{text}”", "", places)
+        self._found.setText(found.format(text=status.query.text) if places else tr("Searching…"))
         self._learn(status)
         self._say(status)
         self._show_buttons()
@@ -238,26 +240,28 @@ class SessionsWindow(QWidget):
 
     def _say(self, status: LibraryStatus) -> None:
         filtered = status.query != SessionQuery()
-        count = words.counted(status.total, "session")
-        text = f"{len(status.sessions)} of {count}" if filtered else count
+        text = tr("1 session") if status.total == 1 else tr("%n sessions", "", status.total)
+        if filtered:
+            some = tr("{found} of 1 session") if status.total == 1 else tr("{found} of %n sessions", "", status.total)
+            text = some.format(found=len(status.sessions))
         role = "dim"
         if status.detail:
             text, role = status.detail, "amber"
         if status.updating:
-            text = "Updating the list…" if not status.total else f"{text} · updating…"
+            text = tr("{found} · updating…").format(found=text) if status.total else tr("Updating the list…")
         self._status.setText(text)
         self._theme.color_text(self._status, role)
         self._all.setVisible(filtered)
         empty = ""
         if not status.sessions:
             if status.updating:
-                empty = "Reading the sessions of this study…"
+                empty = tr("Reading the sessions of this study…")
             elif status.total:
-                empty = "No session matches. Search for other words or show all."
+                empty = tr("No session matches. Search for other words or show all.")
             elif status.detail:
                 empty = status.detail
             else:
-                empty = "No sessions yet.\nA session appears here when its recording is stopped."
+                empty = tr("No sessions yet.\nA session appears here when its recording is stopped.")
         self._empty.setText(empty)
         self._empty.setVisible(bool(empty))
         self._place_empty()
@@ -276,7 +280,7 @@ class SessionsWindow(QWidget):
         chosen = self.selected()
         count = len(chosen)
         goes_on = any(entry.folder == self.model.recording for entry in chosen)
-        wait = "This session is still being recorded" if goes_on else ""
+        wait = tr("This session is still being recorded") if goes_on else ""
         lacks = lacks_words(chosen[0]) if count == 1 and not goes_on else ""
         self._lacks.setText(lacks)
         self._lacks.setVisible(bool(lacks))
@@ -287,7 +291,7 @@ class SessionsWindow(QWidget):
         ):
             button.setEnabled(enabled)
             button.setToolTip(wait if button is not self._open else "")
-        self._export.set_label(f"Export {count} sessions…" if count > 1 else "Export…")
+        self._export.set_label(tr("Export %n sessions…", "", count) if count > 1 else tr("Export…"))
 
     def _replay(self) -> None:
         chosen = self.selected()

@@ -1,7 +1,9 @@
 """The three speed settings that the window offers: fractions of the scenario's limits, and their names."""
 
+from caris_desktop.domain.translation import QT_TR_NOOP
+
 FRACTIONS = (0.3, 0.6, 1.0)
-NAMES = ("Slow", "Normal", "Fast")
+NAMES = (QT_TR_NOOP("Slow"), QT_TR_NOOP("Normal"), QT_TR_NOOP("Fast"))
 
 
 def step_at(fraction: float) -> int:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtWidgets import QBoxLayout, QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
@@ -21,13 +21,13 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.scrolled import Scrolled
 
 _FIELDS = (
-    ("study", "Study", "for example Lab visit"),
-    ("participant", "Participant", "for example P07"),
-    ("condition", "Condition", "for example B"),
-    ("trial", "Trial", "for example 2 of 4"),
-    ("wizard", "Wizard", "your name or initials"),
+    ("study", QT_TR_NOOP("Study"), QT_TR_NOOP("for example Lab visit")),
+    ("participant", QT_TR_NOOP("Participant"), QT_TR_NOOP("for example P07")),
+    ("condition", QT_TR_NOOP("Condition"), QT_TR_NOOP("for example B")),
+    ("trial", QT_TR_NOOP("Trial"), QT_TR_NOOP("for example 2 of 4")),
+    ("wizard", QT_TR_NOOP("Wizard"), QT_TR_NOOP("your name or initials")),
 )
-PRACTICE = "practice"
+PRACTICE = QT_TR_NOOP("practice")
 _FORM_PX, _CHECKS_PX, _SIDE_PX = 560, 400, 24
 _WITH_CHECKS_PX, _CHECKS_BELOW_PX = 660, 320
 _FRAME_PX = QSize(16, 56)  # what the desktop puts around a dialog
@@ -61,29 +61,33 @@ def last_details(suggested: TrialDetails, begun: TrialDetails | None) -> TrialDe
     return None
 
 
-_BLURRED = {"persons": "people pixelated", "faces": "faces pixelated"}
+_BLURRED = {
+    ("persons", "everybody"): QT_TR_NOOP("people pixelated"),
+    ("faces", "everybody"): QT_TR_NOOP("faces pixelated"),
+    ("persons", "without_consent"): QT_TR_NOOP("people pixelated of those who did not agree"),
+    ("faces", "without_consent"): QT_TR_NOOP("faces pixelated of those who did not agree"),
+}
 
 
 def kept_words(permissions: Permissions, microphone: str | None, blur: BlurSettings) -> str:
     """What a recording will hold and what not, in one sentence."""
-    blurred = _BLURRED[blur.what]
-    of_whom = {"nobody": "", "everybody": blurred, "without_consent": f"{blurred} of those who did not agree"}
-    how = f" ({of_whom[blur.who]})" if of_whom[blur.who] else ""
-    kept = ["what the robot does and measures", "what is said", "your actions"]
+    blurred = tr(_BLURRED.get((blur.what, blur.who), ""))
+    kept = [tr("what the robot does and measures"), tr("what is said"), tr("your actions")]
     absent: list[str] = []
-    for permitted, name in (
-        (permissions.video_recording, "video"),
-        (permissions.photos, "photos"),
-        (permissions.audio_recording and microphone is not None, "sound"),
+    for permitted, name, how in (
+        (permissions.video_recording, tr("video"), blurred),
+        (permissions.photos, tr("photos"), blurred),
+        (permissions.audio_recording and microphone is not None, tr("sound"), ""),
     ):
-        shows_people = permitted and name != "sound"
-        (kept if permitted else absent).append(name + (how if shows_people else ""))
-    without = f" No {_listed(absent, 'or')}." if absent else ""
-    return f"Keeps {_listed(kept, 'and')}.{without}"
+        (kept if permitted else absent).append(f"{name} ({how})" if permitted and how else name)
+    sentences = [tr("Keeps {kept}.").format(kept=_listed(kept, tr("{some} and {last}")))]
+    if absent:
+        sentences.append(tr("No {absent}.").format(absent=_listed(absent, tr("{some} or {last}"))))
+    return " ".join(sentences)
 
 
-def _listed(parts: Sequence[str], word: str) -> str:
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {word} {parts[-1]}"
+def _listed(parts: Sequence[str], several: str) -> str:
+    return parts[0] if len(parts) == 1 else several.format(some=", ".join(parts[:-1]), last=parts[-1])
 
 
 class StartDialog(QDialog):
@@ -110,12 +114,12 @@ class StartDialog(QDialog):
         self._prefilled = prefilled
         self._offer = offer or RecordingOffer()
         self.setObjectName("start_dialog")
-        self.setWindowTitle("Start recording")
+        self.setWindowTitle(tr("Start recording"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        heading = QLabel("Who takes part?")
+        heading = QLabel(tr("Who takes part?"))
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         hint = self._small(
-            "This heads the recording. Use codes rather than names for participants; empty fields are fine."
+            tr("This heads the recording. Use codes rather than names for participants; empty fields are fine.")
         )
         form = QFormLayout()
         form.setHorizontalSpacing(16)
@@ -125,17 +129,17 @@ class StartDialog(QDialog):
         for name, label, placeholder in _FIELDS:
             line = QLineEdit(str(getattr(prefilled, name)))
             line.setObjectName(f"start_{name}")
-            line.setPlaceholderText(placeholder)
-            line.setAccessibleName(label)
+            line.setPlaceholderText(tr(placeholder))
+            line.setAccessibleName(tr(label))
             line.setMinimumHeight(36)
             line.setMaxLength(120)
             line.returnPressed.connect(self._on_begin)
-            form.addRow(label, line)
+            form.addRow(tr(label), line)
             self._fields[name] = line
         self._again = CheckBox(theme)
         self._again.setObjectName("start_again")
         self._again.toggled.connect(self._on_again)
-        self._practice = CheckBox(theme, "Practice run (counts as wizard training, not as data)")
+        self._practice = CheckBox(theme, tr("Practice run (counts as wizard training, not as data)"))
         self._practice.setObjectName("start_practice")
         # Never ticked beforehand: data that is taken for practice is lost to the study.
         last = self._offer.last
@@ -148,7 +152,7 @@ class StartDialog(QDialog):
         form.addRow("", self._practice)
         self._microphone = self._make_microphones()
         if self._microphone is not None:
-            form.addRow("Microphone", self._microphone)
+            form.addRow(tr("Microphone"), self._microphone)
         self._kept = self._small("")
         self._kept.setObjectName("start_kept")
         self._room = self._small(words.expectation(self._offer.bytes_per_hour, self._offer.free_bytes))
@@ -156,16 +160,18 @@ class StartDialog(QDialog):
         self._room.setVisible(bool(self._room.text()))
         if self._short_of_room():
             self._theme.color_text(self._room, "amber")
-            self._room.setText(f"{self._room.text()}. Free some disk space before a long session.")
+            self._room.setText(
+                tr("{expected}. Free some disk space before a long session.").format(expected=self._room.text())
+            )
         begin = self._begin_button = ActionButton(
             theme, tr("Start recording"), icon="record", key="Enter", look="primary", height_px=38
         )
         begin.setObjectName("start_dialog_begin")
         begin.clicked.connect(self._on_begin)
-        skip = ActionButton(theme, "Start without details", height_px=38)
+        skip = ActionButton(theme, tr("Start without details"), height_px=38)
         skip.setObjectName("start_dialog_skip")
         skip.clicked.connect(self._on_skip)
-        cancel = ActionButton(theme, "Cancel", look="ghost", height_px=38)
+        cancel = ActionButton(theme, tr("Cancel"), look="ghost", height_px=38)
         cancel.setObjectName("start_dialog_cancel")
         cancel.clicked.connect(self.reject)
         buttons = QHBoxLayout()
@@ -270,16 +276,17 @@ class StartDialog(QDialog):
         offer = self._offer
         if not (offer.permissions.audio_recording and offer.chooses_microphone):
             return None
-        choice = DropDown(self._theme, "start_microphone", "Microphone")
+        choice = DropDown(self._theme, "start_microphone", tr("Microphone"))
         choice.setMinimumHeight(36)
-        choice.addItem("No microphone", None)
+        choice.addItem(tr("No microphone"), None)
         names = list(offer.microphones)
         if offer.microphone is not None and offer.microphone not in names:
             names.append(offer.microphone)  # unplugged now, and still the one that was chosen
         for name in names:
             # Until the computer's inputs are known, none can be said to be missing.
-            gone = " (not plugged in)" if name and offer.microphones and name not in offer.microphones else ""
-            choice.addItem(f"{words.microphone(name)}{gone}", name)
+            gone = bool(name and offer.microphones and name not in offer.microphones)
+            shown = tr("{microphone} (not plugged in)") if gone else "{microphone}"
+            choice.addItem(shown.format(microphone=words.microphone(name)), name)
         choice.setCurrentIndex(0 if offer.microphone is None else 1 + names.index(offer.microphone))
         choice.currentIndexChanged.connect(self._show_kept)
         return choice
@@ -353,10 +360,14 @@ class StartDialog(QDialog):
 def again_words(last: TrialDetails) -> str:
     """Same trial again: P07, trial 2 (2nd recording)."""
     before = int(last.recording) if last.recording.isdecimal() else 1
-    which = ", ".join(part for part in (last.participant, f"trial {last.trial}" if last.trial else "") if part)
-    return f"Same trial again{f': {which}' if which else ''} ({_ordinal(before + 1)} recording)"
+    trial = tr("trial {trial}").format(trial=last.trial) if last.trial else ""
+    which, nth = ", ".join(part for part in (last.participant, trial) if part), _ordinal(before + 1)
+    if not which:
+        return tr("Same trial again ({nth} recording)").format(nth=nth)
+    return tr("Same trial again: {which} ({nth} recording)").format(which=which, nth=nth)
 
 
 def _ordinal(number: int) -> str:
-    ending = "th" if 10 <= number % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
-    return f"{number}{ending}"
+    endings = {1: tr("{number}st"), 2: tr("{number}nd"), 3: tr("{number}rd")}
+    ordinal = tr("{number}th") if 10 <= number % 100 <= 20 else endings.get(number % 10, tr("{number}th"))
+    return ordinal.format(number=number)

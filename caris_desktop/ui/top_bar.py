@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QHBoxLayout, QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, RecordingPaused
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import IN_SESSION, DriveStatus, LiveRobotsStatus, MarksStatus, RecordingStatus
@@ -31,8 +31,8 @@ _FIND_SHRINKS, _ERROR_SHRINKS, _TRIAL_SHRINKS, _MARK_SHRINKS = 2, 3, 4, 5
 _TRIAL_GOES, _ERROR_GOES, _FIND_GOES, _MARK_GOES, _ALL_GIVE_WAY = 6, 7, 8, 9, 10
 
 _RECORD_TIPS = {
-    "recording": "Pause or stop the recording",
-    "paused": "Nothing is recorded now. Click to go on or to stop.",
+    "recording": QT_TR_NOOP("Pause or stop the recording"),
+    "paused": QT_TR_NOOP("Nothing is recorded now. Click to go on or to stop."),
 }
 
 
@@ -44,7 +44,12 @@ def trial_words(details: TrialDetails | None, *, at_most: int) -> str:
         words.shortened(part, at_most)
         for part in (details.participant, details.condition, details.trial, details.purpose)
     )
-    parts = (participant, condition and f"condition {condition}", trial and f"trial {trial}", purpose)
+    parts = (
+        participant,
+        condition and tr("condition {condition}").format(condition=condition),
+        trial and tr("trial {trial}").format(trial=trial),
+        tr(purpose),
+    )
     return " · ".join(part for part in parts if part)
 
 
@@ -73,11 +78,11 @@ class TrialLabel(CutLabel):
 
 
 def _find_words(level: int) -> str:
-    return "Find anything" if level == 0 else "Find" if level < _FIND_SHRINKS else ""
+    return tr("Find anything") if level == 0 else tr("Find") if level < _FIND_SHRINKS else ""
 
 
 def _error_words(level: int) -> str:
-    return "Wizard error" if level < _ERROR_SHRINKS else ""
+    return tr("Wizard error") if level < _ERROR_SHRINKS else ""
 
 
 class TopBar(QWidget):
@@ -102,16 +107,16 @@ class TopBar(QWidget):
         self._trial = TrialLabel()
         self._trial.setObjectName("trial_label")
         self._details: TrialDetails | None = None
-        self.record_button = ActionButton(theme, "Start recording", icon="record")
+        self.record_button = ActionButton(theme, tr("Start recording"), icon="record")
         self.record_button.setObjectName("record_button")
         self.record_button.clicked.connect(self._on_record_clicked)
         self._record_menu = QMenu(self)
         self._record_menu.setObjectName("record_menu")
-        self._pause = self._record_menu.addAction("Pause recording")
+        self._pause = self._record_menu.addAction(tr("Pause recording"))
         self._pause.triggered.connect(self._on_pause)
-        self._record_menu.addAction("Stop recording").triggered.connect(self._on_stop_recording)
+        self._record_menu.addAction(tr("Stop recording")).triggered.connect(self._on_stop_recording)
         self._paused_ns: int | None = None
-        self.mark_button = ActionButton(theme, "Mark", icon="bookmark-simple")
+        self.mark_button = ActionButton(theme, tr("Mark"), icon="bookmark-simple")
         self.mark_button.setObjectName("mark_button")
         self.mark_button.bind(actions, "mark")
         self.stretch_button = ActionButton(theme, "", icon="brackets-square")
@@ -123,22 +128,22 @@ class TopBar(QWidget):
         self._unmark = QTimer(self, singleShot=True, interval=1500)
         self._unmark.timeout.connect(self._on_mark_shown)
         self._in_replay = False
-        error = self._error = ActionButton(theme, "Wizard error", icon="warning")
+        error = self._error = ActionButton(theme, tr("Wizard error"), icon="warning")
         error.setObjectName("wizard_error_button")
         error.bind(actions, "wizard_error")
-        error.setToolTip("Mark that something went wrong on the wizard's side, for the analysis")
-        self._find = ActionButton(theme, "Find anything", icon="magnifying-glass")
+        error.setToolTip(tr("Mark that something went wrong on the wizard's side, for the analysis"))
+        self._find = ActionButton(theme, tr("Find anything"), icon="magnifying-glass")
         self._find.setObjectName("find_button")
         self._find.bind(actions, "find")
-        self._find.setToolTip("Find anything: actions, phrases, places, panels")
+        self._find.setToolTip(tr("Find anything: actions, phrases, places, panels"))
         self.window_button = ActionButton(theme, "", icon="layout")
         self.window_button.setObjectName("window_menu_button")
-        self.window_button.setAccessibleName("Panels and appearance")
-        self.window_button.setToolTip("Panels and appearance")
+        self.window_button.setAccessibleName(tr("Panels and appearance"))
+        self.window_button.setToolTip(tr("Panels and appearance"))
         self.window_button.clicked.connect(self.window_menu_requested)
-        self.emergency = ActionButton(theme, "Emergency stop", key="Esc Esc", look="danger", height_px=40)
+        self.emergency = ActionButton(theme, tr("Emergency stop"), key="Esc Esc", look="danger", height_px=40)
         self.emergency.setObjectName("emergency_stop")
-        self.emergency.setToolTip("Stops the robot and keeps it stopped until you release it. Also Pause.")
+        self.emergency.setToolTip(tr("Stops the robot and keeps it stopped until you release it. Also Pause."))
         self.emergency.pressed.connect(self._on_emergency_pressed)
         row = QHBoxLayout(self)
         row.setContentsMargins(_SIDE_PX, 0, _SIDE_PX, 0)
@@ -183,16 +188,18 @@ class TopBar(QWidget):
     def _on_live_robots_changed(self, live: LiveRobotsStatus) -> None:
         self.emergency.setVisible(bool(live.robots))
         several = len(live.robots) > 1
-        whose = f"{len(live.robots)} robots" if several else words.shortened("".join(live.robots), 24)
+        whose = tr("%n robots", "", len(live.robots)) if several else words.shortened("".join(live.robots), 24)
         if live.emergency_stop:
-            self.emergency.set_label("Emergency stop is on (live)", look="outline_danger")
+            self.emergency.set_label(tr("Emergency stop is on (live)"), look="outline_danger")
         else:
-            self.emergency.set_label(f"Stop {whose} (live)", look="danger")
-        self.emergency.setToolTip(
-            f"Emergency stop of what the live console{'s drive' if several else ' drives'} now:\n"
-            + "\n".join(live.robots)
-            + "\nAlso Pause. Esc stops it too. It is released in the live window."
+            self.emergency.set_label(tr("Stop {robot} (live)").format(robot=whose), look="danger")
+        stops = (
+            tr("Emergency stop of what the live consoles drive now:")
+            if several
+            else tr("Emergency stop of what the live console drives now:")
         )
+        too = tr("Also Pause. Esc stops it too. It is released in the live window.")
+        self.emergency.setToolTip("\n".join((stops, *live.robots, too)))
 
     def show_layout(self, *, changed: bool, locked: bool) -> None:
         """Whether the arrangement of the panels has anything unsaved, or cannot be changed."""
@@ -209,9 +216,9 @@ class TopBar(QWidget):
         title = words.shortened(self._console.scenario.title, _TIP_CHARACTERS)
         self.scenario_button.set_label(words.shortened(title, _PART_CHARACTERS[0]))
         self.scenario_button.setMinimumWidth(min(self.scenario_button.sizeHint().width(), _SCENARIO_PX))
-        self.scenario_button.setAccessibleName(f"Scenario: {title}")
+        self.scenario_button.setAccessibleName(tr("Scenario: {title}").format(title=title))
         self.scenario_button.setToolTip(
-            wrapped_tip(title) + wrapped_tip("Switch the scenario. The robot stays connected.")
+            wrapped_tip(title) + wrapped_tip(tr("Switch the scenario. The robot stays connected."))
         )
         self._refresh()
 
@@ -234,9 +241,9 @@ class TopBar(QWidget):
             level += 1
         trial = self._trial.text() if level < _TRIAL_GOES else ""
         for button, text, name, goes in (
-            (self._find, _find_words(level), "Find anything", _FIND_GOES),
-            (self.mark_button, self._mark_words(level), "Mark", _MARK_GOES),
-            (self._error, _error_words(level), "Wizard error", _ERROR_GOES),
+            (self._find, _find_words(level), tr("Find anything"), _FIND_GOES),
+            (self.mark_button, self._mark_words(level), tr("Mark"), _MARK_GOES),
+            (self._error, _error_words(level), tr("Wizard error"), _ERROR_GOES),
         ):
             if button.text() != text:
                 button.set_label(text)
@@ -261,7 +268,7 @@ class TopBar(QWidget):
         return sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX
 
     def _mark_words(self, level: int) -> str:
-        return "" if level >= _MARK_SHRINKS else "Marked" if self._unmark.isActive() else "Mark"
+        return "" if level >= _MARK_SHRINKS else tr("Marked") if self._unmark.isActive() else tr("Mark")
 
     def popup_below(self, menu: QMenu, button: ActionButton) -> None:
         menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
@@ -279,7 +286,7 @@ class TopBar(QWidget):
     def _on_record_clicked(self) -> None:
         state = self._console.state.recording.value.state
         if state in ("recording", "paused", "starting"):
-            self._pause.setText("Go on recording" if state == "paused" else "Pause recording")
+            self._pause.setText(tr("Go on recording") if state == "paused" else tr("Pause recording"))
             self._pause.setEnabled(state != "starting")
             self.popup_below(self._record_menu, self.record_button)
         else:
@@ -323,9 +330,9 @@ class TopBar(QWidget):
         began_ns = newest.stamp_ns if newest.start_ns is None else newest.start_ns
         lasts = words.stretch((self._console.state.present.now_ns() - began_ns) / 1e9)
         others = f" +{len(status.open) - 1}" if len(status.open) > 1 else ""
-        self.stretch_button.set_label(f"{label or 'Stretch'}{others} · {lasts} · End")
+        self.stretch_button.set_label(f"{label or tr('Stretch')}{others} · {lasts} · {tr('End')}")
         self.stretch_button.set_key(self._actions.key_text("stretch"))
-        self.stretch_button.setToolTip("This stretch of the session is being marked. Click to end it.")
+        self.stretch_button.setToolTip(tr("This stretch of the session is being marked. Click to end it."))
 
     def _on_mark_shown(self) -> None:
         self.mark_button.set_label(self.mark_button.text(), icon="bookmark-simple")
@@ -340,28 +347,30 @@ class TopBar(QWidget):
         match status.state:
             case "recording":
                 seconds = (self._console.state.present.now_ns() - status.started_ns) / 1e9
-                limits = [] if permissions.video_recording else ["no video"]
-                limits += [] if permissions.photos else ["no photos"]
+                limits = [] if permissions.video_recording else [tr("no video")]
+                limits += [] if permissions.photos else [tr("no photos")]
                 roomy = bool(limits) and self.width() >= ROOMY_PX
                 suffix = f" · {', '.join(limits)}" if roomy else ""
-                self.record_button.set_label(f"Recording {words.elapsed(seconds)}{suffix}", dot="red_fill")
+                going_on = tr("Recording {time}").format(time=words.elapsed(seconds))
+                self.record_button.set_label(f"{going_on}{suffix}", dot="red_fill")
             case "paused":
                 # Without the event (a replay that was begun in a pause) nobody knows since when.
                 since_ns = self._paused_ns
                 now_ns = self._console.state.present.now_ns()
-                lasts = "" if since_ns is None else f" {words.elapsed((now_ns - since_ns) / 1e9)}"
-                self.record_button.set_label(f"Paused{lasts}", icon="pause", look="amber")
+                lasts = "" if since_ns is None else words.elapsed((now_ns - since_ns) / 1e9)
+                paused = tr("Paused {time}").format(time=lasts) if lasts else tr("Paused")
+                self.record_button.set_label(paused, icon="pause", look="amber")
             case "starting":
-                self.record_button.set_label("Starting…", icon="record")
+                self.record_button.set_label(tr("Starting…"), icon="record")
             case "stopping":
-                self.record_button.set_label("Saving…", icon="record")
+                self.record_button.set_label(tr("Saving…"), icon="record")
             case "failed":
-                self.record_button.set_label("Not recording: failed", icon="warning", look="amber")
+                self.record_button.set_label(tr("Not recording: failed"), icon="warning", look="amber")
             case _:
-                self.record_button.set_label("Start recording", icon="record", look="plain")
+                self.record_button.set_label(tr("Start recording"), icon="record", look="plain")
         if status.state == "recording":
             self.record_button.set_label(self.record_button.text(), dot="red_fill", look="plain")
-        self.record_button.setToolTip(_RECORD_TIPS.get(status.state, ""))
+        self.record_button.setToolTip(tr(_RECORD_TIPS.get(status.state, "")))
         self.record_button.setEnabled(status.state not in ("starting", "stopping"))
         details = self._details if status.state in IN_SESSION else None
         self._trial.show_details(details, roomy=self.width() >= ROOMY_PX)
@@ -372,9 +381,9 @@ class TopBar(QWidget):
         if self._in_replay:
             return  # that was then
         if drive.emergency_stop:
-            self.emergency.set_label("Emergency stop is on", look="outline_danger")
+            self.emergency.set_label(tr("Emergency stop is on"), look="outline_danger")
         else:
-            self.emergency.set_label("Emergency stop", look="danger")
+            self.emergency.set_label(tr("Emergency stop"), look="danger")
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
@@ -389,8 +398,8 @@ class ReplayBadge(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.setObjectName("replay_badge")
-        self.setAccessibleName("REPLAY")
-        self.setToolTip("A recorded session. Nothing that you do here reaches a robot, except a stop.")
+        self.setAccessibleName(tr("REPLAY"))
+        self.setToolTip(tr("A recorded session. Nothing that you do here reaches a robot, except a stop."))
         self._theme = theme
         width = QFontMetricsF(self._font()).horizontalAdvance(self.accessibleName())
         self.setFixedSize(round(width) + 24, 30)

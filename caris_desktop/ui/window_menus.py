@@ -59,21 +59,22 @@ class WindowMenus:
         panels = menu.addMenu(tr("Panels"))
         panels.setObjectName("panels_menu")
         for name in parts.panels.possible():
-            action = panels.addAction(PANELS[name].title)
+            action = panels.addAction(tr(PANELS[name].title))
             action.setCheckable(True)
             action.setChecked(parts.panels.is_open(name))
             action.triggered.connect(parts.panels.toggler(name))
         self._layout.fill(menu.addMenu(self._layout.title()))
         if parts.sessions.has_library:
             self._add_sessions(menu)
-        menu.addSection("Robot")
+        menu.addSection(tr("Robot"))
         present = parts.console.state.link.value.robot
-        parts.robots.fill_menu(menu.addMenu(f"Robot: {present}" if present else "Choose a robot"))
+        robots = tr("Robot: {name}").format(name=present) if present else tr("Choose a robot")
+        parts.robots.fill_menu(menu.addMenu(robots))
         self._sound.fill(menu)
-        menu.addSection("Appearance")
+        menu.addSection(tr("Appearance"))
         group = QActionGroup(menu)
         for choice in CHOICES:
-            action = menu.addAction(THEME_WORDS[choice])
+            action = menu.addAction(tr(THEME_WORDS[choice]))
             action.setCheckable(True)
             action.setChecked(choice == parts.theme.choice)
             action.setActionGroup(group)
@@ -82,14 +83,14 @@ class WindowMenus:
         self._add_wizards(menu)
         menu.addSeparator()
         if parts.gamepad.offered:
-            menu.addAction("Gamepad…").triggered.connect(parts.gamepad.open)
+            menu.addAction(tr("Gamepad…")).triggered.connect(parts.gamepad.open)
         menu.addAction(tr("Practise on the simulated robot")).triggered.connect(parts.practise)
         for sees in SEES:
             menu.addAction(sees_words(sees)).triggered.connect(parts.observers.opener(sees))
         set_up = menu.addAction(tr("Set up…"))
         set_up.setEnabled(parts.actions.available("set_up"))
         set_up.triggered.connect(lambda: parts.actions.run("set_up"))
-        menu.addAction("All shortcuts").triggered.connect(self._show_shortcuts)
+        menu.addAction(tr("All shortcuts")).triggered.connect(self._show_shortcuts)
         self._top_bar.popup_below(menu, self._top_bar.window_button)
 
     def _show_layout_state(self) -> None:
@@ -101,10 +102,10 @@ class WindowMenus:
 
     def _add_sessions(self, menu: QMenu) -> None:
         windows = self._parts.sessions
-        menu.addSection("Sessions")
-        menu.addAction("All sessions…").triggered.connect(windows.open_sessions)
+        menu.addSection(tr("Sessions"))
+        menu.addAction(tr("All sessions…")).triggered.connect(windows.open_sessions)
         status = self._parts.console.state.recording.value
-        last = menu.addAction("Export the last session…")
+        last = menu.addAction(tr("Export the last session…"))
         last.setEnabled(status.folder is not None and status.state in ("idle", "failed"))
         last.triggered.connect(windows.export_last_session)
 

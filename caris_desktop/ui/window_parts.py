@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.ui.actions import Actions
@@ -19,7 +20,11 @@ from caris_desktop.ui.session_windows import SessionWindows
 from caris_desktop.ui.theme import Theme, ThemeChoice
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
-THEME_WORDS: dict[ThemeChoice, str] = {"system": "Like the system", "dark": "Dark", "light": "Light"}
+THEME_WORDS: dict[ThemeChoice, str] = {
+    "system": QT_TR_NOOP("Like the system"),
+    "dark": QT_TR_NOOP("Dark"),
+    "light": QT_TR_NOOP("Light"),
+}
 
 
 @dataclass(frozen=True, slots=True)

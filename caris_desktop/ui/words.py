@@ -43,22 +43,24 @@ def age(seconds: float) -> str:
 def since(seconds: float) -> str:
     """How long somebody has been here: just now, 20 s, 3 min."""
     if seconds < 5:
-        return "just now"
+        return tr("just now")
     if seconds < 60:
-        return f"for {int(seconds) // 5 * 5} s"
-    return f"for {int(seconds // 60)} min"
+        return tr("for {time} s").format(time=int(seconds) // 5 * 5)
+    return tr("for {time} min").format(time=int(seconds // 60))
 
 
 def ago(seconds: float) -> str:
     """How long ago something was: just now, 20 s ago, 3 min ago, 2 h ago, 3 days ago."""
     if seconds < 5:
-        return "just now"
+        return tr("just now")
     if seconds < 60:
-        return f"{int(seconds) // 5 * 5} s ago"
+        return tr("{time} s ago").format(time=int(seconds) // 5 * 5)
     if seconds < 5_400:
-        return f"{int(seconds // 60)} min ago"
+        return tr("{time} min ago").format(time=int(seconds // 60))
     hours = seconds / 3_600
-    return f"{round(hours)} h ago" if hours < 36 else f"{round(hours / 24)} days ago"
+    if hours < 36:
+        return tr("{time} h ago").format(time=round(hours))
+    return tr("%n days ago", "", round(hours / 24))
 
 
 def size(count_bytes: float) -> str:
@@ -87,9 +89,11 @@ def clock_offset(offset_ms: float, uncertainty_ms: float | None, anchor: clock.C
     spread = "" if uncertainty_ms is None else f" ± {_milliseconds(uncertainty_ms)}"
     if abs(ahead_ms) > _ANOTHER_TIME_MS:
         # A simulation begins at zero; how far that is from today says nothing.
-        known = "" if uncertainty_ms is None else f", known to{spread} ms"
-        return f"set to a time of its own{known}"
-    return f"{_milliseconds(abs(ahead_ms))}{spread} ms {'ahead' if ahead_ms >= 0 else 'behind'}"
+        if uncertainty_ms is None:
+            return tr("set to a time of its own")
+        return tr("set to a time of its own, known to {uncertainty} ms").format(uncertainty=spread.strip())
+    offset = tr("{offset} ms ahead") if ahead_ms >= 0 else tr("{offset} ms behind")
+    return offset.format(offset=f"{_milliseconds(abs(ahead_ms))}{spread}")
 
 
 def _milliseconds(milliseconds: float) -> str:
@@ -101,16 +105,16 @@ def link_facts(link: LinkStatus, traffic: Mapping[str, events.TrafficMeasured], 
     parts = [link.address, link.detail]
     if link.state in ("connected", "trouble"):
         if link.round_trip_ms is not None:
-            parts.append(f"{link.round_trip_ms:.0f} ms to the robot and back")
+            parts.append(tr("{time} ms to the robot and back").format(time=f"{link.round_trip_ms:.0f}"))
         if link.clock_offset_ms is not None:
             offset = clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
-            parts.append(f"robot clock {offset}")
+            parts.append(tr("robot clock {offset}").format(offset=offset))
         load = sum(topic.bytes_per_s for measured in traffic.values() for topic in measured.topics)
         if traffic:
             parts.append(f"{size(load)}/s")
         refused = sum(measured.refused for measured in traffic.values())
         if refused:
-            parts.append(f"{refused} messages refused")
+            parts.append(tr("%n messages refused", "", refused))
     return " · ".join(part for part in parts if part)
 
 
@@ -118,7 +122,7 @@ def long_duration(seconds: float) -> str:
     """How long something lasts that is told roughly: 53 h, 5 h 20 min, 26 min, less than a minute."""
     minutes = int(seconds // 60)
     if minutes < 1:
-        return "less than a minute"
+        return tr("less than a minute")
     hours, rest = divmod(minutes, 60)
     if not hours:
         return f"{rest} min"
@@ -133,20 +137,22 @@ def stretch(seconds: float) -> str:
     return text[1:] if text.startswith("0") else text
 
 
-_MISSING = {"frame": ("frame", "frames"), "audio": ("piece of sound", "pieces of sound"), "scan": ("scan", "scans")}
-_MISSING["audio_chunk"] = _MISSING["audio"]
-_MISSING["transcription"] = ("piece of sound for the transcript", "pieces of sound for the transcript")
-
-
 def missing(stream: str, count: int) -> str:
     """3 frames were not recorded."""
-    one, many = _MISSING.get(stream, (f"value of {stream}", f"values of {stream}"))
-    return f"{count} {one} was not recorded" if count == 1 else f"{count} {many} were not recorded"
-
-
-def counted(count: int, one: str) -> str:
-    """1 session, 2 sessions."""
-    return f"{count} {one}{'s' * (count != 1)}"
+    match stream:
+        case "frame":
+            one, many = tr("1 frame was not recorded"), tr("%n frames were not recorded", "", count)
+        case "scan":
+            one, many = tr("1 scan was not recorded"), tr("%n scans were not recorded", "", count)
+        case "audio" | "audio_chunk":
+            one, many = tr("1 piece of sound was not recorded"), tr("%n pieces of sound were not recorded", "", count)
+        case "transcription":
+            one = tr("1 piece of sound for the transcript was not recorded")
+            many = tr("%n pieces of sound for the transcript were not recorded", "", count)
+        case _:
+            one = tr("1 value of {stream} was not recorded").format(stream=stream)
+            many = tr("%n values of {stream} were not recorded", "", count).format(stream=stream)
+    return one if count == 1 else many
 
 
 def all_missing(dropped: Mapping[str, int]) -> str:
@@ -154,19 +160,30 @@ def all_missing(dropped: Mapping[str, int]) -> str:
     total = sum(dropped.values())
     if not total:
         return ""
-    one, many = ("value", "values") if len(dropped) > 1 else _MISSING.get(next(iter(dropped)), ("value", "values"))
-    return f"{total} {one if total == 1 else many} not recorded"
+    match "" if len(dropped) > 1 else next(iter(dropped)):
+        case "frame":
+            one, many = tr("1 frame not recorded"), tr("%n frames not recorded", "", total)
+        case "scan":
+            one, many = tr("1 scan not recorded"), tr("%n scans not recorded", "", total)
+        case "audio" | "audio_chunk":
+            one, many = tr("1 piece of sound not recorded"), tr("%n pieces of sound not recorded", "", total)
+        case "transcription":
+            one = tr("1 piece of sound for the transcript not recorded")
+            many = tr("%n pieces of sound for the transcript not recorded", "", total)
+        case _:
+            one, many = tr("1 value not recorded"), tr("%n values not recorded", "", total)
+    return one if total == 1 else many
 
 
 def expectation(bytes_per_hour: float | None, free_bytes: int | None) -> str:
     """About 1.2 GB per hour; 64 GB free: room for 53 h."""
-    free = "" if free_bytes is None else f"{size(free_bytes)} free"
     if not bytes_per_hour:
-        return free
-    rate = f"About {size(bytes_per_hour)} per hour"
+        return "" if free_bytes is None else tr("{size} free").format(size=size(free_bytes))
+    rate = size(bytes_per_hour)
     if free_bytes is None:
-        return rate
-    return f"{rate}; {free}: room for {long_duration(free_bytes / bytes_per_hour * 3600)}"
+        return tr("About {rate} per hour").format(rate=rate)
+    room = long_duration(free_bytes / bytes_per_hour * 3600)
+    return tr("About {rate} per hour; {size} free: room for {room}").format(rate=rate, size=size(free_bytes), room=room)
 
 
 def with_label(sentence: str, label: str) -> str:
@@ -182,16 +199,18 @@ def with_detail(sentence: str, detail: str) -> str:
 def mark_sentence(mark: events.Marked) -> str:
     """What a mark says, in the state it has now."""
     if mark.kind == "note":
-        return "Note taken back" if mark.state == "withdrawn" else with_label("Note", f"“{shortened(mark.note, 120)}”")
-    what = "Wizard error marked" if mark.kind == "wizard_error" else "Marked"
+        if mark.state == "withdrawn":
+            return tr("Note taken back")
+        return with_label(tr("Note"), f"“{shortened(mark.note, 120)}”")
+    what = tr("Wizard error marked") if mark.kind == "wizard_error" else tr("Marked")
     label = mark.label
     match mark.state:
         case "withdrawn":
-            return f"Taken back: {label}" if label else "Mark taken back"
+            return tr("Taken back: {label}").format(label=label) if label else tr("Mark taken back")
         case "open":
-            return f"{label or 'A stretch'} began"
+            return tr("{label} began").format(label=label) if label else tr("A stretch began")
     if mark.end_ns is not None and mark.start_ns is not None:
-        label = f"{label or 'a stretch'}, {age((mark.end_ns - mark.start_ns) / 1e9)}"
+        label = f"{label or tr('a stretch')}, {age((mark.end_ns - mark.start_ns) / 1e9)}"
     note = f" “{shortened(mark.note, 80)}”" if mark.note else ""
     return with_label(what, label) + note
 
@@ -205,19 +224,22 @@ def motion(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
     """What a velocity looks like to somebody who watches the robot."""
     parts = []
     if abs(forward_mps) >= 0.005:
-        parts.append(f"{abs(forward_mps):.2f} m/s {'forward' if forward_mps > 0 else 'backward'}")
+        ahead = tr("{speed} m/s forward") if forward_mps > 0 else tr("{speed} m/s backward")
+        parts.append(ahead.format(speed=f"{abs(forward_mps):.2f}"))
     if abs(left_mps) >= 0.005:
-        parts.append(f"{abs(left_mps):.2f} m/s to the {'left' if left_mps > 0 else 'right'}")
+        sideways = tr("{speed} m/s to the left") if left_mps > 0 else tr("{speed} m/s to the right")
+        parts.append(sideways.format(speed=f"{abs(left_mps):.2f}"))
     if abs(turn_radps) >= 0.01:
-        parts.append(f"turning {'left' if turn_radps > 0 else 'right'} {abs(math.degrees(turn_radps)):.0f}°/s")
-    return ", ".join(parts) if parts else "Standing still"
+        turning = tr("turning left {speed}°/s") if turn_radps > 0 else tr("turning right {speed}°/s")
+        parts.append(turning.format(speed=f"{abs(math.degrees(turn_radps)):.0f}"))
+    return ", ".join(parts) if parts else tr("Standing still")
 
 
 def drive_line(drive: DriveStatus) -> str:
     if drive.emergency_stop:
-        return "Emergency stop is on"
+        return tr("Emergency stop is on")
     if not drive.allowed:
-        return "Driving is off"
+        return tr("Driving is off")
     return motion(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
 
 
@@ -227,9 +249,10 @@ def goal_speed(robot: RobotProfile | None, drive: DriveStatus) -> tuple[str, boo
     if server is None:
         return "", True
     if drive.goal_limit_mps is not None:
-        return f"{drive.goal_limit_mps:.2f} m/s at most", True
-    own = "" if server.max_mps is None else f", up to {server.max_mps:.2f} m/s"
-    return f"at its navigation’s own speed{own}", False
+        return tr("{speed} m/s at most").format(speed=f"{drive.goal_limit_mps:.2f}"), True
+    if server.max_mps is None:
+        return tr("at its navigation’s own speed"), False
+    return tr("at its navigation’s own speed, up to {speed} m/s").format(speed=f"{server.max_mps:.2f}"), False
 
 
 def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotProfile | None) -> str:
@@ -239,30 +262,36 @@ def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotP
     by_itself = goal is not None and goal.state in UNDER_WAY
     if goal is None or not by_itself:
         return drive_line(drive)
-    left = "" if goal.distance_left_m is None else f", {goal.distance_left_m:.1f} m left"
+    going = tr("Going to {place}").format(place=goal.place) if goal.place else tr("Going to the chosen point")
+    if goal.distance_left_m is not None:
+        going = tr("{going}, {distance} m left").format(going=going, distance=f"{goal.distance_left_m:.1f}")
     speed, _as_drive_says = goal_speed(robot, drive)
-    return " · ".join(part for part in (f"Going to {goal.place or 'the chosen point'}{left}", speed) if part)
+    return " · ".join(part for part in (going, speed) if part)
 
 
 def head_angles(pan_rad: float, tilt_rad: float) -> str:
     """Where the head looks, in two short lines."""
     pan, tilt = round(math.degrees(pan_rad)), round(math.degrees(tilt_rad))
-    across = "ahead" if pan == 0 else f"{abs(pan)}° {'left' if pan > 0 else 'right'}"
-    up = "level" if tilt == 0 else f"{abs(tilt)}° {'down' if tilt > 0 else 'up'}"
-    return f"{across}\n{up}"
+    across = tr("ahead") if pan == 0 else tr("{angle}° left") if pan > 0 else tr("{angle}° right")
+    up = tr("level") if tilt == 0 else tr("{angle}° down") if tilt > 0 else tr("{angle}° up")
+    return f"{across.format(angle=abs(pan))}\n{up.format(angle=abs(tilt))}"
 
 
 def guard_line(drive: DriveStatus) -> str:
     """What the obstacle guard does now; empty while it does nothing."""
     # In the direction of the motion, which may be back or sideways.
-    away = "" if drive.guard_distance_m is None else f" {max(0.0, drive.guard_distance_m):.1f} m away"
+    away = "" if drive.guard_distance_m is None else f"{max(0.0, drive.guard_distance_m):.1f}"
     match drive.guard:
         case "slowing":
-            return f"Obstacle{away} · slowing"
+            line = tr("Obstacle {distance} m away · slowing") if away else tr("Obstacle · slowing")
+            return line.format(distance=away)
         case "blocked":
-            return f"Blocked · obstacle{away}"
+            line = tr("Blocked · obstacle {distance} m away") if away else tr("Blocked · obstacle")
+            return line.format(distance=away)
+        case "blind" if drive.guard_detail:
+            return tr("The guard lets it crawl only: {why}").format(why=tr(drive.guard_detail))
         case "blind":
-            return f"The guard lets it crawl only: {drive.guard_detail or 'it sees nothing'}"
+            return tr("The guard lets it crawl only: it sees nothing")
         case _:
             return ""
 
@@ -271,7 +300,7 @@ def camera_title(name: str) -> str:
     """A camera's name as a title: "Front camera" for front. Empty for none."""
     words = name.replace("_", " ").strip()
     if words and "camera" not in words.lower():
-        words += " camera"
+        words = tr("{name} camera").format(name=words)
     return words[:1].upper() + words[1:]
 
 
@@ -283,9 +312,9 @@ def camera_in_text(name: str) -> str:
 def person_state(box: PersonBox) -> str:
     """What somebody does who is seen, in a word or two: nothing for what is usual, or is not known."""
     told = (
-        "sitting" if box.posture == "sitting" else "",
-        "hand raised" if box.hand_raised else "",
-        "looks here" if box.facing else "",
+        tr("sitting") if box.posture == "sitting" else "",
+        tr("hand raised") if box.hand_raised else "",
+        tr("looks here") if box.facing else "",
     )
     return " · ".join(word for word in told if word)
 
@@ -293,10 +322,13 @@ def person_state(box: PersonBox) -> str:
 def no_picture(age_s: float | None, told: CameraState | None) -> str:
     """What stands in the place of a lost camera's picture; ``told`` is what is known of the camera itself."""
     if told is not None and told.state == "ended":
-        return told.detail or "It has ended. A recording goes on without it."
-    since = "No picture yet" if age_s is None else f"No picture for {age(age_s)}"
+        return told.detail or tr("It has ended. A recording goes on without it.")
+    if age_s is None:
+        lost = tr("No picture yet, it is being tried again.")
+    else:
+        lost = tr("No picture for {time}, it is being tried again.").format(time=age(age_s))
     why = f" {told.detail}" if told is not None and told.state in ("lost", "connecting") and told.detail else ""
-    return f"{since}, it is being tried again.{why}"
+    return f"{lost}{why}"
 
 
 def has_given_name(person: PersonRow) -> bool:
@@ -305,7 +337,7 @@ def has_given_name(person: PersonRow) -> bool:
 
 
 def person_name(person: PersonRow) -> str:
-    return person.name or f"Person {person.track}"
+    return person.name or tr("Person {number}").format(number=person.track)
 
 
 def percent(confidence: float) -> str:
@@ -317,7 +349,8 @@ def maybe(person: PersonRow) -> str:
     """Who it could be: Maybe Anna (82 %). Empty where nobody is suggested."""
     if person.suggestion is None:
         return ""
-    return f"Maybe {person.suggestion.name} ({percent(person.suggestion.confidence)})"
+    name, how_sure = person.suggestion.name, percent(person.suggestion.confidence)
+    return tr("Maybe {name} ({percent})").format(name=name, percent=how_sure)
 
 
 def on_box(person: PersonRow, yes_key: str = "") -> str:
@@ -339,14 +372,31 @@ def with_names(text: str, name_of: NameOf) -> str:
 
 def microphone_facts(microphone: MicrophoneStatus) -> str:
     """Whom an open microphone hears, which one it is, and what is wrong with it."""
-    whom = "You are heard" if microphone.role == "wizard" else "The participant is heard"
+    wizard, name = microphone.role == "wizard", microphone.name
     if microphone.state == "failed":
-        return f"{whom} by no microphone: {microphone.detail}"
+        no = (
+            tr("You are heard by no microphone: {why}")
+            if wizard
+            else tr("The participant is heard by no microphone: {why}")
+        )
+        return no.format(why=microphone.detail)
     if microphone.source == ROBOT_MICROPHONE:
-        return f"{whom} by the robot's microphone"
-    return f"{whom} by {microphone.name or 'the system’s default microphone'}"
+        return (
+            tr("You are heard by the robot's microphone")
+            if wizard
+            else tr("The participant is heard by the robot's microphone")
+        )
+    if not name:
+        return (
+            tr("You are heard by the system’s default microphone")
+            if wizard
+            else tr("The participant is heard by the system’s default microphone")
+        )
+    return (tr("You are heard by {microphone}") if wizard else tr("The participant is heard by {microphone}")).format(
+        microphone=name
+    )
 
 
 def microphone(name: str) -> str:
     """One of this computer's, by its name; empty: the system's own choice."""
-    return name or "System’s default microphone"
+    return name or tr("System’s default microphone")

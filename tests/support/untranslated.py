@@ -24,6 +24,7 @@ LEFT = Path(__file__).with_suffix(".txt")
 _A_STATE = "a state by its name in the record and in code; it is shown by words of its own"
 _PROMPT = "goes to the language model, not to the wizard"
 _GUIDE = "written into the guide, which is English"
+_KEY_NAME = "the name of a key as the settings and Qt have it; a key cap shows it"
 _BROWSER = "for whoever types an address of the page by hand"
 AS_IT_IS: dict[str, dict[str, str]] = {
     "": {"not checked": _A_STATE},
@@ -38,8 +39,15 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "live/services/practice.py": {
         "Could you tell me something about this place?": "said by who takes part in the practice"
     },
+    "ui/action_rows.py": dict.fromkeys(
+        ("Up", "Down", "Left", "Right", "Return", "Enter", "Del", "Backspace"), _KEY_NAME
+    ),
+    "ui/actions.py": dict.fromkeys(("Enter", "Delete"), "what is printed on the key"),
+    "ui/key_choices.py": {"phrase: {}": "the name of a row in the settings"},
+    "ui/robot_dialog.py": {"ROS {} {}": "the name of a version of ROS"},
     "ui/scenario_editor/reference.py": {"*": _GUIDE},
     "ui/shortcuts/reference.py": {"*": _GUIDE},
+    "ui/theme.py": {"*": "names of fonts"},
 }
 """What is shown as it is in every language: for each file, or for all (""), its texts ("*": all) with the reason."""
 
@@ -53,8 +61,8 @@ _UNREAD = {
     "TypeVar", "addFont", "cast", "compile", "decode", "encode", "endswith", "execute", "fetch", "find", "findChild",
     "findChildren", "finditer", "fullmatch", "getLogger", "getattr", "get_context", "hasattr", "import_module", "index",
     "insertRule", "match", "open", "partition", "removeprefix", "removesuffix", "search", "setObjectName",
-    "setProperty", "setStyleSheet", "setThreadName", "setValue", "setattr", "split", "startswith", "strftime",
-    "strptime", "value", "invokeMethod",
+    "setProperty", "setStyle", "setStyleSheet", "setThreadName", "setValue", "set_key", "setattr", "split",
+    "startswith", "strftime", "strptime", "value", "invokeMethod",
 }  # fmt: skip
 """Functions whose arguments nobody reads."""
 
