@@ -302,7 +302,7 @@ class ExportDialog(QWidget):
                     text = tr("Done: {exports} in {folder}.").format(exports=exports, folder=self._out)
                 return (f"{text} {status.detail}".strip(), "amber" if status.detail else "green")
             case "cancelled":
-                return f"{tr('Cancelled.')} {kept or tr('Nothing was written.')}", "dim"
+                return " ".join((tr("Cancelled."), kept or tr("Nothing was written."))), "dim"
             case _:
                 why = status.detail or tr("The export failed; the program’s log tells why.")
                 return f"{why} {kept}".strip(), "red"

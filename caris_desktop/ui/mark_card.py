@@ -297,7 +297,8 @@ class MarkCard(QWidget):
         at = words.clock_time(_moment_ns(mark), anchor)
         if mark.state == "open":
             lasts_s = (self._console.state.present.now_ns() - _moment_ns(mark)) / 1e9
-            self._title.setText(f"{mark.label or tr('Stretch')} · {words.stretch(lasts_s)}")
+            stretch = mark.label or tr("Stretch")
+            self._title.setText(f"{stretch} · {words.stretch(lasts_s)}")
             since = tr("Since {time}, as long as you hold the key") if self._held else tr("Since {time}")
             self._line.setText(since.format(time=at))
         else:

@@ -58,7 +58,7 @@ class HitsModel(QAbstractListModel):
         if role == Qt.ItemDataRole.AccessibleTextRole:
             return f"{self.whose(hit)}, {words.elapsed(hit.session_s)}, {kind_words(hit.kind)}: {hit.snippet}"
         if role == Qt.ItemDataRole.ToolTipRole:
-            return f"{hit.snippet}\n{tr('Double click to replay from here')}"
+            return "\n".join((hit.snippet, tr("Double click to replay from here")))
         return None
 
 

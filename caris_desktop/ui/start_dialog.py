@@ -71,7 +71,8 @@ _BLURRED = {
 
 def kept_words(permissions: Permissions, microphone: str | None, blur: BlurSettings) -> str:
     """What a recording will hold and what not, in one sentence."""
-    blurred = tr(_BLURRED.get((blur.what, blur.who), ""))
+    who_is_blurred = _BLURRED.get((blur.what, blur.who), "")
+    blurred = tr(who_is_blurred)
     kept = [tr("what the robot does and measures"), tr("what is said"), tr("your actions")]
     absent: list[str] = []
     for permitted, name, how in (

@@ -330,7 +330,8 @@ class TopBar(QWidget):
         began_ns = newest.stamp_ns if newest.start_ns is None else newest.start_ns
         lasts = words.stretch((self._console.state.present.now_ns() - began_ns) / 1e9)
         others = f" +{len(status.open) - 1}" if len(status.open) > 1 else ""
-        self.stretch_button.set_label(f"{label or tr('Stretch')}{others} · {lasts} · {tr('End')}")
+        label, end = label or tr("Stretch"), tr("End")
+        self.stretch_button.set_label(f"{label}{others} · {lasts} · {end}")
         self.stretch_button.set_key(self._actions.key_text("stretch"))
         self.stretch_button.setToolTip(tr("This stretch of the session is being marked. Click to end it."))
 
@@ -370,7 +371,8 @@ class TopBar(QWidget):
                 self.record_button.set_label(tr("Start recording"), icon="record", look="plain")
         if status.state == "recording":
             self.record_button.set_label(self.record_button.text(), dot="red_fill", look="plain")
-        self.record_button.setToolTip(tr(_RECORD_TIPS.get(status.state, "")))
+        tip = _RECORD_TIPS.get(status.state, "")
+        self.record_button.setToolTip(tr(tip))
         self.record_button.setEnabled(status.state not in ("starting", "stopping"))
         details = self._details if status.state in IN_SESSION else None
         self._trial.show_details(details, roomy=self.width() >= ROOMY_PX)

@@ -210,7 +210,8 @@ def mark_sentence(mark: events.Marked) -> str:
         case "open":
             return tr("{label} began").format(label=label) if label else tr("A stretch began")
     if mark.end_ns is not None and mark.start_ns is not None:
-        label = f"{label or tr('a stretch')}, {age((mark.end_ns - mark.start_ns) / 1e9)}"
+        label = label or tr("a stretch")
+        label = f"{label}, {age((mark.end_ns - mark.start_ns) / 1e9)}"
     note = f" “{shortened(mark.note, 80)}”" if mark.note else ""
     return with_label(what, label) + note
 

@@ -47,6 +47,7 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "ui/robot_dialog.py": {"ROS {} {}": "the name of a version of ROS"},
     "ui/scenario_editor/reference.py": {"*": _GUIDE},
     "ui/shortcuts/reference.py": {"*": _GUIDE},
+    "ui/status_bar.py": {"<br>": "a new line in a tip"},
     "ui/theme.py": {"*": "names of fonts"},
 }
 """What is shown as it is in every language: for each file, or for all (""), its texts ("*": all) with the reason."""

@@ -360,7 +360,7 @@ class SpeedSteps(QWidget):
         slower, faster = self._actions.key_text("slower"), self._actions.key_text("faster")
         needed = key_cap_width(self._theme, slower) + key_cap_width(self._theme, faster) + 12
         metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
-        needed += 3 * (max(metrics.horizontalAdvance(name) for name in speed_steps.NAMES) + 12)
+        needed += 3 * (max(metrics.horizontalAdvance(tr(name)) for name in speed_steps.NAMES) + 12)
         return (slower, faster) if needed <= self.width() else ("", "")
 
     def _segments(self) -> list[QRectF]:
@@ -394,7 +394,7 @@ class SpeedSteps(QWidget):
                 painter.drawRoundedRect(rect.adjusted(1, 0, -1, 0), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
             painter.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD if now else tokens.WEIGHT_NORMAL))
             painter.setPen(theme.color("text" if now else "dim"))
-            painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, name)
+            painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, tr(name))
         slower, faster = self._caps()
         middle = self.height() / 2
         draw_key_cap(painter, theme, slower, 0, middle)
