@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Takes the pictures of README.md and the guide anew: rehearses both scenarios on a virtual screen and keeps one picture of
-# each, one of the tour in replay, and one of the window in which a scenario is edited.
+# each, one of the tour in replay, one of the window in which a scenario is edited, and those of the guide's pages.
 set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
@@ -24,4 +24,5 @@ keep tour-guide dark assistant
 keep mental-health-check light assistant
 .venv/bin/python packaging/replay_picture.py "$output/tour-guide/study/sessions/"* resources/screenshots/replay-dark.png dark
 .venv/bin/python packaging/editor_picture.py tour-guide resources/screenshots/editor-light.png light
+.venv/bin/python packaging/guide_pictures.py resources/screenshots/guide light
 rm -rf -- "$output"

@@ -1,0 +1,127 @@
+"""Takes the pictures of the guide's pages: ``python packaging/guide_pictures.py FOLDER [THEME]``.
+
+The console runs on a simulated robot of its own; each picture is the part of the window that its page is about.
+"""
+
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from PySide6.QtCore import QPoint, QRect, QSettings, QTimer
+from PySide6.QtWidgets import QAbstractButton, QApplication, QDialog, QLabel, QWidget
+
+from caris_desktop.app.console_command import ConsoleRun, default_arguments
+from caris_desktop.ui.overlay import Overlay
+
+_SIZE_PX = (1366, 768)
+_LOOK_MS, _SETTLED_MS, _GIVE_UP_MS = 50, 1500, 120_000
+_Wait = Callable[[], object]
+
+
+class Pictures:
+    """Goes from picture to picture, each once the window has come round to what it shows."""
+
+    def __init__(self, run: ConsoleRun, folder: Path) -> None:
+        self._run = run
+        self._folder = folder
+        self._steps = self._all()
+        self.done = False
+
+    def next(self) -> None:
+        """Do the next step; the one after it follows once what it waits for is so, and has stood for a while."""
+        ready = next(self._steps, None)
+        if ready is None:
+            self.done = True
+            self._run.application.quit()
+            return
+        self._look(ready)
+
+    def _look(self, ready: _Wait) -> None:
+        if ready():
+            QTimer.singleShot(_SETTLED_MS, self.next)
+        else:
+            QTimer.singleShot(_LOOK_MS, lambda: self._look(ready))
+
+    def _all(self) -> Iterator[_Wait]:
+        window, state = self._run.window, self._run.console.state
+        yield lambda: state.link.value.state == "connected" and state.frame.value is not None and state.scan.value
+        window.show_command_palette()
+        self._type("kit")
+        yield self._card
+        self._take("palette", self._around(self._card()))
+        yield self._away
+        window.show_preflight()
+        yield self._card
+        self._take("preflight", self._around(self._card()))
+        yield self._away
+        window.show_shortcuts()
+        yield self._card
+        self._take("shortcuts", self._around(self._card()))
+        yield self._away
+        window.show_set_up()
+        yield self._card
+        self._take("first-use", self._around(self._card()))
+        yield self._away
+        window.robots.open_dialog()
+        yield self._dialog
+        dialog = self._dialog()
+        assert dialog is not None  # noqa: S101 - it was waited for
+        look, summary = dialog.findChild(QAbstractButton, "robot_look"), dialog.findChild(QLabel, "robot_summary")
+        assert look is not None and summary is not None  # noqa: S101 - parts of every such dialog
+        look.click()
+        yield lambda: summary.isVisible() and summary.text()
+        dialog.grab().save(str(self._folder / "robot-dialog.png"))
+        dialog.close()
+        yield lambda: self._dialog() is None
+        window.practice.begin()
+        yield lambda: state.practice.value.state == "running" and state.frame.freshness == "fresh"
+        self._take("practice", window.rect())
+
+    def _take(self, name: str, part: QRect) -> None:
+        self._run.window.grab(part).save(str(self._folder / f"{name}.png"))
+
+    def _around(self, widget: QWidget | None) -> QRect:
+        window = self._run.window
+        if widget is None:
+            return window.rect()
+        return QRect(widget.mapTo(window, QPoint()), widget.size())
+
+    def _card(self) -> QWidget | None:
+        open_ = (overlay for overlay in self._run.window.findChildren(Overlay) if overlay.isVisible())
+        return next((overlay.card for overlay in open_), None)
+
+    def _dialog(self) -> QDialog | None:
+        shown = (widget for widget in QApplication.topLevelWidgets() if widget.isVisible())
+        return next((widget for widget in shown if isinstance(widget, QDialog)), None)
+
+    def _type(self, text: str) -> None:
+        field = QApplication.focusWidget()
+        if field is not None:
+            field.setProperty("text", text)
+
+    def _away(self) -> bool:
+        """Puts what is open away, and tells when nothing is."""
+        for overlay in self._run.window.findChildren(Overlay):
+            overlay.close_overlay()
+        return self._card() is None
+
+
+def main(folder: Path, theme: str) -> int:
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as private:
+        settings = QSettings(str(Path(private) / "settings.ini"), QSettings.Format.IniFormat)
+        arguments = default_arguments(scenario="tour-guide", theme=theme, study=Path(private) / "study", demo=True)
+        run = ConsoleRun(arguments, settings=settings)
+        run.window.resize(*_SIZE_PX)
+        run.show()
+        pictures = Pictures(run, folder)
+        QTimer.singleShot(_LOOK_MS, pictures.next)
+        QTimer.singleShot(_GIVE_UP_MS, run.application.quit)
+        run.application.exec()
+        run.close()
+    return 0 if pictures.done else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else "dark"))
