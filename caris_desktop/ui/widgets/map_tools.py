@@ -29,12 +29,12 @@ _HINTS: dict[Tool, str] = {
 }
 
 
-def icon_button(theme: Theme, name: str, icon: str, tip: str) -> ActionButton:
-    """A small button without words; what stands before the key in ``tip`` is its name."""
+def icon_button(theme: Theme, name: str, icon: str, text: str, key: str = "") -> ActionButton:
+    """A small button without words: ``text`` is its name, and its tip with the key that does the same."""
     button = ActionButton(theme, "", icon=icon, height_px=30)
     button.setObjectName(name)
-    button.setAccessibleName(tip.split(" (", maxsplit=1)[0])
-    button.setToolTip(tip)
+    button.setAccessibleName(text)
+    button.setToolTip(f"{text} ({key})" if key else text)
     return button
 
 
@@ -87,12 +87,12 @@ class MapTools(QObject):
 
     def _make_tools(self) -> dict[Tool, ActionButton]:
         tools: dict[Tool, ActionButton] = {}
-        for tool, icon, tip in (
-            ("goal", "navigation-arrow", tr("Go here: a place and a heading (G)")),
-            ("place", "flag", tr("Add a place")),
-            ("pose", "map-pin", tr("The robot is here: tell it where it stands")),
+        for tool, icon, text, key in (
+            ("goal", "navigation-arrow", tr("Go here: a place and a heading"), "G"),
+            ("place", "flag", tr("Add a place"), ""),
+            ("pose", "map-pin", tr("The robot is here: tell it where it stands"), ""),
         ):
-            button = icon_button(self._theme, f"map_tool_{tool}", icon, tip)
+            button = icon_button(self._theme, f"map_tool_{tool}", icon, text, key)
             button.setParent(self._view)
             button.setCheckable(True)
             button.clicked.connect(self._tool_taker(tool))
