@@ -67,7 +67,7 @@ _UNREAD = {
 }  # fmt: skip
 """Functions whose arguments nobody reads."""
 
-_UNREAD_NAMED = {"name", "object_name", "objectName", "key", "role", "encoding", "errors", "mode", "thread_name"}
+_UNREAD_NAMED = {"id", "name", "object_name", "objectName", "key", "role", "encoding", "errors", "mode", "thread_name"}
 """Arguments by name, likewise; of ``name`` what has no blank."""
 
 _SHOWN = {

@@ -16,7 +16,15 @@ from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.ui import words
-from caris_desktop.ui.action_rows import answer_asked, go_to_nth_place, say, say_keyed_phrase, say_phrase
+from caris_desktop.ui.action_rows import (
+    SAFETY_GROUP,
+    SPEAKING_GROUP,
+    answer_asked,
+    go_to_nth_place,
+    say,
+    say_keyed_phrase,
+    say_phrase,
+)
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.bands import QuestionBand
 from caris_desktop.ui.control_words import question_for
@@ -48,7 +56,7 @@ class PaletteEntries:
 
     def of_replay(self, replay: ReplayControls) -> list[Entry]:
         """A replay says nothing, and stops what another console drives."""
-        left_out = {"Speaking"} if replay.live_robots.value.robots else {"Speaking", "Safety"}
+        left_out = {SPEAKING_GROUP} if replay.live_robots.value.robots else {SPEAKING_GROUP, SAFETY_GROUP}
         rows = [spec for spec in self._rows() if spec.group not in left_out]
         return [*map(self._of_row, rows), *self._of_panels(), *self._of_layout(), *self._settings.of_themes()]
 
@@ -70,14 +78,30 @@ class PaletteEntries:
             *self._of_layout(),
             *self._of_robots(),
             *(
-                Entry(sees_words(sees), tr("Window"), "monitor", "", parts.observers.opener(sees), also="second screen")
+                Entry(
+                    sees_words(sees),
+                    tr("Window"),
+                    "monitor",
+                    "",
+                    parts.observers.opener(sees),
+                    also=tr("second screen"),
+                )
                 for sees in SEES
             ),
             Entry(
-                tr("Practise on the simulated robot"), tr("Do"), "student", "", parts.practise, also="learn training"
+                tr("Practise on the simulated robot"),
+                tr("Do"),
+                "student",
+                "",
+                parts.practise,
+                also=tr("learn training"),
             ),
-            Entry("Connection in the last minute", "Window", "wifi-high", "", self._show_connection),
-            *([Entry("Gamepad", "Window", "game-controller", "", parts.gamepad.open)] if parts.gamepad.offered else []),
+            Entry(tr("Connection in the last minute"), tr("Window"), "wifi-high", "", self._show_connection),
+            *(
+                [Entry(tr("Gamepad"), tr("Window"), "game-controller", "", parts.gamepad.open)]
+                if parts.gamepad.offered
+                else []
+            ),
             *self._of_sessions(),
             Entry(
                 tr("Edit this scenario…"),
@@ -85,7 +109,7 @@ class PaletteEntries:
                 "pencil-simple",
                 "",
                 parts.editor.open,
-                also="change phrases places permissions protocol form yaml",
+                also=tr("change phrases places permissions protocol form yaml"),
             ),
             *self.of_scenarios(),
             *self._of_scenario_files(),
@@ -116,9 +140,15 @@ class PaletteEntries:
         says = isinstance(intent, intents.Say)
         moves = intent is not None and INTENTS[type(intent)].moves
         return Entry(
-            spec.text, "Say" if says else "Do", spec.icon, table.key_text(spec.id), lambda: table.run(spec.id),
-            acts=says or moves, id=f"row {spec.id}", common=spec.id in _COMMON_ROWS,
-        )  # fmt: skip
+            spec.text,
+            tr("Say") if says else tr("Do"),
+            spec.icon,
+            table.key_text(spec.id),
+            lambda: table.run(spec.id),
+            acts=says or moves,
+            id=f"row {spec.id}",
+            common=spec.id in _COMMON_ROWS,
+        )
 
     def _of_phrases(self) -> list[Entry]:
         """Those of every group, with the key that says them now."""
@@ -130,10 +160,8 @@ class PaletteEntries:
                 row = (keyed.get(phrase) if phrase.key else None) or (f"phrase_{number}" if index == chosen else "")
                 key = table.key_text(row) if row else ""
                 entries.append(
-                    Entry(
-                        phrase.say, "Say", "chat-text", key, self._doer(say(phrase)), also=group.title, acts=True
-                    )
-                )  # fmt: skip
+                    Entry(phrase.say, tr("Say"), "chat-text", key, self._doer(say(phrase)), also=group.title, acts=True)
+                )
         return entries
 
     def _of_emergency_stop(self) -> list[Entry]:
@@ -141,11 +169,17 @@ class PaletteEntries:
             return []
         return [
             Entry(
-                "Release emergency stop", TWICE, "lock-open", "", self._doer(intents.ReleaseEmergencyStop()),
-                also="unlock free reset clear drive again", deliberate=True, first=True,
-                again="Press Enter again to release the emergency stop",
+                tr("Release emergency stop"),
+                tr(TWICE),
+                "lock-open",
+                "",
+                self._doer(intents.ReleaseEmergencyStop()),
+                also=tr("unlock free reset clear drive again"),
+                deliberate=True,
+                first=True,
+                again=tr("Press Enter again to release the emergency stop"),
             )
-        ]  # fmt: skip
+        ]
 
     def _of_goal(self) -> list[Entry]:
         goal: GoalChanged | None = self._state.goal.value
@@ -153,10 +187,14 @@ class PaletteEntries:
             return []
         return [
             Entry(
-                f"Stop going to {goal.place or 'the chosen point'}", "Do", "x", "", self._doer(intents.CancelGoal()),
-                also="cancel goal way",
+                tr("Stop going to {place}").format(place=goal.place or tr("the chosen point")),
+                tr("Do"),
+                "x",
+                "",
+                self._doer(intents.CancelGoal()),
+                also=tr("cancel goal way"),
             )
-        ]  # fmt: skip
+        ]
 
     def _of_people(self) -> list[Entry]:
         """Everybody by name: to select, to rename, to read and write about; and the question that is asked now."""
@@ -165,48 +203,75 @@ class PaletteEntries:
         entries = []
         asked = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
         if asked is not None and asked.suggestion is not None:
-            who = f"{words.person_name(asked)} is {asked.suggestion.name}"
+            named = {"person": words.person_name(asked), "other": asked.suggestion.name}
             for action_id, text, icon in (
-                ("answer_yes", f"Yes, {who}", "check"), ("answer_no", f"No, {who.replace(' is ', ' is not ', 1)}", "x")
-            ):  # fmt: skip
+                ("answer_yes", tr("Yes, {person} is {other}").format(**named), "check"),
+                ("answer_no", tr("No, {person} is not {other}").format(**named), "x"),
+            ):
                 entries.append(
                     Entry(
-                        text, "Person", icon, table.key_text(action_id), self._runner(action_id), also="confirm reject",
-                        acts=True, id=f"row {action_id}",
+                        text,
+                        tr("Person"),
+                        icon,
+                        table.key_text(action_id),
+                        self._runner(action_id),
+                        also=tr("confirm reject"),
+                        acts=True,
+                        id=f"row {action_id}",
                     )
-                )  # fmt: skip
+                )
         for person in persons:
             name, also = words.person_name(person), " ".join((person.group, *person.tags))
             # What is remembered of what was found tells nothing of who it was.
-            known_as = f"person {person.person_id}"
+            known_as = person.person_id
             entries.append(
                 Entry(
-                    name, "Select", "user", "", self._selector(person), also=f"person {also}", acts=True,
-                    id=f"{known_as} select",
+                    name,
+                    tr("Select"),
+                    "user",
+                    "",
+                    self._selector(person),
+                    also=f"{tr('person')} {also}",
+                    acts=True,
+                    id=f"person {known_as} select",
                 )
-            )  # fmt: skip
+            )
             if "people" not in self._parts.panels.possible():
                 continue
             entries.append(
                 Entry(
-                    f"All about {name}", "Person", "identification-card", "", self._shower(person, card=True),
-                    acts=True, id=f"{known_as} card",
+                    tr("All about {person}").format(person=name),
+                    tr("Person"),
+                    "identification-card",
+                    "",
+                    self._shower(person, card=True),
+                    acts=True,
+                    id=f"person {known_as} card",
                 )
-            )  # fmt: skip
+            )
             if person.here:
                 entries.append(
                     Entry(
-                        f"Rename {name}", "Person", "pencil-simple", "", self._shower(person, rename=True), acts=True,
-                        id=f"{known_as} rename",
+                        tr("Rename {person}").format(person=name),
+                        tr("Person"),
+                        "pencil-simple",
+                        "",
+                        self._shower(person, rename=True),
+                        acts=True,
+                        id=f"person {known_as} rename",
                     )
-                )  # fmt: skip
+                )
         if state.everybody.value or state.persons.value:
             entries.append(
                 Entry(
-                    "Undo the last change to people", "Do", "arrow-u-up-left", "", self._doer(intents.UndoPeople()),
-                    also="take back name merge",
+                    tr("Undo the last change to people"),
+                    tr("Do"),
+                    "arrow-u-up-left",
+                    "",
+                    self._doer(intents.UndoPeople()),
+                    also=tr("take back name merge"),
                 )
-            )  # fmt: skip
+            )
         return entries
 
     def _runner(self, action_id: str) -> Callable[[], None]:
@@ -234,11 +299,16 @@ class PaletteEntries:
     def of_places(self) -> list[Entry]:
         return [
             Entry(
-                f"Go to {place.name}", "Place", "flag", self._parts.actions.key_text(f"place_{number}"),
-                self._doer(intents.GoToPlace(place.name)), also="drive move navigate send take robot", acts=True,
+                tr("Go to {place}").format(place=place.name),
+                tr("Place"),
+                "flag",
+                self._parts.actions.key_text(f"place_{number}"),
+                self._doer(intents.GoToPlace(place.name)),
+                also=tr("drive move navigate send take robot"),
+                acts=True,
             )
             for number, place in enumerate(self._state.places.value, start=1)
-        ]  # fmt: skip
+        ]
 
     def _of_controls(self) -> list[Entry]:
         """Every control of the robot that needs no more than a choice."""
@@ -250,29 +320,42 @@ class PaletteEntries:
             if control.kind == "button":
                 uses: list[tuple[str, ControlValue]] = [(control.title, True)]
             elif control.kind == "toggle":
-                uses = [(f"{control.title} on", True), (f"{control.title} off", False)]
+                uses = [
+                    (tr("{control} on").format(control=control.title), True),
+                    (tr("{control} off").format(control=control.title), False),
+                ]
             elif control.kind == "choice":
-                uses = [(f"{control.title}: {choice.title}", choice.value) for choice in control.choices]
+                to_one = tr("{control}: {choice}")
+                uses = [
+                    (to_one.format(control=control.title, choice=choice.title), choice.value)
+                    for choice in control.choices
+                ]
             elif "robot" in self._parts.panels.possible():
                 open_panel = self._parts.panels.opener("robot")
-                entries.append(Entry(f"Robot: {control.title}", "Control", "sliders", "", open_panel))
+                text = tr("Robot: {control}").format(control=control.title)
+                entries.append(Entry(text, tr("Control"), "sliders", "", open_panel))
                 continue
             else:
                 continue
             entries += [
                 Entry(
-                    f"Robot: {words}", control.group or "Control", "sliders", "", self._control_user(control, value),
-                    also="control", acts=True,
+                    tr("Robot: {control}").format(control=use),
+                    control.group or tr("Control"),
+                    "sliders",
+                    "",
+                    self._control_user(control, value),
+                    also=tr("control"),
+                    acts=True,
                 )
-                for words, value in uses
-            ]  # fmt: skip
+                for use, value in uses
+            ]
         return entries
 
     def _control_user(self, control: RobotControl, value: ControlValue) -> Callable[[], None]:
         use = self._doer(intents.UseControl(control.id, value))
         if not control.confirm:
             return use
-        return lambda: self._question.ask(question_for(control, value), "Do it", use)
+        return lambda: self._question.ask(question_for(control, value), tr("Do it"), use)
 
     def _of_map(self) -> list[Entry]:
         """What the robot can do with its map, as far as it needs no name."""
@@ -282,8 +365,8 @@ class PaletteEntries:
             name = f"map-{datetime.now():%Y-%m-%d-%H-%M}"
             entries.append(
                 Entry(
-                    f"Save the map as {name}",
-                    "Map",
+                    tr("Save the map as {name}").format(name=name),
+                    tr("Map"),
                     "floppy-disk",
                     "",
                     self._doer(intents.SaveMap(name)),
@@ -292,15 +375,19 @@ class PaletteEntries:
             )
         if status.can_switch and status.mapping is not True:
             entries.append(
-                Entry("Start mapping", "Map", "map-trifold", "", self._doer(intents.SetMapping(mapping=True)))
+                Entry(tr("Start mapping"), tr("Map"), "map-trifold", "", self._doer(intents.SetMapping(mapping=True)))
             )
         if status.can_switch and status.mapping is not False:
             entries.append(
                 Entry(
-                    "Stop mapping, keep the map", "Map", "map-trifold", "",
-                    self._doer(intents.SetMapping(mapping=False)), also="localization localisation end",
+                    tr("Stop mapping, keep the map"),
+                    tr("Map"),
+                    "map-trifold",
+                    "",
+                    self._doer(intents.SetMapping(mapping=False)),
+                    also=tr("localization localisation end"),
                 )
-            )  # fmt: skip
+            )
         return entries
 
     def _of_cameras(self) -> list[Entry]:
@@ -310,7 +397,14 @@ class PaletteEntries:
             return lambda: state.choose_camera(name)
 
         return [
-            Entry(f"Show the camera {name}", "Video", "video-camera", "", chooser(name), also="picture")
+            Entry(
+                tr("Show the camera {name}").format(name=name),
+                tr("Video"),
+                "video-camera",
+                "",
+                chooser(name),
+                also=tr("picture"),
+            )
             for name in state.cameras.value
             if name != state.camera.value
         ]
@@ -320,55 +414,82 @@ class PaletteEntries:
         shown: list[PanelName] = [name for name in panels.possible() if panels.is_open(name)]
         opened = [
             Entry(
-                PANELS[name].title, "Panel", PANELS[name].icon, "", panels.opener(name),
-                also="" if name in shown else "add open show",
+                tr(PANELS[name].title),
+                tr("Panel"),
+                PANELS[name].icon,
+                "",
+                panels.opener(name),
+                also="" if name in shown else tr("add open show"),
             )
             for name in panels.possible()
-        ]  # fmt: skip
+        ]
         closed = [
-            Entry(f"Close {PANELS[name].title}", "Panel", "x", "", panels.closer(name), also="hide remove")
+            Entry(
+                tr("Close {panel}").format(panel=tr(PANELS[name].title)),
+                tr("Panel"),
+                "x",
+                "",
+                panels.closer(name),
+                also=tr("hide remove"),
+            )
             for name in shown
         ]
         floats = [
             Entry(
-                tr("{panel}: into a window of its own, or back").format(panel=PANELS[name].title), tr("Panel"),
-                "arrow-square-out", "", panels.floater(name), also="float undock second screen",
+                tr("{panel}: into a window of its own, or back").format(panel=tr(PANELS[name].title)),
+                tr("Panel"),
+                "arrow-square-out",
+                "",
+                panels.floater(name),
+                also=tr("float undock second screen"),
             )
             for name in shown
-        ]  # fmt: skip
+        ]
         return opened if self._parts.layout.locked else [*opened, *closed, *floats]
 
     def _of_layout(self) -> list[Entry]:
         layout = self._parts.layout
         return [
             Entry(
-                tr("Layout: {what}").format(what=command.text), tr("Window"), command.icon,
-                self._parts.actions.key_text(command.action) if command.action else "", layout.soon(command.do),
-                also="panels arrangement put back save reset",
+                tr("Layout: {what}").format(what=command.text),
+                tr("Window"),
+                command.icon,
+                self._parts.actions.key_text(command.action) if command.action else "",
+                layout.soon(command.do),
+                also=tr("panels arrangement put back save reset"),
             )
             for command in layout.commands()
             if command.possible
         ] + [
-            Entry(text, tr("Window"), "layout", "", do, also="panels arrangement layout study screens size")
+            Entry(text, tr("Window"), "layout", "", do, also=tr("panels arrangement layout study screens size"))
             for text, do in (
-                (tr("Unlock the layout"), lambda: layout.set_locked(False)) if layout.locked
+                (tr("Unlock the layout"), lambda: layout.set_locked(False))
+                if layout.locked
                 else (tr("Lock for a study"), lambda: layout.set_locked(True)),
-                (tr("Keep one layout for all screens"), lambda: layout.set_adapts(False)) if layout.adapts
+                (tr("Keep one layout for all screens"), lambda: layout.set_adapts(False))
+                if layout.adapts
                 else (tr("Adapt to small and large screens"), lambda: layout.set_adapts(True)),
             )
-        ]  # fmt: skip
+        ]
 
     def _of_robots(self) -> list[Entry]:
         robots = self._parts.robots
         entries = [
             Entry(
-                f"Connect to {choice.title}", "Robot", "robot", "", robots.chooser(choice), also="use switch another",
+                tr("Connect to {robot}").format(robot=choice.title),
+                tr("Robot"),
+                "robot",
+                "",
+                robots.chooser(choice),
+                also=tr("use switch another"),
                 acts=True,
             )
             for choice in robots.others()
-        ]  # fmt: skip
+        ]
         if robots.can_look:
-            entries.append(Entry("Connect another robot…", "Robot", "plus", "", robots.open_dialog, also="new add"))
+            entries.append(
+                Entry(tr("Connect another robot…"), tr("Robot"), "plus", "", robots.open_dialog, also=tr("new add"))
+            )
         return entries
 
     def _of_sessions(self) -> list[Entry]:
@@ -378,18 +499,24 @@ class PaletteEntries:
             paused = status.state == "paused"
             entries.append(
                 Entry(
-                    "Go on recording" if paused else "Pause recording", "Do", "record" if paused else "pause", "",
-                    self._doer(intents.PauseRecording(not paused)), also="resume continue break",
+                    tr("Go on recording") if paused else tr("Pause recording"),
+                    tr("Do"),
+                    "record" if paused else "pause",
+                    "",
+                    self._doer(intents.PauseRecording(not paused)),
+                    also=tr("resume continue break"),
                 )
-            )  # fmt: skip
-            entries.append(Entry("Stop recording", "Do", "stop", "", self._doer(intents.StopRecording())))
+            )
+            entries.append(Entry(tr("Stop recording"), tr("Do"), "stop", "", self._doer(intents.StopRecording())))
         else:
-            entries.append(Entry("Start recording", "Do", "record", "", windows.open_start_dialog, common=True))
+            entries.append(Entry(tr("Start recording"), tr("Do"), "record", "", windows.open_start_dialog, common=True))
             if status.folder is not None:
-                entries.append(Entry("Export the last session…", "Window", "export", "", windows.export_last_session))
+                entries.append(
+                    Entry(tr("Export the last session…"), tr("Window"), "export", "", windows.export_last_session)
+                )
         if windows.has_library:
-            also = "replay search study export"
-            entries.append(Entry("All sessions…", "Window", "archive", "", windows.open_sessions, also=also))
+            also = tr("replay search study export")
+            entries.append(Entry(tr("All sessions…"), tr("Window"), "archive", "", windows.open_sessions, also=also))
         return [*entries, *map(self._of_session, windows.recent)]
 
     def _of_session(self, session: SessionEntry) -> Entry:
@@ -397,10 +524,14 @@ class PaletteEntries:
 
         heading = (session.participant or session.folder.name, local_time(session.started_utc), session.scenario)
         return Entry(
-            tr("Replay {session}").format(session=" · ".join(part for part in heading if part)), tr("Session"), "play",
-            "", lambda: self._parts.sessions.open_replay(session.folder), also=tr("recording open watch"),
+            tr("Replay {session}").format(session=" · ".join(part for part in heading if part)),
+            tr("Session"),
+            "play",
+            "",
+            lambda: self._parts.sessions.open_replay(session.folder),
+            also=tr("recording open watch"),
             id=f"session {session.folder.name}",
-        )  # fmt: skip
+        )
 
     def of_scenarios(self) -> list[Entry]:
         parts = self._parts
@@ -409,7 +540,13 @@ class PaletteEntries:
             return lambda: parts.open_scenario(choice.path)
 
         return [
-            Entry(f"Open scenario {choice.title}", "Scenario", "map-trifold", "", opener(choice))
+            Entry(
+                tr("Open scenario {title}").format(title=choice.title),
+                tr("Scenario"),
+                "map-trifold",
+                "",
+                opener(choice),
+            )
             for choice in parts.scenarios()
         ]
 
@@ -417,11 +554,19 @@ class PaletteEntries:
         parts = self._parts
         return [
             Entry(
-                tr("Import a scenario"), "Scenario", "download-simple", "", parts.scenario_files.choose_import,
+                tr("Import a scenario"),
+                tr("Scenario"),
+                "download-simple",
+                "",
+                parts.scenario_files.choose_import,
                 also=tr("open received file"),
             ),
             Entry(
-                tr("Write this scenario as one file"), "Scenario", "export", "", parts.scenario_files.choose_share,
+                tr("Write this scenario as one file"),
+                tr("Scenario"),
+                "export",
+                "",
+                parts.scenario_files.choose_share,
                 also=tr("share export send"),
             ),
-        ]  # fmt: skip
+        ]

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.ui.action_rows import PEOPLE_GROUP, PLACES_GROUP, SCENARIO_GROUP
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.palette.entries import PaletteEntries
 from caris_desktop.ui.palette.entry import Entry
@@ -18,7 +19,7 @@ class QuickChoices:
         self._parts = parts
         self._entries = entries
         self._palette = palette
-        for group in ("Places", "Scenario", "People"):
+        for group in (PLACES_GROUP, SCENARIO_GROUP, PEOPLE_GROUP):
             parts.actions.answer_for(group, self)
 
     def choose_place(self) -> None:

@@ -6,7 +6,7 @@ from PySide6.QtCore import QLocale
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.scenario.assistance import levels_up_to
 from caris_desktop.ui import event_words
@@ -17,7 +17,7 @@ from caris_desktop.ui.speak.voice_choices import voice_choices
 from caris_desktop.ui.theme import SCALES, ThemeChoice
 from caris_desktop.ui.window_parts import THEME_WORDS, WindowParts
 
-TWICE = "choose it, then Enter twice"
+TWICE = QT_TR_NOOP("choose it, then Enter twice")
 
 
 class SettingEntries:
@@ -50,7 +50,13 @@ class SettingEntries:
     def _of_voices(self) -> list[Entry]:
         return [
             Entry(
-                choice.text, "Voice", "sliders-horizontal", "", self._doer(choice.intent), also="speak voice", acts=True
+                choice.text,
+                tr("Voice"),
+                "sliders-horizontal",
+                "",
+                self._doer(choice.intent),
+                also=tr("speak voice"),
+                acts=True,
             )
             for group in voice_choices(self._state.voice.value)
             for choice in group
@@ -62,29 +68,36 @@ class SettingEntries:
         settings, levels = self._console.scenario.assistance, self._state.levels.value
         return [
             Entry(
-                tr("{function}: {level}").format(
-                    function=tr(title), level=tr(event_words.LEVELS[level]).lower()
-                ), "Do", "sliders-horizontal", "",
-                self._doer(intents.SetLevel(function, level)), also="assistant level suggestions proposals",
+                tr("{function}: {level}").format(function=tr(title), level=tr(event_words.LEVELS[level]).lower()),
+                tr("Do"),
+                "sliders-horizontal",
+                "",
+                self._doer(intents.SetLevel(function, level)),
+                also=tr("assistant level suggestions proposals"),
             )
             for function, title in event_words.FUNCTIONS.items()
             for level in levels_up_to(getattr(settings, function))
             if level != getattr(levels, function)
-        ]  # fmt: skip
+        ]
 
     def _of_guard(self) -> list[Entry]:
         drive: DriveStatus = self._state.drive.value
         if drive.guard == "overridden":
             on = self._doer(intents.SetGuard(on=True))
-            return [Entry("Switch the obstacle guard on", "Do", "shield-check", "", on)]
+            return [Entry(tr("Switch the obstacle guard on"), tr("Do"), "shield-check", "", on)]
         if drive.guard == "absent" or not self._console.scenario.permissions.driving:
             return []
         return [
             Entry(
-                "Switch the obstacle guard off", TWICE, "shield-slash", "", self._doer(intents.SetGuard(on=False)),
-                deliberate=True, again="Press Enter again to switch the guard off",
+                tr("Switch the obstacle guard off"),
+                tr(TWICE),
+                "shield-slash",
+                "",
+                self._doer(intents.SetGuard(on=False)),
+                deliberate=True,
+                again=tr("Press Enter again to switch the guard off"),
             )
-        ]  # fmt: skip
+        ]
 
     def _of_wizards(self) -> list[Entry]:
         wizards = self._parts.wizards
@@ -94,22 +107,30 @@ class SettingEntries:
 
         return [
             Entry(
-                tr("Wizard: {name}").format(name=name or tr("nobody in particular")), tr("Wizard"), "user-gear", "",
-                chooser(name), also=tr("who is at the console profile keys"),
+                tr("Wizard: {name}").format(name=name or tr("nobody in particular")),
+                tr("Wizard"),
+                "user-gear",
+                "",
+                chooser(name),
+                also=tr("who is at the console profile keys"),
             )
             for name in (*wizards.names, "")
             if name != wizards.current
-        ]  # fmt: skip
+        ]
 
     def _of_sound(self) -> list[Entry]:
         return [
             Entry(
-                f"{choice.title}: {choice.text}", tr("Sound"), "microphone", "", self._doer(choice.intent),
+                tr("{setting}: {choice}").format(setting=choice.title, choice=choice.text),
+                tr("Sound"),
+                "microphone",
+                "",
+                self._doer(choice.intent),
                 also=tr("device input volume"),
             )
             for choice in sound_choices(self._console)
             if not choice.chosen
-        ]  # fmt: skip
+        ]
 
     def _of_sizes(self) -> list[Entry]:
         appearance = self._parts.appearance
@@ -118,7 +139,7 @@ class SettingEntries:
             return lambda: appearance.choose_scale(scale)
 
         return [
-            Entry(scale_words(scale), tr("Window"), "text-aa", "", chooser(scale), also="larger text zoom scale")
+            Entry(scale_words(scale), tr("Window"), "text-aa", "", chooser(scale), also=tr("larger text zoom scale"))
             for scale in SCALES
             if scale != appearance.scale
         ]
@@ -132,11 +153,15 @@ class SettingEntries:
         return [
             Entry(
                 tr("Language: {name} from the next start").format(name=QLocale(name).nativeLanguageName()),
-                tr("Window"), "translate", "", chooser(name), also="translation",
+                tr("Window"),
+                "translate",
+                "",
+                chooser(name),
+                also=tr("translation"),
             )
             for name in appearance.languages()
             if name != appearance.language
-        ]  # fmt: skip
+        ]
 
     def of_themes(self) -> list[Entry]:
         parts = self._parts
@@ -145,6 +170,6 @@ class SettingEntries:
             return lambda: parts.appearance.choose_theme(choice)
 
         return [
-            Entry(f"Appearance: {words.lower()}", "Window", "moon", "", chooser(choice))
+            Entry(tr("Appearance: {theme}").format(theme=tr(words).lower()), tr("Window"), "moon", "", chooser(choice))
             for choice, words in THEME_WORDS.items()
         ]
