@@ -23,8 +23,10 @@ LEFT = Path(__file__).with_suffix(".txt")
 
 _A_STATE = "a state by its name in the record and in code; it is shown by words of its own"
 _PROMPT = "goes to the language model, not to the wizard"
+_ROW = "by which the timeline knows one of its rows"
 _GUIDE = "written into the guide, which is English"
 _KEY_NAME = "the name of a key as the settings and Qt have it; a key cap shows it"
+_CAP = "what is printed on the key"
 _BROWSER = "for whoever types an address of the page by hand"
 AS_IT_IS: dict[str, dict[str, str]] = {
     "": {"not checked": _A_STATE},
@@ -42,11 +44,23 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "ui/action_rows.py": dict.fromkeys(
         ("Up", "Down", "Left", "Right", "Return", "Enter", "Del", "Backspace"), _KEY_NAME
     ),
-    "ui/actions.py": dict.fromkeys(("Enter", "Delete"), "what is printed on the key"),
+    "ui/actions.py": {"Enter": _CAP, "Delete": _CAP},
     "ui/key_choices.py": {"phrase: {}": "the name of a row in the settings"},
     "ui/robot_dialog.py": {"ROS {} {}": "the name of a version of ROS"},
+    "ui/panels/assistant.py": {"Enter": _CAP},
+    "ui/panels/speak.py": {"Tab": _CAP, "Enter": _CAP, "Delete": _CAP},
+    "ui/replay/tier_dialog.py": {"Labels of the scenario": "the name of a vocabulary in the coder's file"},
+    "ui/replay/timeline_acts.py": {"tier {}": _ROW},
+    "ui/replay/timeline_model.py": {"tier {}": _ROW, "pictures {}": _ROW, "sound {}": _ROW, "record {}": _ROW},
+    "ui/replay/timeline_overlay.py": {"tier {}": _ROW},
+    "ui/replay/timeline_rows.py": {"tier {}": _ROW},
+    "ui/replay/timeline_view.py": {"tier {}": _ROW, "record {}": _ROW},
     "ui/scenario_editor/reference.py": {"*": _GUIDE},
     "ui/shortcuts/reference.py": {"*": _GUIDE},
+    "ui/shortcuts/sheet.py": {"Enter": _CAP},
+    "ui/shortcuts/wizard_keys.py": {"shortcuts unread": "a key of the settings"},
+    "ui/speak/field.py": {"Enter": _CAP},
+    "ui/speak/voice_choices.py": {"{} (eSpeak)": "a voice and its engine, by their names"},
     "ui/status_bar.py": {"<br>": "a new line in a tip"},
     "ui/theme.py": {"*": "names of fonts"},
 }

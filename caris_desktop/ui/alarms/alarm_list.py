@@ -9,6 +9,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import Alarm
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
+from caris_desktop.ui.action_rows import ALARMS_GROUP
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.overlay import Overlay
@@ -47,7 +48,7 @@ class AlarmList(Overlay):
         super().__init__(theme, window, width_px=_WIDTH_PX)
         self.setObjectName("alarm_list")
         self._console = console
-        actions.answer_for("Alarms", self)
+        actions.answer_for(ALARMS_GROUP, self)
         self._rows: dict[str, AlarmRow] = {}
         self._heading = QLabel(tr("What is wrong now"))
         self._nothing = QLabel(tr("Nothing is wrong now. What was stands in the Session log."))

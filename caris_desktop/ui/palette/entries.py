@@ -221,7 +221,7 @@ class PaletteEntries:
                     )
                 )
         for person in persons:
-            name, also = words.person_name(person), " ".join((person.group, *person.tags))
+            name, also = words.person_name(person), " ".join((tr("person"), person.group, *person.tags))
             # What is remembered of what was found tells nothing of who it was.
             known_as = person.person_id
             entries.append(
@@ -231,7 +231,7 @@ class PaletteEntries:
                     "user",
                     "",
                     self._selector(person),
-                    also=f"{tr('person')} {also}",
+                    also=also,
                     acts=True,
                     id=f"person {known_as} select",
                 )

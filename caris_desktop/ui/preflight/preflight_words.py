@@ -71,4 +71,4 @@ def log_line(event: PreflightChecked) -> tuple[str, str] | None:
         text = tr("Began in spite of: {check} ({state})")
     else:
         text = tr("Began with: {check} ({state})")
-    return "Session", text.format(check=event.title, state=tr(STATES[event.state]).lower())
+    return QT_TR_NOOP("Session"), text.format(check=event.title, state=tr(STATES[event.state]).lower())

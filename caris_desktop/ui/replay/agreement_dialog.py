@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.annotation.agreement import Agreement, TierAgreement, compare_tiers, report
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
@@ -31,19 +32,26 @@ UNIT_MS = 100
 _USUAL_MS = 500
 _FITTING_COLUMNS = 7
 # Landis and Koch (1977), the words that readers of the field know.
-_STRENGTHS = ((0.0, "slight"), (0.2, "fair"), (0.4, "moderate"), (0.6, "substantial"), (0.8, "almost perfect"))
+_STRENGTHS = (
+    (0.0, QT_TR_NOOP("slight")),
+    (0.2, QT_TR_NOOP("fair")),
+    (0.4, QT_TR_NOOP("moderate")),
+    (0.6, QT_TR_NOOP("substantial")),
+    (0.8, QT_TR_NOOP("almost perfect")),
+)
 
 
 def strength(kappa: float) -> str:
     """Landis and Koch's word for a kappa."""
     if kappa < 0:
-        return "poor"
-    return next(word for floor, word in reversed(_STRENGTHS) if kappa >= floor)
+        return tr("poor")
+    word = next(word for floor, word in reversed(_STRENGTHS) if kappa >= floor)
+    return tr(word)
 
 
 def kappa_words(result: Agreement) -> str:
     if result.kappa is None:
-        return "not defined" if result.observed is None else "not defined: one label throughout"
+        return tr("not defined") if result.observed is None else tr("not defined: one label throughout")
     return f"{result.kappa:.2f}, {strength(result.kappa)}"
 
 
@@ -62,18 +70,18 @@ class AgreementDialog(QDialog):
     def __init__(self, theme: Theme, document: AnnotationDocument, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName("agreement_dialog")
-        self.setWindowTitle("Agreement of two coders")
+        self.setWindowTitle(tr("Agreement of two coders"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._theme = theme
         self._document = document
         self._tiers = [tier for tier in document.tiers if tier.coder]
         self._result: TierAgreement | None = None
-        self._first = DropDown(theme, "agreement_first", "First tier")
-        self._second = DropDown(theme, "agreement_second", "Second tier")
-        self._tolerance = DropDown(theme, "agreement_tolerance", "Timing tolerance")
+        self._first = DropDown(theme, "agreement_first", tr("First tier"))
+        self._second = DropDown(theme, "agreement_second", tr("Second tier"))
+        self._tolerance = DropDown(theme, "agreement_tolerance", tr("Timing tolerance"))
         for tier in self._tiers:
             for choice in (self._first, self._second):
-                choice.addItem(f"{tier.name} of {tier.coder}", tier.tier_id)
+                choice.addItem(tr("{tier} of {coder}").format(tier=tier.name, coder=tier.coder), tier.tier_id)
         for milliseconds in TOLERANCES_MS:
             self._tolerance.addItem(f"± {milliseconds} ms", milliseconds)
         self._tolerance.setCurrentIndex(TOLERANCES_MS.index(_USUAL_MS))
@@ -92,7 +100,9 @@ class AgreementDialog(QDialog):
         self._lines.setTextFormat(Qt.TextFormat.PlainText)
         self._lines.setWordWrap(True)
         self._lines.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self._table_words = QLabel("Where they differ, in tenths of a second: rows the first coder, columns the second")
+        self._table_words = QLabel(
+            tr("Where they differ, in tenths of a second: rows the first coder, columns the second")
+        )
         self._table_words.setFont(theme.font(tokens.STATUS_PX))
         theme.color_text(self._table_words, "dim")
         self._table = QTableWidget()
@@ -106,15 +116,19 @@ class AgreementDialog(QDialog):
         choices.setHorizontalSpacing(16)
         choices.setVerticalSpacing(8)
         for row, (words, choice) in enumerate(
-            (("First", self._first), ("Second", self._second), ("Boundaries may differ by", self._tolerance))
+            (
+                (tr("First"), self._first),
+                (tr("Second"), self._second),
+                (tr("Boundaries may differ by"), self._tolerance),
+            )
         ):
             choices.addWidget(QLabel(words), row, 0)
             choices.addWidget(choice, row, 1)
         choices.setColumnStretch(1, 1)
-        copy = ActionButton(theme, "Copy the report", icon="copy", height_px=40)
+        copy = ActionButton(theme, tr("Copy the report"), icon="copy", height_px=40)
         copy.setObjectName("agreement_copy")
         copy.clicked.connect(self._on_copy)
-        close = ActionButton(theme, "Close", look="ghost", height_px=40)
+        close = ActionButton(theme, tr("Close"), look="ghost", height_px=40)
         close.clicked.connect(self.reject)
         buttons = QHBoxLayout()
         buttons.addWidget(close)
@@ -143,7 +157,7 @@ class AgreementDialog(QDialog):
     def _compare(self) -> None:
         first, second = self._first.currentData(), self._second.currentData()
         self._result = None
-        refusal = "Choose two different tiers."
+        refusal = tr("Choose two different tiers.")
         try:
             if first != second:
                 self._result = compare_tiers(
@@ -164,16 +178,24 @@ class AgreementDialog(QDialog):
         lines = []
         if result.per_unit.observed is not None:
             share = 100 * result.per_unit.observed
-            lines.append(f"The same label {share:.0f} % of the time, in steps of {UNIT_MS} ms.")
-        lines.append(f"By annotations: κ {kappa_words(result.per_annotation)}.")
+            same = tr("The same label {share} % of the time, in steps of {step} ms.")
+            lines.append(same.format(share=f"{share:.0f}", step=UNIT_MS))
+        lines.append(tr("By annotations: κ {kappa}.").format(kappa=kappa_words(result.per_annotation)))
         if result.offsets is not None:
             offsets = result.offsets
             lines.append(
-                f"{offsets.matched} annotations lie at the same place. {result.coders[1]} starts them "
-                f"{_shift(offsets.start_mean_ms)} and ends them {_shift(offsets.end_mean_ms)}, on average."
+                tr(
+                    "{count} annotations lie at the same place. {coder} starts them {start} and ends them {end}, on"
+                    " average."
+                ).format(
+                    count=offsets.matched,
+                    coder=result.coders[1],
+                    start=_shift(offsets.start_mean_ms),
+                    end=_shift(offsets.end_mean_ms),
+                )
             )
         self._lines.setText("\n".join(lines))
-        names = [label or "nothing" for label in result.per_unit.labels]
+        names = [label or tr("nothing") for label in result.per_unit.labels]
         few = len(names) <= _FITTING_COLUMNS
         self._table.horizontalHeader().setSectionResizeMode(
             QHeaderView.ResizeMode.Stretch if few else QHeaderView.ResizeMode.ResizeToContents
@@ -212,5 +234,6 @@ class _TintedCells(QStyledItemDelegate):
 
 def _shift(milliseconds: float) -> str:
     if abs(milliseconds) < 0.5:
-        return "at the same moment"
-    return f"{abs(milliseconds):.0f} ms {'later' if milliseconds > 0 else 'earlier'}"
+        return tr("at the same moment")
+    shift = tr("{time} ms later") if milliseconds > 0 else tr("{time} ms earlier")
+    return shift.format(time=f"{abs(milliseconds):.0f}")

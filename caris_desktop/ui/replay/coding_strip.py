@@ -3,6 +3,7 @@
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.annotation.model import Vocabulary
 from caris_desktop.ui import tokens
 from caris_desktop.ui.action_rows import CODE_COUNT
@@ -15,9 +16,11 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 _ACTS = (
-    ("annotation_new", "New"), ("annotation_split", "Split"), ("annotation_rename", "Rename"),
-    ("annotation_remove", "Remove"),
-)  # fmt: skip
+    ("annotation_new", QT_TR_NOOP("New")),
+    ("annotation_split", QT_TR_NOOP("Split")),
+    ("annotation_rename", QT_TR_NOOP("Rename")),
+    ("annotation_remove", QT_TR_NOOP("Remove")),
+)
 
 
 class CodingStrip(QWidget):
@@ -35,7 +38,7 @@ class CodingStrip(QWidget):
         self._words.setObjectName("coding_words")
         self._words.setTextFormat(Qt.TextFormat.PlainText)
         self._words.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)
-        self._add = ActionButton(theme, "Add a tier", icon="plus", look="primary", height_px=30)
+        self._add = ActionButton(theme, tr("Add a tier"), icon="plus", look="primary", height_px=30)
         self._add.setObjectName("coding_add_tier")
         self._add.clicked.connect(self.add_tier_wanted)
         self._labels: list[ActionButton] = []
@@ -47,7 +50,7 @@ class CodingStrip(QWidget):
             self._labels.append(button)
         self._acts: list[ActionButton] = []
         for action_id, text in _ACTS:
-            button = ActionButton(theme, text, look="ghost", height_px=30, text_px=tokens.STATUS_PX)
+            button = ActionButton(theme, tr(text), look="ghost", height_px=30, text_px=tokens.STATUS_PX)
             button.setObjectName(action_id)
             button.bind(actions, action_id)
             self._acts.append(button)
@@ -75,15 +78,16 @@ class CodingStrip(QWidget):
         own = row is not None and row.own
         entries = () if vocabulary is None or not own else vocabulary.entries
         if not tiers:
-            words = "Nothing is coded in this session yet."
+            words = tr("Nothing is coded in this session yet.")
         elif row is None or not own:
-            words = "Every coder’s tier is hidden."
+            words = tr("Every coder’s tier is hidden.")
         elif stretch is not None:
-            words = f"{row.name}: since {exact_text(stretch.start_ms)[:-2]}"
+            words = tr("{tier}: since {time}").format(tier=row.name, time=exact_text(stretch.start_ms)[:-2])
         elif entries:
-            words = f"{row.name} of {row.coder}"
+            words = tr("{tier} of {coder}").format(tier=row.name, coder=row.coder)
         else:
-            words = f"{row.name} of {row.coder} · drag on the tier to add an annotation"
+            words = tr("{tier} of {coder} · drag on the tier to add an annotation")
+            words = words.format(tier=row.name, coder=row.coder)
         self._words.setText(words)
         show_part(self._add, not tiers)
         for number, button in enumerate(self._labels):
@@ -91,9 +95,11 @@ class CodingStrip(QWidget):
             if present:
                 entry = entries[number]
                 open_now = stretch is not None and stretch.value == entry.value
-                button.set_label(f"End {entry.value}" if open_now else entry.value)
+                button.set_label(tr("End {label}").format(label=entry.value) if open_now else entry.value)
                 button.setChecked(open_now)
-                button.setToolTip(plain_tip(entry.description) or "Starts at the playhead; the second press ends it")
+                button.setToolTip(
+                    plain_tip(entry.description) or tr("Starts at the playhead; the second press ends it")
+                )
             show_part(button, present)
         for button in self._acts:
             show_part(button, own)

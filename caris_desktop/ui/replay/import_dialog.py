@@ -6,6 +6,7 @@ from pathlib import Path
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtWidgets import QDialog, QFileDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.editing import LONGEST_NAME
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
@@ -28,29 +29,31 @@ class ImportDialog(QDialog):
     ) -> None:
         super().__init__(parent)
         self.setObjectName("import_dialog")
-        self.setWindowTitle("Import annotations")
+        self.setWindowTitle(tr("Import annotations"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._take_over = take_over
-        heading = QLabel("Which file, and whose annotations are they?")
+        heading = QLabel(tr("Which file, and whose annotations are they?"))
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         hint = QLabel(
-            "ELAN files (.eaf) and CSV tables with tier, start, end and label. They come as tiers of their own; nothing"
-            " that is there already changes."
+            tr(
+                "ELAN files (.eaf) and CSV tables with tier, start, end and label. They come as tiers of their own;"
+                " nothing that is there already changes."
+            )
         )
         hint.setWordWrap(True)
         self.path_field = QLineEdit()
         self.path_field.setObjectName("import_path")
-        self.path_field.setAccessibleName("File")
+        self.path_field.setAccessibleName(tr("File"))
         self.path_field.setMinimumHeight(36)
         self.path_field.returnPressed.connect(self._on_import)
-        browse = ActionButton(theme, "Browse", icon="folder-open", height_px=36)
+        browse = ActionButton(theme, tr("Browse"), icon="folder-open", height_px=36)
         browse.setObjectName("import_browse")
         browse.clicked.connect(self.browse)
         path = QHBoxLayout()
         path.setSpacing(8)
         path.addWidget(self.path_field, 1)
         path.addWidget(browse)
-        self._coder = DropDown(theme, "import_coder", "Coder")
+        self._coder = DropDown(theme, "import_coder", tr("Coder"))
         self._coder.setEditable(True)
         self._coder.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._coder.setMinimumHeight(36)
@@ -58,14 +61,14 @@ class ImportDialog(QDialog):
         self._coder.setCurrentText("")
         line = self._coder.lineEdit()
         if line is not None:
-            line.setPlaceholderText("name or initials; empty: as the file says")
+            line.setPlaceholderText(tr("name or initials; empty: as the file says"))
             line.setMaxLength(LONGEST_NAME)
         form = QFormLayout()
         form.setHorizontalSpacing(16)
         form.setVerticalSpacing(8)
         form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        form.addRow("File", path)
-        form.addRow("Coder", self._coder)
+        form.addRow(tr("File"), path)
+        form.addRow(tr("Coder"), self._coder)
         self._refusal = QLabel()
         self._refusal.setObjectName("import_refusal")
         self._refusal.setTextFormat(Qt.TextFormat.PlainText)
@@ -73,10 +76,10 @@ class ImportDialog(QDialog):
         for label, role in ((hint, "dim"), (self._refusal, "amber")):
             label.setFont(theme.font(tokens.STATUS_PX))
             theme.color_text(label, role)
-        take = ActionButton(theme, "Import", icon="check", key="Enter", look="primary", height_px=40)
+        take = ActionButton(theme, tr("Import"), icon="check", key="Enter", look="primary", height_px=40)
         take.setObjectName("import_take")
         take.clicked.connect(self._on_import)
-        cancel = ActionButton(theme, "Cancel", look="ghost", height_px=40)
+        cancel = ActionButton(theme, tr("Cancel"), look="ghost", height_px=40)
         cancel.clicked.connect(self.reject)
         buttons = QHBoxLayout()
         buttons.addWidget(cancel)
@@ -97,7 +100,7 @@ class ImportDialog(QDialog):
         return QSize(560, 300)
 
     def browse(self) -> None:
-        chooser = QFileDialog(self, "Annotations to import", self.path_field.text(), FILTER)
+        chooser = QFileDialog(self, tr("Annotations to import"), self.path_field.text(), FILTER)
         chooser.setFileMode(QFileDialog.FileMode.ExistingFile)
         chooser.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         chooser.fileSelected.connect(self.path_field.setText)
@@ -105,7 +108,7 @@ class ImportDialog(QDialog):
 
     def _on_import(self) -> None:
         text = self.path_field.text().strip()
-        refusal = "Choose a file first."
+        refusal = tr("Choose a file first.")
         if text:
             refusal = self._take_over(Path(text).expanduser(), " ".join(self._coder.currentText().split()))
         self._refusal.setText(refusal)

@@ -6,6 +6,7 @@ from PySide6.QtCore import QEvent, QObject, QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import VocabularyEntry
 from caris_desktop.ui import tokens
 from caris_desktop.ui.replay.plain_tip import plain_tip
@@ -30,7 +31,7 @@ class LabelCard(FloatingCard):
         self._done = True
         self.field = QLineEdit()
         self.field.setObjectName("label_field")
-        self.field.setAccessibleName("Label of the annotation")
+        self.field.setAccessibleName(tr("Label of the annotation"))
         self.field.setMinimumHeight(32)
         self.field.setMinimumWidth(240)
         self.field.setMaxLength(10_000)
@@ -38,7 +39,7 @@ class LabelCard(FloatingCard):
         self.field.installEventFilter(self)
         self.list = QListWidget()
         self.list.setObjectName("label_list")
-        self.list.setAccessibleName("Labels of the vocabulary")
+        self.list.setAccessibleName(tr("Labels of the vocabulary"))
         self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.setUniformItemSizes(True)
@@ -57,11 +58,11 @@ class LabelCard(FloatingCard):
         self.list.setVisible(self._entries is not None)
         if self._entries is None:
             self.field.setText(value)
-            self.field.setPlaceholderText("What happens here")
+            self.field.setPlaceholderText(tr("What happens here"))
             self.field.selectAll()
         else:
             self.field.clear()
-            self.field.setPlaceholderText(value or "Type or press a number")
+            self.field.setPlaceholderText(value or tr("Type or press a number"))
             self._fill("")
         self.open_at(where)
         self.field.setFocus(Qt.FocusReason.PopupFocusReason)

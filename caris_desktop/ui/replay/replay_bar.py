@@ -7,6 +7,7 @@ from PySide6.QtCore import QRectF, QSize, Qt, QTimer
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation.overview import SessionOverview
@@ -42,7 +43,7 @@ class ReplayBar(QWidget):
     def __init__(self, theme: Theme, replay: ReplayControls, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("replay_bar")
-        self.setAccessibleName("Replay")
+        self.setAccessibleName(tr("Replay"))
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._replay = replay
@@ -51,25 +52,25 @@ class ReplayBar(QWidget):
         self.scrubber = Scrubber(theme, self._thumbnails, replay.with_names)
         self.scrubber.seek_wanted.connect(self._on_seek_wanted)
         self._title = ReplayTitle(theme, *session_title(replay.session))
-        self._play = ActionButton(theme, "Pause", icon="pause", look="primary", height_px=36)
+        self._play = ActionButton(theme, tr("Pause"), icon="pause", look="primary", height_px=36)
         self._play.setObjectName("replay_play")
         self._play.bind(actions, "replay_play")
         self._play.setFixedWidth(self._play.sizeHint().width())
-        self._previous_mark = self._button(actions, "previous_mark", "", "skip-back", "To the previous mark")
-        self._next_mark = self._button(actions, "next_mark", "", "skip-forward", "To the next mark")
+        self._previous_mark = self._button(actions, "previous_mark", "", "skip-back", tr("To the previous mark"))
+        self._next_mark = self._button(actions, "next_mark", "", "skip-forward", tr("To the next mark"))
         self._previous_utterance = self._button(
-            actions, "previous_utterance", "", "caret-double-left", "To the previous utterance"
+            actions, "previous_utterance", "", "caret-double-left", tr("To the previous utterance")
         )
         self._next_utterance = self._button(
-            actions, "next_utterance", "", "caret-double-right", "To the next utterance"
+            actions, "next_utterance", "", "caret-double-right", tr("To the next utterance")
         )
-        self._frame_back = self._button(actions, "frame_back", "", "caret-left", "One frame back")
-        self._frame_on = self._button(actions, "frame_on", "", "caret-right", "One frame on")
+        self._frame_back = self._button(actions, "frame_back", "", "caret-left", tr("One frame back"))
+        self._frame_on = self._button(actions, "frame_on", "", "caret-right", tr("One frame on"))
         for button in (self._previous_utterance, self._next_utterance):
             button.hide()  # until it is known that there is room
         self._times = ReplayTimes(theme)
-        self._rate = DropDown(theme, "replay_rate", "Speed of the replay")
-        self._rate.setToolTip("How fast it plays. Slower with <, faster with >")
+        self._rate = DropDown(theme, "replay_rate", tr("Speed of the replay"))
+        self._rate.setToolTip(tr("How fast it plays. Slower with <, faster with >"))
         self._rate.setMinimumContentsLength(5)
         for rate in RATES:
             self._rate.addItem(rate_text(rate), rate)
@@ -150,7 +151,10 @@ class ReplayBar(QWidget):
     def jump(self, where: tuple[Literal["mark", "utterance"], Literal[-1, 1]]) -> None:
         kind, direction = where
         if not self._replay.jump(kind, direction):
-            self._say(f"No {'later' if direction > 0 else 'earlier'} {kind}")
+            if kind == "mark":
+                self._say(tr("No later mark") if direction > 0 else tr("No earlier mark"))
+            else:
+                self._say(tr("No later utterance") if direction > 0 else tr("No earlier utterance"))
 
     def change_rate(self, direction: int) -> None:
         """The next faster (1) or slower (-1) rate."""
@@ -184,14 +188,14 @@ class ReplayBar(QWidget):
     def _on_overview_changed(self, overview: SessionOverview | None) -> None:
         self.scrubber.show_overview(overview, self._words_of)
         kinds = set() if overview is None else {moment.kind for moment in overview.moments}
-        wait = "is being looked for" if overview is None else "was set in this session"
-        for button, direction in ((self._previous_mark, "previous"), (self._next_mark, "next")):
-            button.setToolTip(f"To the {direction} mark" if "mark" in kinds else f"No mark {wait}")
+        wait = tr("Marks are being looked for") if overview is None else tr("No mark was set in this session")
+        self._previous_mark.setToolTip(tr("To the previous mark") if "mark" in kinds else wait)
+        self._next_mark.setToolTip(tr("To the next mark") if "mark" in kinds else wait)
 
     def _on_playback_changed(self, playback: PlaybackStatus) -> None:
         self.scrubber.show_session(playback.start_ns, playback.end_ns)
         self.scrubber.show_position(playback.position_ns)
-        label, icon = ("Pause", "pause") if playback.playing else ("Play", "play")
+        label, icon = (tr("Pause"), "pause") if playback.playing else (tr("Play"), "play")
         if self._play.text() != label:
             self._play.set_label(label, icon=icon)
         clock = self._replay.session.clock
@@ -232,8 +236,9 @@ class ReplayTitle(QWidget):
     def __init__(self, theme: Theme, participant: str, when: str) -> None:
         super().__init__()
         self.setObjectName("replay_title")
-        self.setAccessibleName(f"Replay of {participant}, recorded {when}")
-        self.setToolTip(plain_tip(f"A recorded session: {participant}, {when}. Nothing here moves the robot."))
+        self.setAccessibleName(tr("Replay of {whom}, recorded {when}").format(whom=participant, when=when))
+        tip = tr("A recorded session: {whom}, {when}. Nothing here moves the robot.")
+        self.setToolTip(plain_tip(tip.format(whom=participant, when=when)))
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._participant, self._when = participant, when
@@ -242,7 +247,7 @@ class ReplayTitle(QWidget):
 
     @property
     def text(self) -> str:
-        parts = ("Replay", words.shortened(self._participant, 24), self._when if self._date_shown else "")
+        parts = (tr("Replay"), words.shortened(self._participant, 24), self._when if self._date_shown else "")
         return " · ".join(part for part in parts if part)
 
     def set_date_shown(self, shown: bool) -> None:
@@ -282,7 +287,7 @@ class ReplayTimes(QWidget):
 
     @property
     def text(self) -> str:
-        return f"{self._now} of {self._total} · {self._wall}"
+        return tr("{now} of {total} · {wall}").format(now=self._now, total=self._total, wall=self._wall)
 
     def set_wall_shown(self, shown: bool) -> None:
         if shown != self._wall_shown:
@@ -297,7 +302,8 @@ class ReplayTimes(QWidget):
             return
         resized = len(now) != len(self._now) or len(words.elapsed(total_s)) != len(self._total)
         self._now, self._total, self._wall = now, words.elapsed(total_s), wall
-        self.setAccessibleName(f"{self._now} of {self._total}, recorded at {wall}")
+        said = tr("{now} of {total}, recorded at {wall}")
+        self.setAccessibleName(said.format(now=self._now, total=self._total, wall=wall))
         if resized:
             self.updateGeometry()
         self.update()
@@ -309,8 +315,8 @@ class ReplayTimes(QWidget):
         wide = "".join("0" if letter.isdigit() else letter for letter in self._now)
         return (
             now.horizontalAdvance(wide) + 4,
-            rest.horizontalAdvance(f"of {self._total}") + 4,
-            rest.horizontalAdvance("at 00:00:00") + 4 if self._wall_shown else 0.0,
+            rest.horizontalAdvance(tr("of {total}").format(total=self._total)) + 4,
+            rest.horizontalAdvance(tr("at {wall}").format(wall="00:00:00")) + 4 if self._wall_shown else 0.0,
         )
 
     def sizeHint(self) -> QSize:
@@ -326,6 +332,7 @@ class ReplayTimes(QWidget):
         painter.drawText(QRectF(0, 0, now, self.height()), right, self._now)
         painter.setFont(theme.font(tokens.STATUS_PX))
         painter.setPen(theme.color("dim"))
-        painter.drawText(QRectF(now + 6, 1, total, self.height()), left, f"of {self._total}")
+        painter.drawText(QRectF(now + 6, 1, total, self.height()), left, tr("of {total}").format(total=self._total))
         if wall:
-            painter.drawText(QRectF(now + total + 14, 1, wall, self.height()), left, f"at {self._wall}")
+            text = tr("at {wall}").format(wall=self._wall)
+            painter.drawText(QRectF(now + total + 14, 1, wall, self.height()), left, text)

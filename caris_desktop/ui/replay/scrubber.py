@@ -18,6 +18,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.ui import tokens
 from caris_desktop.ui.replay.seek_throttle import SeekThrottle
@@ -44,7 +45,7 @@ class Scrubber(QWidget):
     def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
         super().__init__()
         self.setObjectName("replay_scrubber")
-        self.setAccessibleName("Moment of the session")
+        self.setAccessibleName(tr("Moment of the session"))
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setMouseTracking(True)
         self.setFixedHeight(HEIGHT_PX)
@@ -206,7 +207,7 @@ class Scrubber(QWidget):
         nearest = min(near, key=lambda moment: (moment.kind != "mark", abs(self.x_of(moment.at_ns) - at_px)))
         if nearest.kind == "utterance":
             return self._named(nearest.text)
-        return f"Mark: {nearest.text or 'without a label'}"
+        return tr("Mark: {label}").format(label=nearest.text) if nearest.text else tr("Mark: without a label")
 
     def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
         if self._bubble is not None and self._bubble.isVisible():

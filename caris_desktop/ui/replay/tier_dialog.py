@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
 from caris_desktop.ui import tokens
@@ -25,8 +26,8 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
 
-FREE_TEXT = "Free text"
-OWN_LIST = "A list of labels…"
+FREE_TEXT = QT_TR_NOOP("Free text")
+OWN_LIST = QT_TR_NOOP("A list of labels…")
 SCENARIO_LABELS = "Labels of the scenario"
 
 
@@ -97,15 +98,19 @@ class TierDialog(QDialog):
     ) -> None:
         super().__init__(parent)
         self.setObjectName("tier_dialog")
-        self.setWindowTitle("Add a tier" if tier is None else "Change the tier")
+        self.setWindowTitle(tr("Add a tier") if tier is None else tr("Change the tier"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._document = document
         self._apply = apply
         self._scenario_labels = tuple(dict.fromkeys(label.strip() for label in scenario_labels if label.strip()))
-        heading = QLabel("What will be coded?" if tier is None else f"Tier {tier.name} of {tier.coder}")
+        heading = QLabel(
+            tr("What will be coded?")
+            if tier is None
+            else tr("Tier {tier} of {coder}").format(tier=tier.name, coder=tier.coder)
+        )
         heading.setTextFormat(Qt.TextFormat.PlainText)
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._coder = DropDown(theme, "tier_coder", "Coder")
+        self._coder = DropDown(theme, "tier_coder", tr("Coder"))
         self._coder.setEditable(True)
         self._coder.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._coder.setMinimumHeight(36)
@@ -114,29 +119,30 @@ class TierDialog(QDialog):
         self._coder.setCurrentText(coder or (tier.coder if tier is not None else ""))
         line = self._coder.lineEdit()
         if line is not None:
-            line.setPlaceholderText("your name or initials")
+            line.setPlaceholderText(tr("your name or initials"))
             line.setMaxLength(editing.LONGEST_NAME)
         self._name = QLineEdit("" if tier is None else tier.name)
         self._name.setObjectName("tier_name")
-        self._name.setAccessibleName("Name of the tier")
-        self._name.setPlaceholderText("for example Stance")
+        self._name.setAccessibleName(tr("Name of the tier"))
+        self._name.setPlaceholderText(tr("for example Stance"))
         self._name.setMinimumHeight(36)
         self._name.setMaxLength(editing.LONGEST_NAME)
-        self._labels = DropDown(theme, "tier_vocabulary", "Labels")
+        self._labels = DropDown(theme, "tier_vocabulary", tr("Labels"))
         self._labels.setMinimumHeight(36)
-        self._labels.addItem(FREE_TEXT)
+        self._labels.addItem(tr(FREE_TEXT))
         for vocabulary in document.vocabularies:
-            self._labels.addItem(f"{vocabulary.name} ({len(vocabulary.entries)} labels)", vocabulary.name)
+            words = tr("{vocabulary} (%n labels)", "", len(vocabulary.entries)).format(vocabulary=vocabulary.name)
+            self._labels.addItem(words, vocabulary.name)
         if self._scenario_labels and vocabulary_named(document, SCENARIO_LABELS) is None:
             self._labels.addItem(SCENARIO_LABELS)
-        self._labels.addItem(OWN_LIST)
+        self._labels.addItem(tr(OWN_LIST))
         if tier is not None and tier.vocabulary:
             self._labels.setCurrentIndex(self._labels.findData(tier.vocabulary))
         self._labels.currentIndexChanged.connect(self._on_labels_chosen)
         self._list = QPlainTextEdit()
         self._list.setObjectName("tier_labels")
-        self._list.setAccessibleName("Labels, one a line")
-        self._list.setPlaceholderText("One label a line, with its meaning after a colon:\ncurious: leans in, asks")
+        self._list.setAccessibleName(tr("Labels, one a line"))
+        self._list.setPlaceholderText(tr("One label a line, with its meaning after a colon:\ncurious: leans in, asks"))
         self._list.setTabChangesFocus(True)
         self._list.setMinimumHeight(120)
         self._refusal = QLabel()
@@ -150,19 +156,24 @@ class TierDialog(QDialog):
         form.setVerticalSpacing(8)
         form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         if tier is None:
-            form.addRow(_form_label("Coder"), self._coder)
+            form.addRow(_form_label(tr("Coder")), self._coder)
         else:
             self._coder.setParent(self)
             self._coder.hide()
-        form.addRow(_form_label("Tier"), self._name)
-        form.addRow(_form_label("Labels"), self._labels)
+        form.addRow(_form_label(tr("Tier")), self._name)
+        form.addRow(_form_label(tr("Labels")), self._labels)
         form.addRow("", self._list)
         self._save = ActionButton(
-            theme, "Add tier" if tier is None else "Change", icon="check", key="Enter", look="primary", height_px=40
+            theme,
+            tr("Add tier") if tier is None else tr("Change"),
+            icon="check",
+            key="Enter",
+            look="primary",
+            height_px=40,
         )
         self._save.setObjectName("tier_save")
         self._save.clicked.connect(self._on_save)
-        cancel = ActionButton(theme, "Cancel", look="ghost", height_px=40)
+        cancel = ActionButton(theme, tr("Cancel"), look="ghost", height_px=40)
         cancel.setObjectName("tier_cancel")
         cancel.clicked.connect(self.reject)
         buttons = QHBoxLayout()
@@ -203,7 +214,7 @@ class TierDialog(QDialog):
         return str(self._labels.currentData() or "")
 
     def _vocabulary(self, tier_name: str) -> Vocabulary | None:
-        if self._labels.currentText() == FREE_TEXT:
+        if self._labels.currentText() == tr(FREE_TEXT):
             return None
         entries = labels_of(self._list.toPlainText())
         chosen = self._chosen_name()
@@ -225,13 +236,13 @@ class TierDialog(QDialog):
             self._list.setPlainText("\n".join(self._scenario_labels))
         else:
             self._list.clear()
-        self._list.setVisible(self._labels.currentText() != FREE_TEXT)
+        self._list.setVisible(self._labels.currentText() != tr(FREE_TEXT))
         self.adjustSize()
 
     def _on_save(self) -> None:
         wish = self.wish()
         if wish.vocabulary is not None and not wish.vocabulary.entries:
-            refusal = "Write at least one label, or choose free text."
+            refusal = tr("Write at least one label, or choose free text.")
         else:
             refusal = self._apply(wish)
         self._refusal.setText(refusal)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from PySide6.QtCore import QObject, QPoint, QPointF, QRectF, Qt, Signal
 from PySide6.QtWidgets import QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation import editing
@@ -78,11 +79,11 @@ class TimelineActs(QObject):
 
     def undo(self) -> None:
         if not self._replay.undo():
-            self.say("There is nothing to undo.")
+            self.say(tr("There is nothing to undo."))
 
     def redo(self) -> None:
         if not self._replay.redo():
-            self.say("There is nothing to redo.")
+            self.say(tr("There is nothing to redo."))
 
     def zoom(self, direction: int) -> None:
         self._canvas.zoom(_ZOOM_STEP**direction)
@@ -113,7 +114,8 @@ class TimelineActs(QObject):
         from_ms = self.position_ms if selected is None else selected.start_ms
         found = self._canvas.shown.track_of(active).beside(from_ms, direction)
         if found is None:
-            self.say(f"No {'later' if direction > 0 else 'earlier'} annotation on {active.name}.")
+            none = tr("No later annotation on {tier}.") if direction > 0 else tr("No earlier annotation on {tier}.")
+            self.say(none.format(tier=active.name))
             return
         self._canvas.select(found.annotation_id)
         self._canvas.show_stretch(found.start_ms, found.end_ms)
@@ -121,15 +123,15 @@ class TimelineActs(QObject):
 
     def code(self, number: int) -> None:
         """The key of a label: names what is selected, else starts the label at the playhead, or ends it there."""
-        tier = self._own_tier("Add a tier to code on first.")
+        tier = self._own_tier(tr("Add a tier to code on first."))
         if tier is None:
             return
         vocabulary = vocabulary_named(self.document, tier.vocabulary) if tier.vocabulary else None
         if vocabulary is None:
-            self.say(f"{tier.name} holds free text. Choose labels for it to code by keys.")
+            self.say(tr("{tier} holds free text. Choose labels for it to code by keys.").format(tier=tier.name))
             return
         if number > len(vocabulary.entries):
-            self.say(f"{tier.name} has {len(vocabulary.entries)} labels.")
+            self.say(tr("{tier} has %n labels.", "", len(vocabulary.entries)).format(tier=tier.name))
             return
         value = vocabulary.entries[number - 1].value
         selected = self._canvas.selected
@@ -142,7 +144,7 @@ class TimelineActs(QObject):
         if ended is None or ended.value != value or ended.tier_id != tier.tier_id:
             taken = editing.annotation_at(self.document, tier.tier_id, self.position_ms)
             if taken is not None:
-                self.say(f"“{taken.value}” lies here already, until {exact_text(taken.end_ms)}.", taken)
+                self._say_taken(taken)
                 return
             self._canvas.select("")
             self.set_open(OpenStretch(tier.tier_id, value, self.position_ms))
@@ -162,7 +164,7 @@ class TimelineActs(QObject):
         if following is not None:
             end_ms = min(end_ms, following.start_ms)
         if end_ms <= stretch.start_ms:
-            self.say(f"“{stretch.value}” was begun later than here. It was dropped.")
+            self.say(tr("“{label}” was begun later than here. It was dropped.").format(label=stretch.value))
             return False
         return self.edit(
             lambda document: editing.add_annotation(document, stretch.tier_id, stretch.start_ms, end_ms, stretch.value)
@@ -175,13 +177,13 @@ class TimelineActs(QObject):
 
     def add_at_playhead(self) -> None:
         """A second, or as much of it as is free."""
-        tier = self._own_tier("Add a tier to code on first.")
+        tier = self._own_tier(tr("Add a tier to code on first."))
         if tier is None:
             return
         start_ms = self.position_ms
         taken = editing.annotation_at(self.document, tier.tier_id, start_ms)
         if taken is not None:
-            self.say(f"“{taken.value}” lies here already, until {exact_text(taken.end_ms)}.", taken)
+            self._say_taken(taken)
             return
         free = editing.free_stretch(self.document, tier.tier_id, start_ms, start_ms + NEW_MS)
         end_ms = free[1] if free is not None and free[0] == start_ms else start_ms + NEW_MS
@@ -207,7 +209,7 @@ class TimelineActs(QObject):
             return
         item = self._canvas.selected
         if item is None:
-            self.say("Select an annotation first.")
+            self.say(tr("Select an annotation first."))
         elif self._is_own(item):
             self.edit(lambda document: editing.remove_annotation(document, item.annotation_id), item)
 
@@ -271,12 +273,12 @@ class TimelineActs(QObject):
         """What is selected, else what lies at the playhead on the tier that keys act on."""
         item = self._canvas.selected
         if item is None:
-            tier = self._own_tier("Select an annotation first.")
+            tier = self._own_tier(tr("Select an annotation first."))
             if tier is None:
                 return None
             item = editing.annotation_at(self.document, tier.tier_id, self.position_ms)
             if item is None:
-                self.say("Nothing is here. Select an annotation first.")
+                self.say(tr("Nothing is here. Select an annotation first."))
                 return None
         return item if self._is_own(item) else None
 
@@ -284,7 +286,7 @@ class TimelineActs(QObject):
         """Whether a coder made it; says so where it comes from the record."""
         own = any(tier.tier_id == item.tier_id for tier in self.document.tiers)
         if not own:
-            self.say("This comes from the record and stays as it is. Code it on a tier of your own.", item)
+            self.say(tr("This comes from the record and stays as it is. Code it on a tier of your own."), item)
         return own
 
     def _on_create_wanted(self, tier_id: str, start_ms: int, end_ms: int) -> None:
@@ -342,6 +344,10 @@ class TimelineActs(QObject):
     def _seek(self, at_ms: float) -> None:
         at_ms = min(max(0.0, at_ms), self.duration_ms())
         self._replay.seek(self._replay.session.started_ns + round(at_ms * 1e6))
+
+    def _say_taken(self, taken: Annotation) -> None:
+        words = tr("“{label}” lies here already, until {time}.")
+        self.say(words.format(label=taken.value, time=exact_text(taken.end_ms)), taken)
 
     def _own_track(self, tier_id: str) -> Track:
         return self._canvas.shown.tracks.get(f"tier {tier_id}", Track(()))

@@ -20,6 +20,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import Annotation
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.ui.replay.plain_tip import plain_tip
@@ -50,7 +51,7 @@ class TimelineCanvas(QWidget):
     def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
         super().__init__()
         self.setObjectName("timeline_canvas")
-        self.setAccessibleName("Timeline")
+        self.setAccessibleName(tr("Timeline"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QImage, QPainter, QPixmap, QStaticText
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
@@ -378,7 +379,9 @@ def _detail_of(shown: Shown, row: Row) -> str:
     if row.own and row.tier is not None:
         same = row.tier.vocabulary.casefold() in ("", row.name.casefold())
         return row.coder if same else f"{row.coder} · {row.tier.vocabulary}"
-    return f"up to {shown.fastest_mps:.1f} m/s" if row.kind == "speed" else ""
+    if row.kind != "speed":
+        return ""
+    return tr("up to {speed} m/s").format(speed=f"{shown.fastest_mps:.1f}")
 
 
 def _row_icon(row: Row) -> str:

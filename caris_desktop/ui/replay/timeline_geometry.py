@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import Annotation
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, PAD_PX, RULER_PX, Shown
 from caris_desktop.ui.replay.timeline_model import SHORTEST_MS, Track, exact_text, length_text, snapped
@@ -107,15 +108,19 @@ class TimelineGeometry:
         hit = self.hit(point)
         if hit.annotation is not None:
             item = hit.annotation
-            times = f"{exact_text(item.start_ms)} to {exact_text(item.end_ms)}"
+            times = tr("{start} to {end}").format(start=exact_text(item.start_ms), end=exact_text(item.end_ms))
             line = f"{times} · {length_text(item.end_ms - item.start_ms)}"
-            return f"{item.value or 'No label yet'}\n{line}"
+            label = item.value or tr("No label yet")
+            return f"{label}\n{line}"
         if hit.part == "names":
             row = self._shown.rows[hit.row]
             if not row.own:
-                return f"{row.name}, from the record"
+                return tr("{row}, from the record").format(row=row.name)
             vocabulary = row.tier.vocabulary if row.tier is not None else ""
-            return f"{row.name} of {row.coder} · " + (f"labels of {vocabulary}" if vocabulary else "free text")
+            words = tr("{tier} of {coder} · free text")
+            if vocabulary:
+                words = tr("{tier} of {coder} · labels of {vocabulary}")
+            return words.format(tier=row.name, coder=row.coder, vocabulary=vocabulary)
         return ""
 
     def row_slot(self, y: float) -> int:

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier, Vocabulary
 from caris_desktop.recording.annotation.overview import SessionOverview, Waveform
 
@@ -195,10 +196,17 @@ def all_rows(overview: SessionOverview | None, coding: AnnotationDocument) -> li
         return rows
     several = len(overview.cameras) > 1
     for camera in overview.cameras:
-        rows.append(Row(f"pictures {camera}", "pictures", f"Video {camera}" if several else "Video", camera))
+        rows.append(
+            Row(
+                f"pictures {camera}",
+                "pictures",
+                tr("Video {camera}").format(camera=camera) if several else tr("Video"),
+                camera,
+            )
+        )
     rows += [Row(f"sound {wave.source}", "sound", sound_name(wave.source), wave.source) for wave in overview.waveforms]
     if len(overview.speed):
-        rows.append(Row("speed", "speed", "Speed"))
+        rows.append(Row("speed", "speed", tr("Speed")))
     rows += [Row(f"record {tier.tier_id}", "tier", tier.name, tier=tier) for tier in overview.tiers.tiers]
     return rows
 
@@ -206,7 +214,7 @@ def all_rows(overview: SessionOverview | None, coding: AnnotationDocument) -> li
 def sound_name(source: str) -> str:
     """``audio-microphone.wav`` and ``microphone`` read Microphone."""
     name = source.rsplit("/", 1)[-1].rsplit(".", 1)[0].removeprefix("audio-").replace("_", " ").replace("-", " ")
-    return name.capitalize() or "Sound"
+    return name.capitalize() or tr("Sound")
 
 
 def arranged(rows: Iterable[Row], order: Sequence[str], hidden: Collection[str], words: str) -> list[Row]:

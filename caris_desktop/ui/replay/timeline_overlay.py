@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from PySide6.QtCore import QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPen, QPolygonF
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import Annotation
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
@@ -101,7 +102,7 @@ class TimelineOverlay:
         self._paint_ghost(painter, rect, color, value)
         text = f"{exact_text(drag.start_ms)} – {exact_text(drag.end_ms)} · {length_text(drag.end_ms - drag.start_ms)}"
         if self.refused:
-            text += " · taken there"
+            text = tr("{stretch} · taken there").format(stretch=text)
         self._paint_note(painter, rect, text)
 
     def _paint_ghost(self, painter: QPainter, rect: QRectF, color: QColor, value: str) -> None:

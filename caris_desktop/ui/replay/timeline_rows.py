@@ -6,6 +6,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QPoint, Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QMenu, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation import editing
@@ -48,8 +49,8 @@ class TimelineRows(QObject):
         self._hidden: set[str] = set()
         self.filter = QLineEdit()
         self.filter.setObjectName("tier_filter")
-        self.filter.setPlaceholderText("Filter tiers")
-        self.filter.setAccessibleName("Show only tiers with these words")
+        self.filter.setPlaceholderText(tr("Filter tiers"))
+        self.filter.setAccessibleName(tr("Show only tiers with these words"))
         self.filter.setClearButtonEnabled(True)
         self.filter.setFixedWidth(136)
         self.filter.setFixedHeight(30)
@@ -64,7 +65,7 @@ class TimelineRows(QObject):
 
     def words(self) -> str:
         """Why no row is shown, where there are some."""
-        return "No row has these words." if self.filter.text().strip() else "All rows are hidden."
+        return tr("No row has these words.") if self.filter.text().strip() else tr("All rows are hidden.")
 
     def _runner(self, action_id: str) -> Callable[[], None]:
         return lambda: self._actions.run(action_id)
@@ -102,7 +103,7 @@ class TimelineRows(QObject):
     def open_agreement(self) -> None:
         own = [tier for tier in self._acts.document.tiers if tier.coder]
         if len(own) < 2:
-            self._acts.say("Agreement compares two tiers. Add the other coder’s tier, or import it.")
+            self._acts.say(tr("Agreement compares two tiers. Add the other coder’s tier, or import it."))
             return
         AgreementDialog(self._theme, self._acts.document, self._view).open()
 
@@ -151,7 +152,7 @@ class TimelineRows(QObject):
             action.setChecked(row.key not in self._hidden)
             action.toggled.connect(self._row_shower(row.key))
         menu.addSeparator()
-        menu.addAction("Show all rows").triggered.connect(self._show_all_rows)
+        menu.addAction(tr("Show all rows")).triggered.connect(self._show_all_rows)
         menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
 
     def _row_shower(self, key: str) -> Callable[[bool], None]:
@@ -177,17 +178,17 @@ class TimelineRows(QObject):
                     )
             menu.addSeparator()
         if row.own and row.tier is not None:
-            menu.addAction("Change the tier…").triggered.connect(self._tier_changer(row.tier))
-        up, down = menu.addAction("Move up"), menu.addAction("Move down")
+            menu.addAction(tr("Change the tier…")).triggered.connect(self._tier_changer(row.tier))
+        up, down = menu.addAction(tr("Move up")), menu.addAction(tr("Move down"))
         up.setEnabled(index > 0)
         down.setEnabled(index < len(self._canvas.rows) - 1)
         up.triggered.connect(self._row_mover(key, index - 1))
         down.triggered.connect(self._row_mover(key, index + 1))
-        menu.addAction("Hide").triggered.connect(lambda: self.set_row_shown(key, shown=False))
+        menu.addAction(tr("Hide")).triggered.connect(lambda: self.set_row_shown(key, shown=False))
         if row.own and row.tier is not None:
             count = len(self._canvas.shown.track_of(row).annotations)
             menu.addSeparator()
-            words = f"Remove the tier with its {count} annotations" if count else "Remove the tier"
+            words = tr("Remove the tier with its %n annotations", "", count) if count else tr("Remove the tier")
             menu.addAction(words).triggered.connect(self._tier_remover(row.tier.tier_id))
         menu.popup(at)
 
@@ -219,12 +220,13 @@ class TimelineRows(QObject):
 def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str:
     """What an import brought."""
     if before == after:
-        return "Everything in that file is here already."
+        return tr("Everything in that file is here already.")
     tiers = len({tier.tier_id for tier in after.tiers} - {tier.tier_id for tier in before.tiers})
     annotations = len(set(after.annotations) - set(before.annotations))
-    parts = [
-        f"{count} {name}{'s' if count != 1 else ''}"
-        for count, name in ((tiers, "tier"), (annotations, "annotation"))
-        if count
-    ]
-    return f"Imported: {' and '.join(parts)}." if parts else "Imported. Nothing is new; some was changed or removed."
+    of_tiers = tr("1 tier") if tiers == 1 else tr("%n tiers", "", tiers)
+    of_annotations = tr("1 annotation") if annotations == 1 else tr("%n annotations", "", annotations)
+    if tiers and annotations:
+        return tr("Imported: {tiers} and {annotations}.").format(tiers=of_tiers, annotations=of_annotations)
+    if tiers or annotations:
+        return tr("Imported: {what}.").format(what=of_tiers if tiers else of_annotations)
+    return tr("Imported. Nothing is new; some was changed or removed.")

@@ -7,6 +7,7 @@ from PySide6.QtCore import QEvent, QKeyCombination, QObject, QRectF, QSize, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QScrollBar, QSizePolicy, QVBoxLayout, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
@@ -51,7 +52,7 @@ class TimelineView(QWidget):
     def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("timeline_view")
-        self.setAccessibleName("Timeline of the session")
+        self.setAccessibleName(tr("Timeline of the session"))
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
         self._theme = theme
         self._replay = replay
@@ -106,7 +107,7 @@ class TimelineView(QWidget):
         theme, actions = self._theme, self._actions
         header = QWidget()
         header.setFixedHeight(TITLE_HEIGHT_PX)
-        self._title = QLabel("Timeline")
+        self._title = QLabel(tr("Timeline"))
         self._fact = QLabel()
         self._fact.setObjectName("timeline_fact")
         self._fact.setTextFormat(Qt.TextFormat.PlainText)
@@ -120,10 +121,16 @@ class TimelineView(QWidget):
         row.addWidget(self._fact, 1)
         row.addWidget(self.rows.filter)
         for name, icon, text, tip, act in (
-            ("rows_menu_button", "eye", "Rows", "Which rows are shown", self._open_rows_menu),
-            ("add_tier", "plus", "Tier", "Add a tier, also for another coder", self.rows.open_tier_dialog),
-            ("agreement", "scales", "Agreement", "How far two coders agree", self.rows.open_agreement),
-            ("import_annotations", "download-simple", "Import", "From ELAN or a CSV table", self.rows.open_import),
+            ("rows_menu_button", "eye", tr("Rows"), tr("Which rows are shown"), self._open_rows_menu),
+            ("add_tier", "plus", tr("Tier"), tr("Add a tier, also for another coder"), self.rows.open_tier_dialog),
+            ("agreement", "scales", tr("Agreement"), tr("How far two coders agree"), self.rows.open_agreement),
+            (
+                "import_annotations",
+                "download-simple",
+                tr("Import"),
+                tr("From ELAN or a CSV table"),
+                self.rows.open_import,
+            ),
         ):
             button = ActionButton(theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
             button.setObjectName(name)
@@ -209,7 +216,11 @@ class TimelineView(QWidget):
     def _show_rows(self) -> None:
         overview: SessionOverview | None = self._replay.overview.value
         rows = self.rows.shown()
-        words = "Looking through the session…" if overview is None else "Nothing was recorded that has a place here."
+        words = (
+            tr("Looking through the session…")
+            if overview is None
+            else tr("Nothing was recorded that has a place here.")
+        )
         if not rows and all_rows(overview, self.document):
             words = self.rows.words()
         self.canvas.show_rows(rows, editing.coders_of(self.document), words=words)
@@ -245,14 +256,16 @@ class TimelineView(QWidget):
         item = self.canvas.selected
         if item is not None:
             times = f"{exact_text(item.start_ms)} – {exact_text(item.end_ms)}"
-            label = self._replay.with_names(item.value) or "No label yet"
+            label = self._replay.with_names(item.value) or tr("No label yet")
             return f"{label} · {times} · {length_text(item.end_ms - item.start_ms)}"
         if self._replay.overview.value is None:
-            return "looking through the session…"
+            return tr("looking through the session…")
         count, coders = len(self.document.annotations), len(editing.coders_of(self.document))
         if not coders:
             return ""
-        return f"{count:,} annotation{'' if count == 1 else 's'} by {coders} coder{'' if coders == 1 else 's'}"
+        of_count = tr("1 annotation") if count == 1 else tr("{count} annotations").format(count=f"{count:,}")
+        of_coders = tr("1 coder") if coders == 1 else tr("%n coders", "", coders)
+        return tr("{annotations} by {coders}").format(annotations=of_count, coders=of_coders)
 
     def _vocabulary_of(self, row: Row | None) -> Vocabulary | None:
         if row is None or row.tier is None or not row.tier.vocabulary:

@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QScrollArea, QVBoxLayout, QWidget
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.actions import Actions
@@ -230,7 +230,7 @@ class ShortcutSheet(Overlay):
             tr("Press the new key for “{act}”. Esc leaves it as it is.").format(act=row.spec.text),
             remove=bool(getattr(row.spec, cell.column)),
         )
-        self._hold.release_all("A key is being chosen")
+        self._hold.release_all(QT_TR_NOOP("A key is being chosen"))
         self._hold.captures = self._on_pressed
 
     def stop_asking(self) -> None:
