@@ -44,4 +44,8 @@ class Appearance:
 def scale_words(scale: str) -> str:
     if not scale:
         return tr("Size: as the system has it")
-    return tr("Size: {percent} % from the next start").format(percent=round(float(scale) * 100))
+    return tr("Size: {percent} % from the next start").format(percent=percent_of(scale))
+
+
+def percent_of(scale: str) -> int:
+    return round(float(scale) * 100)

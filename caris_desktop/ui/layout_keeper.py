@@ -7,7 +7,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.layout import SizeClass, layout_text, own_layout
 from caris_desktop.scenario.model import LayoutNode, Scenario
@@ -27,8 +27,11 @@ _SAME_WEIGHT = 0.01  # a pixel here or there is no other arrangement
 
 @dataclass(frozen=True, slots=True)
 class LayoutCommand:
-    """What can be asked for, and whether it can be done now. ``action`` is the row of the table that does it too."""
+    """What can be asked for, and whether it can be done now. ``action`` is the row of the table that does it too;
+    ``id`` is the same in every language, and whatever it would undo.
+    """
 
+    id: str
     text: str
     icon: str
     do: Callable[[], None]
@@ -255,12 +258,24 @@ class LayoutKeeper(QObject):
         redo = tr("Redo: {what}").format(what=self._history.redoes) if self._history.redoes else tr("Redo")
         free, live = not self.locked, not self._in_replay
         return (
-            LayoutCommand(undo, "arrow-u-up-left", self.undo, bool(self._history.undoes) and free, "layout_undo"),
-            LayoutCommand(redo, "arrow-u-up-right", self.redo, bool(self._history.redoes) and free),
-            LayoutCommand(tr("Save into the scenario"), "floppy-disk", self.save, self.is_unsaved and live),
-            LayoutCommand(tr("Save as another scenario…"), "floppy-disk", self.title_wanted.emit, live),
-            LayoutCommand(tr("Revert to the scenario’s layout"), "arrow-counter-clockwise", self.revert, self.is_own),
-            LayoutCommand(tr("Reset: as the scenario came"), "layout", self.put_back),
+            LayoutCommand(
+                "Undo", undo, "arrow-u-up-left", self.undo, bool(self._history.undoes) and free, "layout_undo"
+            ),
+            LayoutCommand("Redo", redo, "arrow-u-up-right", self.redo, bool(self._history.redoes) and free),
+            *(
+                LayoutCommand(text, tr(text), icon, do, possible)
+                for text, icon, do, possible in (
+                    (QT_TR_NOOP("Save into the scenario"), "floppy-disk", self.save, self.is_unsaved and live),
+                    (QT_TR_NOOP("Save as another scenario…"), "floppy-disk", self.title_wanted.emit, live),
+                    (
+                        QT_TR_NOOP("Revert to the scenario’s layout"),
+                        "arrow-counter-clockwise",
+                        self.revert,
+                        self.is_own,
+                    ),
+                    (QT_TR_NOOP("Reset: as the scenario came"), "layout", self.put_back, True),
+                )
+            ),
         )
 
     def undo(self) -> None:

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QMenu
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.sound import Role
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.distant_ear import ear_of
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import words
@@ -20,8 +20,9 @@ _VOLUMES = (1.0, 0.7, 0.4, 0.2)
 
 @dataclass(frozen=True, slots=True)
 class SoundChoice:
-    """``title`` is what is chosen, ``text`` how."""
+    """``title`` is what is chosen, ``text`` how; ``id`` is the same in every language."""
 
+    id: str
     title: str
     text: str
     intent: intents.Intent
@@ -34,9 +35,9 @@ def sound_choices(console: WizardConsole) -> list[SoundChoice]:
     listens = permissions.audio_recording or permissions.transcription or hears
     choices: list[SoundChoice] = []
     if listens and ear_of(console.scenario, console.state.robot.value) == "computer":
-        choices += _microphones(console, tr("Participant’s microphone"), "participant", console.microphone)
+        choices += _microphones(console, QT_TR_NOOP("Participant’s microphone"), "participant", console.microphone)
     if permissions.own_voice or permissions.transcription:
-        choices += _microphones(console, tr("Your microphone"), "wizard", console.wizard_microphone)
+        choices += _microphones(console, QT_TR_NOOP("Your microphone"), "wizard", console.wizard_microphone)
     return [*choices, *_volumes(console)] if hears else choices
 
 
@@ -46,7 +47,8 @@ def _microphones(console: WizardConsole, title: str, role: Role, chosen: str | N
         names.append(chosen)  # unplugged now, and still the one that was chosen
     return [
         SoundChoice(
-            title, tr("No microphone") if name is None else words.microphone(name), intents.UseMicrophone(name, role),
+            f"{title}: {'No microphone' if name is None else name or 'System’s default microphone'}", tr(title),
+            tr("No microphone") if name is None else words.microphone(name), intents.UseMicrophone(name, role),
             name == chosen,
         )
         for name in names
@@ -57,12 +59,17 @@ def _volumes(console: WizardConsole) -> list[SoundChoice]:
     sound = console.state.sound.value
     return [
         SoundChoice(
-            tr("Hear the robot"), f"{volume:.0%}".replace("%", " %") if volume else tr("Off"),
+            f"Hear the robot: {_percent(volume) if volume else 'Off'}", tr("Hear the robot"),
+            _percent(volume) if volume else tr("Off"),
             intents.HearRobot(volume > 0.0, volume or sound.volume),
             sound.volume == volume if sound.hearing and volume else not (sound.hearing or volume),
         )
         for volume in (0.0, *_VOLUMES)
     ]  # fmt: skip
+
+
+def _percent(volume: float) -> str:
+    return f"{volume:.0%}".replace("%", " %")
 
 
 class SoundMenu:

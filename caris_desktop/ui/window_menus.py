@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QMenu, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui.appearance import scale_words
 from caris_desktop.ui.layout_menu import LayoutMenu
-from caris_desktop.ui.observer.observer_window import SEES, sees_words
+from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.sound_menu import SoundMenu
 from caris_desktop.ui.theme import CHOICES, SCALES, ThemeChoice
@@ -85,8 +85,8 @@ class WindowMenus:
         if parts.gamepad.offered:
             menu.addAction(tr("Gamepad…")).triggered.connect(parts.gamepad.open)
         menu.addAction(tr("Practise on the simulated robot")).triggered.connect(parts.practise)
-        for sees in SEES:
-            menu.addAction(sees_words(sees)).triggered.connect(parts.observers.opener(sees))
+        for sees, text in SEES_WORDS.items():
+            menu.addAction(tr(text)).triggered.connect(parts.observers.opener(sees))
         set_up = menu.addAction(tr("Set up…"))
         set_up.setEnabled(parts.actions.available("set_up"))
         set_up.triggered.connect(lambda: parts.actions.run("set_up"))

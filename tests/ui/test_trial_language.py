@@ -14,7 +14,7 @@ from caris_desktop.robot.profile import load_profile, shipped_profiles
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.observer.observer_window import SEES
+from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.theme import Theme
 from tests.support.trial_check import Data, is_plain, is_plain_piece, listed, merged, plain_texts, strings_of
 from tests.ui import samples, test_sessions
@@ -103,7 +103,7 @@ class Spoken:
             window.show_shortcuts, window._connection.open, window.show_preflight, window._alarms.show_alarms,
             window.sessions.open_start_dialog, window.sessions.open_sessions,
             lambda: window.sessions.open_export([test_sessions.SESSIONS[0].folder]), window.robots.open_dialog,
-            window.gamepad.open, window.editor.open, *(window.observers.opener(sees) for sees in SEES),
+            window.gamepad.open, window.editor.open, *(window.observers.opener(sees) for sees in SEES_WORDS),
             window.show_set_up,
         )  # fmt: skip
         for opener in openers:

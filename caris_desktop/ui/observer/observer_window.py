@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPainter, QPaintEvent
 from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui.actions import Actions
@@ -21,7 +21,10 @@ from caris_desktop.ui.theme import Theme
 Sees = Literal["everything", "no_names"]
 """``no_names``: neither names nor suggestions, tags, notes and log, as where a participant can look on."""
 
-SEES: tuple[Sees, ...] = ("everything", "no_names")
+SEES_WORDS: dict[Sees, str] = {
+    "everything": QT_TR_NOOP("Observer window: everything"),
+    "no_names": QT_TR_NOOP("Observer window: no names, suggestions or notes"),
+}
 _COLUMNS: dict[Sees, tuple[tuple[PanelName, ...], tuple[PanelName, ...]]] = {
     "everything": (("video", "map"), ("conversation", "session")),
     "no_names": (("video",), ("conversation",)),
@@ -124,9 +127,3 @@ class ObserverWindows:
         if self.shown is not None:
             self.shown.deleteLater()
             self.shown = None
-
-
-def sees_words(sees: Sees) -> str:
-    if sees == "everything":
-        return tr("Observer window: everything")
-    return tr("Observer window: no names, suggestions or notes")

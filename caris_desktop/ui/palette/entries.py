@@ -7,15 +7,13 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.intents import INTENTS, Intent
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import MapStatus
 from caris_desktop.live.wizard_console import ReplayControls
-from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.studies.query import SessionEntry
 from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.scenario.phrases import phrase_groups
-from caris_desktop.ui import words
 from caris_desktop.ui.action_rows import (
     SAFETY_GROUP,
     SPEAKING_GROUP,
@@ -28,13 +26,12 @@ from caris_desktop.ui.action_rows import (
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.bands import QuestionBand
 from caris_desktop.ui.control_words import question_for
-from caris_desktop.ui.observer.observer_window import SEES, sees_words
+from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.palette.entry import Entry
+from caris_desktop.ui.palette.person_entries import PersonEntries
 from caris_desktop.ui.palette.setting_entries import TWICE, SettingEntries
 from caris_desktop.ui.palette.step_entries import step_entries
 from caris_desktop.ui.panel_table import PANELS
-from caris_desktop.ui.people.asked import is_asked
-from caris_desktop.ui.people.shown_people import everyone
 from caris_desktop.ui.window_parts import WindowParts
 from caris_desktop.ui.words import UNDER_WAY
 
@@ -53,6 +50,7 @@ class PaletteEntries:
         self._question = question
         self._show_connection = show_connection
         self._settings = SettingEntries(parts)
+        self._people = PersonEntries(parts)
 
     def of_replay(self, replay: ReplayControls) -> list[Entry]:
         """A replay says nothing, and stops what another console drives."""
@@ -67,7 +65,7 @@ class PaletteEntries:
             *self._of_emergency_stop(),
             *map(self._of_row, self._rows()),
             *(self._of_phrases() if permissions.speech else ()),
-            *(self._of_people() if permissions.naming_people else ()),
+            *(self._people.now() if permissions.naming_people else ()),
             *step_entries(self._console),
             *self._of_goal(),
             *(self.of_places() if permissions.driving else ()),
@@ -79,14 +77,15 @@ class PaletteEntries:
             *self._of_robots(),
             *(
                 Entry(
-                    sees_words(sees),
+                    tr(SEES_WORDS[sees]),
                     tr("Window"),
                     "monitor",
                     "",
                     parts.observers.opener(sees),
                     also=tr("second screen"),
+                    id=f"Window: {SEES_WORDS[sees]}",
                 )
-                for sees in SEES
+                for sees in SEES_WORDS
             ),
             Entry(
                 tr("Practise on the simulated robot"),
@@ -95,10 +94,18 @@ class PaletteEntries:
                 "",
                 parts.practise,
                 also=tr("learn training"),
+                id="Do: Practise on the simulated robot",
             ),
-            Entry(tr("Connection in the last minute"), tr("Window"), "wifi-high", "", self._show_connection),
+            Entry(
+                tr("Connection in the last minute"),
+                tr("Window"),
+                "wifi-high",
+                "",
+                self._show_connection,
+                id="Window: Connection in the last minute",
+            ),
             *(
-                [Entry(tr("Gamepad"), tr("Window"), "game-controller", "", parts.gamepad.open)]
+                [Entry(tr("Gamepad"), tr("Window"), "game-controller", "", parts.gamepad.open, id="Window: Gamepad")]
                 if parts.gamepad.offered
                 else []
             ),
@@ -110,6 +117,7 @@ class PaletteEntries:
                 "",
                 parts.editor.open,
                 also=tr("change phrases places permissions protocol form yaml"),
+                id="Scenario: Edit this scenario…",
             ),
             *self.of_scenarios(),
             *self._of_scenario_files(),
@@ -123,14 +131,17 @@ class PaletteEntries:
         return do
 
     def _rows(self) -> list[ActionSpec]:
-        """The rows of the table that can be run now. The places come by themselves, all of them."""
+        """The rows of the table that can be run now. The places come by themselves, all of them, and so do the commands
+        of the layout, which say what they would undo.
+        """
         table = self._parts.actions
+        elsewhere = {"find", *(command.action for command in self._parts.layout.commands())}
         return [
             spec
             for spec in table.specs
             if spec.runs
             and spec.intent not in (go_to_nth_place, answer_asked, say_phrase, say_keyed_phrase)
-            and spec.id != "find"
+            and spec.id not in elsewhere
             and table.available(spec.id)
         ]
 
@@ -160,7 +171,16 @@ class PaletteEntries:
                 row = (keyed.get(phrase) if phrase.key else None) or (f"phrase_{number}" if index == chosen else "")
                 key = table.key_text(row) if row else ""
                 entries.append(
-                    Entry(phrase.say, tr("Say"), "chat-text", key, self._doer(say(phrase)), also=group.title, acts=True)
+                    Entry(
+                        phrase.say,
+                        tr("Say"),
+                        "chat-text",
+                        key,
+                        self._doer(say(phrase)),
+                        also=group.title,
+                        acts=True,
+                        id=f"Say: {phrase.say}",
+                    )
                 )
         return entries
 
@@ -178,6 +198,7 @@ class PaletteEntries:
                 deliberate=True,
                 first=True,
                 again=tr("Press Enter again to release the emergency stop"),
+                id="Release emergency stop",
             )
         ]
 
@@ -193,108 +214,9 @@ class PaletteEntries:
                 "",
                 self._doer(intents.CancelGoal()),
                 also=tr("cancel goal way"),
+                id=f"Do: Stop going to {goal.place or 'the chosen point'}",
             )
         ]
-
-    def _of_people(self) -> list[Entry]:
-        """Everybody by name: to select, to rename, to read and write about; and the question that is asked now."""
-        table, state = self._parts.actions, self._state
-        persons = everyone(state.persons.value, state.everybody.value, state.present.now_ns())
-        entries = []
-        asked = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
-        if asked is not None and asked.suggestion is not None:
-            named = {"person": words.person_name(asked), "other": asked.suggestion.name}
-            for action_id, text, icon in (
-                ("answer_yes", tr("Yes, {person} is {other}").format(**named), "check"),
-                ("answer_no", tr("No, {person} is not {other}").format(**named), "x"),
-            ):
-                entries.append(
-                    Entry(
-                        text,
-                        tr("Person"),
-                        icon,
-                        table.key_text(action_id),
-                        self._runner(action_id),
-                        also=tr("confirm reject"),
-                        acts=True,
-                        id=f"row {action_id}",
-                    )
-                )
-        for person in persons:
-            name, also = words.person_name(person), " ".join((tr("person"), person.group, *person.tags))
-            # What is remembered of what was found tells nothing of who it was.
-            known_as = person.person_id
-            entries.append(
-                Entry(
-                    name,
-                    tr("Select"),
-                    "user",
-                    "",
-                    self._selector(person),
-                    also=also,
-                    acts=True,
-                    id=f"person {known_as} select",
-                )
-            )
-            if "people" not in self._parts.panels.possible():
-                continue
-            entries.append(
-                Entry(
-                    tr("All about {person}").format(person=name),
-                    tr("Person"),
-                    "identification-card",
-                    "",
-                    self._shower(person, card=True),
-                    acts=True,
-                    id=f"person {known_as} card",
-                )
-            )
-            if person.here:
-                entries.append(
-                    Entry(
-                        tr("Rename {person}").format(person=name),
-                        tr("Person"),
-                        "pencil-simple",
-                        "",
-                        self._shower(person, rename=True),
-                        acts=True,
-                        id=f"person {known_as} rename",
-                    )
-                )
-        if state.everybody.value or state.persons.value:
-            entries.append(
-                Entry(
-                    tr("Undo the last change to people"),
-                    tr("Do"),
-                    "arrow-u-up-left",
-                    "",
-                    self._doer(intents.UndoPeople()),
-                    also=tr("take back name merge"),
-                )
-            )
-        return entries
-
-    def _runner(self, action_id: str) -> Callable[[], None]:
-        return lambda: self._parts.actions.run(action_id)
-
-    def _selector(self, person: PersonRow) -> Callable[[], None]:
-        def select() -> None:
-            self._console.do(intents.AttendPerson(person.person_id))
-            panel = self._parts.panels.panels.get("people")
-            if panel is not None:
-                panel.show_person(person.person_id)
-
-        return select
-
-    def _shower(self, person: PersonRow, *, rename: bool = False, card: bool = False) -> Callable[[], None]:
-        def show() -> None:
-            panels = self._parts.panels
-            panels.open("people")
-            panel = panels.panels.get("people")
-            if panel is not None:
-                panel.show_person(person.person_id, rename=rename, card=card)
-
-        return show
 
     def of_places(self) -> list[Entry]:
         return [
@@ -306,6 +228,7 @@ class PaletteEntries:
                 self._doer(intents.GoToPlace(place.name)),
                 also=tr("drive move navigate send take robot"),
                 acts=True,
+                id=f"Place: Go to {place.name}",
             )
             for number, place in enumerate(self._state.places.value, start=1)
         ]
@@ -318,22 +241,27 @@ class PaletteEntries:
             if held and control.is_motion:
                 continue
             if control.kind == "button":
-                uses: list[tuple[str, ControlValue]] = [(control.title, True)]
+                uses: list[tuple[str, str, ControlValue]] = [(control.title, control.title, True)]
             elif control.kind == "toggle":
                 uses = [
-                    (tr("{control} on").format(control=control.title), True),
-                    (tr("{control} off").format(control=control.title), False),
+                    (f"{control.title} on", tr("{control} on").format(control=control.title), True),
+                    (f"{control.title} off", tr("{control} off").format(control=control.title), False),
                 ]
             elif control.kind == "choice":
                 to_one = tr("{control}: {choice}")
                 uses = [
-                    (to_one.format(control=control.title, choice=choice.title), choice.value)
+                    (
+                        f"{control.title}: {choice.title}",
+                        to_one.format(control=control.title, choice=choice.title),
+                        choice.value,
+                    )
                     for choice in control.choices
                 ]
             elif "robot" in self._parts.panels.possible():
                 open_panel = self._parts.panels.opener("robot")
                 text = tr("Robot: {control}").format(control=control.title)
-                entries.append(Entry(text, tr("Control"), "sliders", "", open_panel))
+                known_as = f"Control: Robot: {control.title}"
+                entries.append(Entry(text, tr("Control"), "sliders", "", open_panel, id=known_as))
                 continue
             else:
                 continue
@@ -346,8 +274,9 @@ class PaletteEntries:
                     self._control_user(control, value),
                     also=tr("control"),
                     acts=True,
+                    id=f"{control.group or 'Control'}: Robot: {known_as}",
                 )
-                for use, value in uses
+                for known_as, use, value in uses
             ]
         return entries
 
@@ -375,7 +304,14 @@ class PaletteEntries:
             )
         if status.can_switch and status.mapping is not True:
             entries.append(
-                Entry(tr("Start mapping"), tr("Map"), "map-trifold", "", self._doer(intents.SetMapping(mapping=True)))
+                Entry(
+                    tr("Start mapping"),
+                    tr("Map"),
+                    "map-trifold",
+                    "",
+                    self._doer(intents.SetMapping(mapping=True)),
+                    id="Map: Start mapping",
+                )
             )
         if status.can_switch and status.mapping is not False:
             entries.append(
@@ -386,6 +322,7 @@ class PaletteEntries:
                     "",
                     self._doer(intents.SetMapping(mapping=False)),
                     also=tr("localization localisation end"),
+                    id="Map: Stop mapping, keep the map",
                 )
             )
         return entries
@@ -404,6 +341,7 @@ class PaletteEntries:
                 "",
                 chooser(name),
                 also=tr("picture"),
+                id=f"Video: Show the camera {name}",
             )
             for name in state.cameras.value
             if name != state.camera.value
@@ -420,6 +358,7 @@ class PaletteEntries:
                 "",
                 panels.opener(name),
                 also="" if name in shown else tr("add open show"),
+                id=f"Panel: {PANELS[name].title}",
             )
             for name in panels.possible()
         ]
@@ -431,6 +370,7 @@ class PaletteEntries:
                 "",
                 panels.closer(name),
                 also=tr("hide remove"),
+                id=f"Panel: Close {PANELS[name].title}",
             )
             for name in shown
         ]
@@ -442,6 +382,7 @@ class PaletteEntries:
                 "",
                 panels.floater(name),
                 also=tr("float undock second screen"),
+                id=f"Panel: {PANELS[name].title}: into a window of its own, or back",
             )
             for name in shown
         ]
@@ -457,18 +398,27 @@ class PaletteEntries:
                 self._parts.actions.key_text(command.action) if command.action else "",
                 layout.soon(command.do),
                 also=tr("panels arrangement put back save reset"),
+                id=f"row {command.action}" if command.action else f"Window: Layout: {command.id}",
             )
             for command in layout.commands()
             if command.possible
         ] + [
-            Entry(text, tr("Window"), "layout", "", do, also=tr("panels arrangement layout study screens size"))
+            Entry(
+                tr(text),
+                tr("Window"),
+                "layout",
+                "",
+                do,
+                also=tr("panels arrangement layout study screens size"),
+                id=f"Window: {text}",
+            )
             for text, do in (
-                (tr("Unlock the layout"), lambda: layout.set_locked(False))
+                (QT_TR_NOOP("Unlock the layout"), lambda: layout.set_locked(False))
                 if layout.locked
-                else (tr("Lock for a study"), lambda: layout.set_locked(True)),
-                (tr("Keep one layout for all screens"), lambda: layout.set_adapts(False))
+                else (QT_TR_NOOP("Lock for a study"), lambda: layout.set_locked(True)),
+                (QT_TR_NOOP("Keep one layout for all screens"), lambda: layout.set_adapts(False))
                 if layout.adapts
-                else (tr("Adapt to small and large screens"), lambda: layout.set_adapts(True)),
+                else (QT_TR_NOOP("Adapt to small and large screens"), lambda: layout.set_adapts(True)),
             )
         ]
 
@@ -483,12 +433,21 @@ class PaletteEntries:
                 robots.chooser(choice),
                 also=tr("use switch another"),
                 acts=True,
+                id=f"Robot: Connect to {choice.title}",
             )
             for choice in robots.others()
         ]
         if robots.can_look:
             entries.append(
-                Entry(tr("Connect another robot…"), tr("Robot"), "plus", "", robots.open_dialog, also=tr("new add"))
+                Entry(
+                    tr("Connect another robot…"),
+                    tr("Robot"),
+                    "plus",
+                    "",
+                    robots.open_dialog,
+                    also=tr("new add"),
+                    id="Robot: Connect another robot…",
+                )
             )
         return entries
 
@@ -505,18 +464,38 @@ class PaletteEntries:
                     "",
                     self._doer(intents.PauseRecording(not paused)),
                     also=tr("resume continue break"),
+                    id="Do: Go on recording" if paused else "Do: Pause recording",
                 )
             )
-            entries.append(Entry(tr("Stop recording"), tr("Do"), "stop", "", self._doer(intents.StopRecording())))
+            stop = self._doer(intents.StopRecording())
+            entries.append(Entry(tr("Stop recording"), tr("Do"), "stop", "", stop, id="Do: Stop recording"))
         else:
-            entries.append(Entry(tr("Start recording"), tr("Do"), "record", "", windows.open_start_dialog, common=True))
+            entries.append(
+                Entry(
+                    tr("Start recording"),
+                    tr("Do"),
+                    "record",
+                    "",
+                    windows.open_start_dialog,
+                    common=True,
+                    id="Do: Start recording",
+                )
+            )
             if status.folder is not None:
                 entries.append(
-                    Entry(tr("Export the last session…"), tr("Window"), "export", "", windows.export_last_session)
+                    Entry(
+                        tr("Export the last session…"),
+                        tr("Window"),
+                        "export",
+                        "",
+                        windows.export_last_session,
+                        id="Window: Export the last session…",
+                    )
                 )
         if windows.has_library:
             also = tr("replay search study export")
-            entries.append(Entry(tr("All sessions…"), tr("Window"), "archive", "", windows.open_sessions, also=also))
+            text, known_as = tr("All sessions…"), "Window: All sessions…"
+            entries.append(Entry(text, tr("Window"), "archive", "", windows.open_sessions, also=also, id=known_as))
         return [*entries, *map(self._of_session, windows.recent)]
 
     def _of_session(self, session: SessionEntry) -> Entry:
@@ -546,6 +525,7 @@ class PaletteEntries:
                 "map-trifold",
                 "",
                 opener(choice),
+                id=f"Scenario: Open scenario {choice.title}",
             )
             for choice in parts.scenarios()
         ]
@@ -560,6 +540,7 @@ class PaletteEntries:
                 "",
                 parts.scenario_files.choose_import,
                 also=tr("open received file"),
+                id="Scenario: Import a scenario",
             ),
             Entry(
                 tr("Write this scenario as one file"),
@@ -568,5 +549,6 @@ class PaletteEntries:
                 "",
                 parts.scenario_files.choose_share,
                 also=tr("share export send"),
+                id="Scenario: Write this scenario as one file",
             ),
         ]

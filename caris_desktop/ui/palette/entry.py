@@ -1,7 +1,7 @@
 """What can be found."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
@@ -11,8 +11,8 @@ class Entry:
     ``acts``: it speaks or moves the robot, so it is found by its own words only and never by a guess at misspelt ones.
     ``deliberate``: it takes a protection away, so it is never chosen beforehand and wants Enter, or a click, twice;
     ``again`` is what it says between the two. ``first``: it stands before everything else that is found.
-    ``id`` is by what it is known again when it was used; what names a person has one that does not. ``common``: it
-    stands among what is often used, until the wizard has shown what that is.
+    ``id`` is by what it is known again when it was used, so it is the same in every language of the window, and tells
+    nothing of who a person is. ``common``: it stands among what is often used, until the wizard has shown what that is.
     """
 
     text: str
@@ -25,12 +25,8 @@ class Entry:
     deliberate: bool = False
     again: str = ""
     first: bool = False
-    id: str = ""
     common: bool = False
-
-    @property
-    def known_as(self) -> str:
-        return self.id or f"{self.kind}: {self.text}"
+    id: str = field(kw_only=True)
 
     @property
     def spoken(self) -> str:

@@ -32,7 +32,7 @@ class PaletteMemory:
         if entry.deliberate:
             return
         recent, counts = self._read()
-        name = entry.known_as
+        name = entry.id
         counts[name] += 1
         recent = [name, *(known for known in recent if known != name)][:_KEPT]
         kept = {known: counts[known] for known in recent}

@@ -37,7 +37,7 @@ class QuickChoices:
         wizards = self._parts.wizards
 
         def chosen(name: str, text: str) -> Entry:
-            return Entry(text, tr("Wizard"), "user-gear", "", lambda: wizards.choose(name))
+            return Entry(text, tr("Wizard"), "user-gear", "", lambda: wizards.choose(name), id=f"Wizard: {name}")
 
         known = [chosen(name, name) for name in wizards.names if name != wizards.current]
         self._palette.ask(

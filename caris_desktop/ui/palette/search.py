@@ -16,7 +16,7 @@ _ENOUGH = 30
 
 @dataclass(frozen=True, slots=True)
 class Used:
-    """What this wizard found before, by ``Entry.known_as``: the newest first, and what is often used."""
+    """What this wizard found before, by ``Entry.id``: the newest first, and what is often used."""
 
     recent: tuple[str, ...] = ()
     often: tuple[str, ...] = ()
@@ -119,7 +119,7 @@ def _like(word: str, known_words: set[str]) -> list[tuple[str, float]]:
 def _in_order(entries: Sequence[Entry], used: Used) -> tuple[tuple[Entry, ...], tuple[int, ...]]:
     by_name: dict[str, Entry] = {}
     for entry in entries:
-        by_name.setdefault(entry.known_as, entry)
+        by_name.setdefault(entry.id, entry)
     placed: set[int] = set()
     parts: list[list[Entry]] = []
     often = [by_name[name] for name in used.often if name in by_name]

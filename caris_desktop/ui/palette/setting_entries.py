@@ -10,7 +10,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.scenario.assistance import levels_up_to
 from caris_desktop.ui import event_words
-from caris_desktop.ui.appearance import scale_words
+from caris_desktop.ui.appearance import percent_of, scale_words
 from caris_desktop.ui.palette.entry import Entry
 from caris_desktop.ui.sound_menu import sound_choices
 from caris_desktop.ui.speak.voice_choices import voice_choices
@@ -57,6 +57,7 @@ class SettingEntries:
                 self._doer(choice.intent),
                 also=tr("speak voice"),
                 acts=True,
+                id=f"Voice: {choice.id}",
             )
             for group in voice_choices(self._state.voice.value)
             for choice in group
@@ -68,12 +69,13 @@ class SettingEntries:
         settings, levels = self._console.scenario.assistance, self._state.levels.value
         return [
             Entry(
-                tr("{function}: {level}").format(function=tr(title), level=tr(event_words.LEVELS[level]).lower()),
+                tr("{function}: {level}").format(function=tr(title), level=tr(event_words.LEVELS[level])),
                 tr("Do"),
                 "sliders-horizontal",
                 "",
                 self._doer(intents.SetLevel(function, level)),
                 also=tr("assistant level suggestions proposals"),
+                id=f"Do: {title}: {event_words.LEVELS[level].lower()}",
             )
             for function, title in event_words.FUNCTIONS.items()
             for level in levels_up_to(getattr(settings, function))
@@ -84,7 +86,8 @@ class SettingEntries:
         drive: DriveStatus = self._state.drive.value
         if drive.guard == "overridden":
             on = self._doer(intents.SetGuard(on=True))
-            return [Entry(tr("Switch the obstacle guard on"), tr("Do"), "shield-check", "", on)]
+            text = tr("Switch the obstacle guard on")
+            return [Entry(text, tr("Do"), "shield-check", "", on, id="Do: Switch the obstacle guard on")]
         if drive.guard == "absent" or not self._console.scenario.permissions.driving:
             return []
         return [
@@ -96,6 +99,7 @@ class SettingEntries:
                 self._doer(intents.SetGuard(on=False)),
                 deliberate=True,
                 again=tr("Press Enter again to switch the guard off"),
+                id="Switch the obstacle guard off",
             )
         ]
 
@@ -113,6 +117,7 @@ class SettingEntries:
                 "",
                 chooser(name),
                 also=tr("who is at the console profile keys"),
+                id=f"Wizard: Wizard: {name or 'nobody in particular'}",
             )
             for name in (*wizards.names, "")
             if name != wizards.current
@@ -127,6 +132,7 @@ class SettingEntries:
                 "",
                 self._doer(choice.intent),
                 also=tr("device input volume"),
+                id=f"Sound: {choice.id}",
             )
             for choice in sound_choices(self._console)
             if not choice.chosen
@@ -139,7 +145,15 @@ class SettingEntries:
             return lambda: appearance.choose_scale(scale)
 
         return [
-            Entry(scale_words(scale), tr("Window"), "text-aa", "", chooser(scale), also=tr("larger text zoom scale"))
+            Entry(
+                scale_words(scale),
+                tr("Window"),
+                "text-aa",
+                "",
+                chooser(scale),
+                also=tr("larger text zoom scale"),
+                id=f"Window: Size: {f'{percent_of(scale)} % from the next start' if scale else 'as the system has it'}",
+            )
             for scale in SCALES
             if scale != appearance.scale
         ]
@@ -158,6 +172,7 @@ class SettingEntries:
                 "",
                 chooser(name),
                 also=tr("translation"),
+                id=f"Window: Language: {QLocale(name).nativeLanguageName()} from the next start",
             )
             for name in appearance.languages()
             if name != appearance.language
@@ -170,6 +185,13 @@ class SettingEntries:
             return lambda: parts.appearance.choose_theme(choice)
 
         return [
-            Entry(tr("Appearance: {theme}").format(theme=tr(words).lower()), tr("Window"), "moon", "", chooser(choice))
+            Entry(
+                tr("Appearance: {theme}").format(theme=tr(words)),
+                tr("Window"),
+                "moon",
+                "",
+                chooser(choice),
+                id=f"Window: Appearance: {words.lower()}",
+            )
             for choice, words in THEME_WORDS.items()
         ]

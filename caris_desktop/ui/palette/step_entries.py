@@ -23,13 +23,14 @@ def step_entries(console: WizardConsole) -> list[Entry]:
         Entry(
             tr("{what}: on to {step}").format(what=branch.title, step=target_of(scenario, branch).title),
             tr("Branch"), "git-branch", "", doer(intents.TakeBranch(branch.title)), also=tr("branch protocol"),
+            id=f"Branch: {branch.title}: on to {target_of(scenario, branch).title}",
         )
         for branch in (() if step is None else step.branches)
     ]  # fmt: skip
     steps = [
         Entry(
             tr("Step {number}: {title}").format(number=number, title=one.title), tr("Step"), "list-numbers", "",
-            doer(intents.GoToStep(one.step_id)), also=tr("protocol jump begin"),
+            doer(intents.GoToStep(one.step_id)), also=tr("protocol jump begin"), id=f"Step: Step {number}: {one.title}",
         )
         for number, one in enumerate(scenario.protocol.steps, start=1)
     ]  # fmt: skip

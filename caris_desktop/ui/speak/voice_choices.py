@@ -22,8 +22,9 @@ _VOLUMES = ((0.25, QT_TR_NOOP("Quietly")), (0.5, QT_TR_NOOP("At half volume")), 
 
 @dataclass(frozen=True, slots=True)
 class VoiceChoice:
-    """One line of the menu. ``chosen``: it is so now."""
+    """One line of the menu. ``chosen``: it is so now. ``id`` is the same in every language."""
 
+    id: str
     text: str
     chosen: bool
     intent: SetVoice
@@ -32,26 +33,24 @@ class VoiceChoice:
 def voice_choices(voice: VoiceStatus) -> list[list[VoiceChoice]]:
     """Group by group; of this computer's voice only where it speaks."""
 
-    def choice(text: str, *, chosen: bool, **changes: object) -> VoiceChoice:
+    def choice(known_as: str, *, text: str = "", chosen: bool, **changes: object) -> VoiceChoice:
         now: dict[str, object] = {
             "output": voice.output, "name": voice.name, "language": voice.language, "rate": voice.rate,
             "volume": voice.volume,
         }  # fmt: skip
-        return VoiceChoice(text, chosen, SetVoice(**{**now, **changes}))  # type: ignore[arg-type]
+        return VoiceChoice(known_as, text or tr(known_as), chosen, SetVoice(**{**now, **changes}))  # type: ignore[arg-type]
 
-    groups = [[choice(tr(text), chosen=voice.output == output, output=output) for output, text in _OUTPUTS]]
+    groups = [[choice(text, chosen=voice.output == output, output=output) for output, text in _OUTPUTS]]
     if voice.output == "robot":
         return groups
     groups.append(
         [
-            choice(
-                f"{_title(name)} · {language}", chosen=name in (voice.name, voice.used), name=name, language=language
-            )
-            for name, language in voice.choices
+            choice(text, text=text, chosen=name in (voice.name, voice.used), name=name, language=language)
+            for text, name, language in ((f"{_title(name)} · {own}", name, own) for name, own in voice.choices)
         ]
     )
-    groups.append([choice(tr(text), chosen=voice.rate == rate, rate=rate) for rate, text in _RATES])
-    groups.append([choice(tr(text), chosen=voice.volume == volume, volume=volume) for volume, text in _VOLUMES])
+    groups.append([choice(text, chosen=voice.rate == rate, rate=rate) for rate, text in _RATES])
+    groups.append([choice(text, chosen=voice.volume == volume, volume=volume) for volume, text in _VOLUMES])
     return [group for group in groups if group]
 
 

@@ -1,6 +1,7 @@
 """Find anything: what is in it, and what it never does by a guess or a slip."""
 
 import dataclasses
+import json
 from pathlib import Path
 
 import pytest
@@ -9,10 +10,12 @@ from PySide6.QtGui import QAction, QKeyEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
-from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.controls import CallService, Choice, RobotControl
 from caris_desktop.live.status import LibraryStatus, LiveRobotsStatus, RecordingStatus
 from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
+from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.ui.action_rows import go_to_nth_place
+from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.palette.entry import Entry
@@ -64,7 +67,7 @@ def test_whatever_speaks_or_moves_is_found_by_its_own_words_only(window: MainWin
 
 def test_other_things_are_still_found_where_they_are_misspelt(window: MainWindow) -> None:
     assert texts(palette_of(window, "diagnotics")) == ["Diagnostics"]
-    guess = Entry("Kitchen", "Panel", "", "", lambda: None)
+    guess = Entry("Kitchen", "Panel", "", "", lambda: None, id="Panel: Kitchen")
     assert matching([guess], "kichen") == [guess]
     assert matching([dataclasses.replace(guess, acts=True)], "kichen") == []
     assert matching([dataclasses.replace(guess, acts=True)], "kitch")
@@ -145,7 +148,7 @@ def test_everything_that_can_be_done_now_is_in_it_and_nothing_else(window: MainW
     state.drive.set(dataclasses.replace(drive, guard="clear", emergency_stop=True))
     shown = {entry.text for entry in window.palette_entries()}
     for spec in window.actions_table.specs:
-        if spec.runs and spec.intent is not go_to_nth_place and spec.id != "find":
+        if spec.runs and spec.intent is not go_to_nth_place and spec.id not in ("find", "layout_undo"):
             assert (spec.text in shown) == window.actions_table.available(spec.id), spec.text
     assert shown >= {
         RELEASE, "Stop going to Kitchen", "Show the camera rear", "Layout: Reset: as the scenario came",
@@ -247,6 +250,99 @@ def test_the_newest_sessions_are_found_and_open_in_replay(window: MainWindow, co
     assert [call[0] for call in library.named("open_replay")] == [session.folder]
     palette_of(window)
     assert library.named("find") == [SessionQuery()], "asked once"
+
+
+ALL_LEVELS = AssistanceSettings(replies="act", fillers="act", actions="act")
+CONTROLS = (
+    RobotControl("wave", "Wave", "button", CallService("/do", "std_srvs/Trigger", {})),
+    RobotControl("lamp", "Lamp", "toggle", CallService("/do", "std_srvs/SetBool", {}), group="Lights"),
+    RobotControl("eyes", "Eyes", "choice", CallService("/do", "x/Y", {}), choices=(Choice("Blue", "blue"),)),
+    RobotControl("arm", "Arm", "slider", CallService("/do", "x/Y", {}), range=(0.0, 1.0)),
+)
+
+
+def fill(window: MainWindow, console: FakeConsole) -> None:
+    """So that whatever Find anything can hold is there, in this state or that of ``others``."""
+    state, scenario = console.state, console.scenario
+    console.inputs = ("Headset",)
+    console.scenario = dataclasses.replace(
+        scenario, assistance=ALL_LEVELS, sound=dataclasses.replace(scenario.sound, hear=True),
+        permissions=dataclasses.replace(scenario.permissions, own_voice=True),
+    )  # fmt: skip
+    state.controls.set(CONTROLS)
+    state.cameras.set(("front", "rear"))
+    state.camera.set("front")
+    state.voice.set(dataclasses.replace(state.voice.value, output="computer", choices=(("piper:joe", "en"),)))
+    state.mapping.set(dataclasses.replace(state.mapping.value, can_save=True, can_switch=True, mapping=None))
+    state.drive.set(dataclasses.replace(state.drive.value, guard="clear"))
+    console.go_to_place("Kitchen")
+    library = FakeLibrary()
+    window.use_library(library)
+    window.wizards.choose("Ana")
+    window.wizards.choose("")
+    session = SessionEntry(Path("/study/sessions/s-7"), "2026-11-22T14:05:00+00:00", 60.0, participant="P07")
+    window.show_command_palette()
+    library.found.set(LibraryStatus(SessionQuery(), (session,)))
+    window.hold.escape_pressed.emit()
+    window.board.close("map")
+
+
+def seen(window: MainWindow, console: FakeConsole) -> list[Entry]:
+    """In these states, and as a replay would have it."""
+    state, found = console.state, list[Entry]()
+    for recording, latched in (("recording", False), ("paused", True), ("idle", False)):
+        state.recording.set(RecordingStatus(recording, folder=Path("/study/sessions/s-8")))  # type: ignore[arg-type]
+        state.drive.set(
+            dataclasses.replace(state.drive.value, emergency_stop=latched, guard="overridden" if latched else "clear")
+        )
+        window.layout_keeper.set_locked(latched)
+        found += window.palette_entries()
+    return found
+
+
+OWN = ("row ", "person ", "session ", "save map")
+"""How those ids begin that never were a text of the window."""
+
+
+def test_each_is_known_again_in_every_language_and_by_the_words_it_always_had_in_english(
+    window: MainWindow, console: FakeConsole, settings: MemorySettings
+) -> None:
+    fill(window, console)
+    english = seen(window, console)
+    assert len({entry.id for entry in english}) > 140
+    told = [entry for entry in english if not entry.deliberate and not entry.id.startswith(OWN)]
+    # Written before ids were: settings keep them.
+    assert [entry.id for entry in told if entry.id.casefold() != f"{entry.kind}: {entry.text}".casefold()] == []
+    before = json.dumps({"recent": ["Do: Undo the last change to people", "Panel: Close Video"], "counts": {}})
+    settings.setValue("wizards/*/palette/used", before)
+    language = Language()
+    language.use(TRIAL)
+    try:
+        trial = seen(window, console)
+        assert [entry.id for entry in trial] == [entry.id for entry in english]
+        same = [entry.text for entry, other in zip(trial, english, strict=True) if entry.text != other.text]
+        assert len(same) > 80, "the language is another one"
+        palette = palette_of(window)
+        assert [entry.id for entry in palette.list.entries[:2]] == json.loads(before)["recent"]
+        window.hold.escape_pressed.emit()
+        window.use_replay(FakeReplay())
+        trial = window.palette_entries()
+    finally:
+        language.use(ENGLISH)
+    assert [entry.id for entry in trial] == [entry.id for entry in window.palette_entries()]
+
+
+def test_each_act_of_the_layout_has_one_line_that_says_what_it_does(window: MainWindow) -> None:
+    def undoing() -> list[tuple[str, str]]:
+        return [(entry.text, entry.key) for entry in window.palette_entries() if "undo" in entry.text.casefold()]
+
+    people = ("Undo the last change to people", "")
+    assert undoing() == [people], "nothing was changed"
+    window.board.close("map")
+    assert undoing() == [people, ("Layout: Undo: Close Map", window.actions_table.key_text("layout_undo"))]
+    next(entry for entry in window.palette_entries() if entry.text.startswith("Layout: Undo")).do()
+    QApplication.processEvents()
+    assert window.board.is_open("map")
 
 
 def leaves(menu: QMenu) -> list[QAction]:

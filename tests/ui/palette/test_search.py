@@ -19,7 +19,7 @@ from tests.ui.conftest import MemorySettings
 
 
 def entry(text: str, **more: object) -> Entry:
-    return Entry(text, "Do", "", "", lambda: None, **more)  # type: ignore[arg-type]
+    return Entry(text, "Do", "", "", lambda: None, id=f"Do: {text}", **more)  # type: ignore[arg-type]
 
 
 def texts(entries: object) -> list[str]:

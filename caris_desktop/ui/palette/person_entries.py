@@ -1,0 +1,123 @@
+"""What can be found of people: each of them, and the question that is asked about one."""
+
+from collections.abc import Callable
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.translation import tr
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.ui import words
+from caris_desktop.ui.palette.entry import Entry
+from caris_desktop.ui.people.asked import is_asked
+from caris_desktop.ui.people.shown_people import everyone
+from caris_desktop.ui.window_parts import WindowParts
+
+
+class PersonEntries:
+    def __init__(self, parts: WindowParts) -> None:
+        self._parts = parts
+        self._console = parts.console
+        self._state = parts.console.state
+
+    def now(self) -> list[Entry]:
+        """Everybody by name: to select, to rename, to read and write about; and the question that is asked now."""
+        table, state = self._parts.actions, self._state
+        persons = everyone(state.persons.value, state.everybody.value, state.present.now_ns())
+        entries = []
+        asked = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
+        if asked is not None and asked.suggestion is not None:
+            named = {"person": words.person_name(asked), "other": asked.suggestion.name}
+            for action_id, text, icon in (
+                ("answer_yes", tr("Yes, {person} is {other}").format(**named), "check"),
+                ("answer_no", tr("No, {person} is not {other}").format(**named), "x"),
+            ):
+                entries.append(
+                    Entry(
+                        text,
+                        tr("Person"),
+                        icon,
+                        table.key_text(action_id),
+                        self._runner(action_id),
+                        also=tr("confirm reject"),
+                        acts=True,
+                        id=f"row {action_id}",
+                    )
+                )
+        for person in persons:
+            name, also = words.person_name(person), " ".join((tr("person"), person.group, *person.tags))
+            # What is remembered of what was found tells nothing of who it was.
+            known_as = person.person_id
+            entries.append(
+                Entry(
+                    name,
+                    tr("Select"),
+                    "user",
+                    "",
+                    self._selector(person),
+                    also=also,
+                    acts=True,
+                    id=f"person {known_as} select",
+                )
+            )
+            if "people" not in self._parts.panels.possible():
+                continue
+            entries.append(
+                Entry(
+                    tr("All about {person}").format(person=name),
+                    tr("Person"),
+                    "identification-card",
+                    "",
+                    self._shower(person, card=True),
+                    acts=True,
+                    id=f"person {known_as} card",
+                )
+            )
+            if person.here:
+                entries.append(
+                    Entry(
+                        tr("Rename {person}").format(person=name),
+                        tr("Person"),
+                        "pencil-simple",
+                        "",
+                        self._shower(person, rename=True),
+                        acts=True,
+                        id=f"person {known_as} rename",
+                    )
+                )
+        if state.everybody.value or state.persons.value:
+            entries.append(
+                Entry(
+                    tr("Undo the last change to people"),
+                    tr("Do"),
+                    "arrow-u-up-left",
+                    "",
+                    self._undo,
+                    also=tr("take back name merge"),
+                    id="Do: Undo the last change to people",
+                )
+            )
+        return entries
+
+    def _undo(self) -> None:
+        self._console.do(intents.UndoPeople())
+
+    def _runner(self, action_id: str) -> Callable[[], None]:
+        return lambda: self._parts.actions.run(action_id)
+
+    def _selector(self, person: PersonRow) -> Callable[[], None]:
+        def select() -> None:
+            self._console.do(intents.AttendPerson(person.person_id))
+            panel = self._parts.panels.panels.get("people")
+            if panel is not None:
+                panel.show_person(person.person_id)
+
+        return select
+
+    def _shower(self, person: PersonRow, *, rename: bool = False, card: bool = False) -> Callable[[], None]:
+        def show() -> None:
+            panels = self._parts.panels
+            panels.open("people")
+            panel = panels.panels.get("people")
+            if panel is not None:
+                panel.show_person(person.person_id, rename=rename, card=card)
+
+        return show
