@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.speech_messages import (
     CloseSpeech,
+    Draft,
     Prepare,
     SilenceSpeech,
     Speak,
@@ -59,9 +60,9 @@ class SpeechDeadlines:
 def run_speech(connection: Connection, deadlines: SpeechDeadlines = SpeechDeadlines()) -> None:
     """Process body: speak what is asked until the connection ends.
 
-    Receives UseVoice, Prepare, Speak, SilenceSpeech and CloseSpeech. Sends SpeechReady (again whenever it changes),
-    SpeechFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and failed,
-    AudioChunk of what was heard, PlayedSound and PlayedSoundEnded.
+    Receives UseVoice, Prepare, Draft, Speak, SilenceSpeech and CloseSpeech. Sends SpeechReady (again whenever it
+    changes), SpeechFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and
+    failed, AudioChunk of what was heard, PlayedSound and PlayedSoundEnded.
     """
     inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     threading.Thread(target=_read_console, args=(connection, inbox), name="console", daemon=True).start()
@@ -205,6 +206,8 @@ class _SpeechDesk:
                 self._use(settings)
             case Prepare(texts):
                 self._prepare(texts)
+            case Draft(text):
+                self._draft(text)
             case CloseSpeech():
                 self._closed = True
                 self._silenced_by = CONSOLE
@@ -238,6 +241,11 @@ class _SpeechDesk:
         self._to_prepare = tuple(chosen)
         if self._engine is not None:
             self._engine.prepare(self._to_prepare)
+
+    def _draft(self, text: str) -> None:
+        spoken = speakable(text)
+        if self._engine is not None and len(spoken) <= MAX_UTTERANCE_CHARACTERS:
+            self._engine.draft(spoken)
 
     def _take(self, command: Speak) -> None:
         text = speakable(command.text)

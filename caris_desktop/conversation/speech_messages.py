@@ -58,6 +58,13 @@ class Prepare:
 
 
 @dataclass(frozen=True, slots=True)
+class Draft:
+    """Somebody types this and may ask for it any moment: its sound is made before that of all prepared texts."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class SilenceSpeech:
     """Interrupt what is being said at once and drop what is waiting."""
 

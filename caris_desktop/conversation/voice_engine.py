@@ -34,6 +34,7 @@ class _Engine:
         self._woken = threading.Event()
         self._rendering: Rendering | None = None
         self._to_prepare: list[str] = []
+        self._draft = ""
         self._tuned: tuple[float, float] | None = None
 
     def run(self, settings: dict[str, Any], folder: Path) -> None:
@@ -55,6 +56,7 @@ class _Engine:
         rendering = self._rendering = Rendering(voice)
         threading.Thread(target=rendering.run, name="rendering", daemon=True).start()
         rendering.prepare(self._to_prepare)
+        rendering.draft(self._draft)
         if self._tuned is not None:
             rendering.tune(*self._tuned)
         self._tell("ready", voice=voice.name, why_not=why_not)
@@ -85,6 +87,10 @@ class _Engine:
                     self._to_prepare = command["texts"]
                     if self._rendering is not None:
                         self._rendering.prepare(self._to_prepare)
+                case "draft":
+                    self._draft = command["text"]
+                    if self._rendering is not None:
+                        self._rendering.draft(self._draft)
                 case "tune":
                     self._tuned = (command["rate"], command["volume"])
                     if self._rendering is not None:

@@ -48,6 +48,7 @@ _STAYS_NS = 400_000_000
 LEAVES_NOTHING = {
     intents.UseMicrophone,
     intents.TryMicrophone,
+    intents.DraftSpeech,
     intents.HearRobot,
     intents.ShareScenario,
     intents.LookUpPerson,
@@ -56,8 +57,8 @@ LEAVES_NOTHING = {
     intents.BeginPractice,
 }
 """Of which microphone is used the record has the sound. Who reads about somebody, hears along or tries a microphone
-changes nothing. When something is said is on record, however it came about. A trial that nobody goes on with is over.
-What is practised has a recording of its own."""
+changes nothing. When something is said is on record, however it came about, and what is only typed
+is not. A trial that nobody goes on with is over. What is practised has a recording of its own."""
 
 WRITTEN_ELSEWHERE = {events.PersonForgotten, events.PracticeStepEnded, events.PracticeEnded}
 """Nobody is forgotten while a file is written, and what is practised goes into a file of its own."""

@@ -53,6 +53,7 @@ SAMPLES: tuple[Intent, ...] = (
     intents.UseControl("wave", True),
     intents.UseRobot("simulated"),
     intents.Say("Hello", "typed"),
+    intents.DraftSpeech("Hello there."),
     intents.FillGap("Ada"),
     intents.MoveQueued("u-1", 0),
     intents.EditQueued("u-1", "Hello"),

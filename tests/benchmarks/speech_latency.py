@@ -1,15 +1,20 @@
 """From the Enter key to the first sound, and from the key that silences to silence, in what a listener hears.
 
-The real console in its window, a warm Piper voice, sentences that were not made ahead of time, and a PulseAudio null
-sink whose monitor is recorded: both ends of each figure are the key event and the recorded sound, none of the console's
-own events. Once with nothing else running and once with a program that burns a core. Prints one JSON object.
+The real console in its window, a warm Piper voice, sentences that it never spoke before, and a PulseAudio null sink
+whose monitor is recorded: both ends of each figure are the key event and the recorded sound, none of the console's own
+events. Typed as people do, with a sixth of a second or so between the last keys of the sentence and as much before
+Enter, so that the voice can begin with what stands there; and beside it put into the field whole with Enter right
+behind it, which leaves it no time. Each with nothing else running and with a program that burns a core. Prints one
+JSON object.
 """
 
 import argparse
+import itertools
 import json
 import os
 import random
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -30,24 +35,31 @@ _ENDS = ("today.", "in the lab.", "every morning.", "as you can see.", "if you l
 _HEARD_AT_LEAST = 200
 _SPOKEN_BEFORE_SILENCE_S = 0.6
 _PAUSE_S = 0.4
+_KEYS_AT_A_TIME = 6
+_BETWEEN_KEYS_S = (0.11, 0.25)
+_RIGHT_BEHIND_S = 0.02
 
 
 def sentences(count: int) -> list[str]:
     """Different ones of the length that people type."""
-    words = random.Random(11)  # noqa: S311 - sentences
-    parts = (_SUBJECTS, _VERBS, _OBJECTS, _ENDS)
-    return [" ".join(words.choice(part) for part in parts) for _ in range(count)]
+    every = itertools.product(_SUBJECTS, _VERBS, _OBJECTS, _ENDS)
+    return [" ".join(parts) for parts in random.Random(11).sample(list(every), count)]  # noqa: S311 - sentences
 
 
-def measure(load: ConsoleUnderLoad, heard: StampedSound, texts: list[str]) -> dict[str, dict[str, float]]:
+def measure(load: ConsoleUnderLoad, heard: StampedSound, texts: list[str], *, typed: bool) -> dict[str, object]:
     field = load.window.findChild(QPlainTextEdit, "speak_field")
+    rhythm = random.Random(12)  # noqa: S311 - a typist
     to_sound_ms: list[float] = []
     to_silence_ms: list[float] = []
     for text in texts:
         field.setFocus()
         field.clear()
-        QTest.keyClicks(field, text)
-        load.let_qt_run(0.05)
+        by_key = text[-_KEYS_AT_A_TIME:] if typed else ""
+        field.insertPlainText(text.removesuffix(by_key))
+        for key in by_key:
+            load.let_qt_run(rhythm.uniform(*_BETWEEN_KEYS_S))
+            QTest.keyClicks(field, key)
+        load.let_qt_run(rhythm.uniform(*_BETWEEN_KEYS_S) if typed else _RIGHT_BEHIND_S)
         entered_ns = clock.now_ns()
         QTest.keyClick(field, Qt.Key.Key_Return)
         load.wait_for(lambda: _is_started(load), "the sentence", 30.0)
@@ -61,6 +73,11 @@ def measure(load: ConsoleUnderLoad, heard: StampedSound, texts: list[str]) -> di
         _, ended_ns = heard.loud_between(entered_ns, clock.now_ns(), least=_HEARD_AT_LEAST)
         to_silence_ms.append(max(0.0, (ended_ns - silenced_ns) / 1e6))
     return {"enter_to_sound_ms": percentiles(to_sound_ms), "silence_ms": percentiles(to_silence_ms)}
+
+
+def _both(load: ConsoleUnderLoad, heard: StampedSound, texts: Iterator[str], count: int) -> dict[str, object]:
+    typed = measure(load, heard, list(itertools.islice(texts, count)), typed=True)
+    return typed | {"at_once": measure(load, heard, list(itertools.islice(texts, count)), typed=False)}
 
 
 def _is_started(load: ConsoleUnderLoad) -> bool:
@@ -78,12 +95,12 @@ def report(count: int) -> dict[str, object]:
             load.wait_for(lambda: bool(load.state.voice.value.used), "voice", 120.0)
             used = load.state.voice.value.used
             with sound.stamped() as heard:
-                texts = sentences(2 * count)
-                measure(load, heard, sentences(2 * count + 2)[-2:])
-                quiet = measure(load, heard, texts[:count])
+                texts = iter(sentences(4 * count + 2))
+                measure(load, heard, [next(texts), next(texts)], typed=True)
+                quiet = _both(load, heard, texts, count)
                 burners = Burners(1)
                 try:
-                    busy = measure(load, heard, texts[count:])
+                    busy = _both(load, heard, texts, count)
                 finally:
                     burners.end()
         finally:
@@ -94,7 +111,7 @@ def report(count: int) -> dict[str, object]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=60, help="sentences each time")
+    parser.add_argument("--count", type=int, default=40, help="sentences each of the four times")
     arguments = parser.parse_args()
     on_a_screen()
     print(json.dumps(report(arguments.count)))

@@ -54,6 +54,9 @@ class VoiceEngine:
     def prepare(self, texts: Sequence[str]) -> None:
         self._send({"do": "prepare", "texts": list(texts)})
 
+    def draft(self, text: str) -> None:
+        self._send({"do": "draft", "text": text})
+
     def kill(self) -> None:
         self._process.kill()
         self._process.wait()

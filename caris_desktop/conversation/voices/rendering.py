@@ -25,6 +25,43 @@ KEPT_AT_MOST_BYTES = 24_000_000
 Told = Callable[[int, Samples], None]
 
 
+class _Making:
+    """One text on its way to sound. Who wants to hear it may come when some of it is there already.
+
+    ``is_draft``: somebody is still typing it.
+    """
+
+    def __init__(self, text: str, *, is_draft: bool = False) -> None:
+        self.text = text
+        self.is_draft = is_draft
+        self.stop = Stop()
+        self.parts: list[Samples] = []
+        self._telling = threading.Lock()
+        self._listener: tuple[GrowingSound, Told] | None = None
+
+    @property
+    def is_heard(self) -> bool:
+        return self._listener is not None
+
+    def hear(self, sound: GrowingSound, told: Told) -> None:
+        """What is there at once, and the rest as it comes. Before `finish`."""
+        with self._telling:
+            for part in self.parts:
+                told(sound.append(part), part)
+            self._listener = sound, told
+
+    def add(self, part: Samples) -> None:
+        with self._telling:
+            self.parts.append(part)
+            if self._listener is not None:
+                sound, told = self._listener
+                told(sound.append(part), part)
+
+    def finish(self, trouble: str) -> None:
+        if self._listener is not None:
+            self._listener[0].finish(trouble)
+
+
 class Rendering:
     """One voice and what it has made. ``run`` is the body of its thread; the rest is for others."""
 
@@ -32,28 +69,46 @@ class Rendering:
         self._voice = voice
         self._kept = KeptSounds(kept_at_most_bytes)
         self._changed = threading.Condition()
-        self._wanted: tuple[str, GrowingSound, Told] | None = None
+        self._wanted: _Making | None = None
+        self._making: _Making | None = None
+        self._draft = ""
         self._ahead: deque[str] = deque()
         self._prepared: tuple[str, ...] = ()
         self._tuned: tuple[float, float] | None = None
-        self._stop = Stop()
         self._ended = False
 
     def say(self, text: str, sound: GrowingSound, told: Told) -> None:
         """Now: ``sound`` grows, and ``told(frame, samples)`` gets each part of it as soon as it is there.
 
-        What is made ahead of time waits from here on until it is complete.
+        What is made ahead of time waits from here on until it is complete; where it is this very text, it is gone on
+        with.
         """
         with self._changed:
-            self._stop.set()
-            self._wanted = (text, sound, told)
+            making = self._making
+            if making is not None and making.text == text and not (making.is_heard or making.stop.is_set):
+                making.hear(sound, told)
+                return
+            self._wanted = _Making(text)
+            self._wanted.hear(sound, told)
+            if making is not None:
+                making.stop.set()
             self._changed.notify()
 
     def stop(self) -> None:
         """Nobody wants any more what is being said."""
         with self._changed:
             self._wanted = None
-            self._stop.set()
+            if self._making is not None and self._making.is_heard:
+                self._making.stop.set()
+
+    def draft(self, text: str) -> None:
+        """This may be asked for any moment: make it before all else that is made ahead. Empty: nothing is typed."""
+        with self._changed:
+            self._draft = "" if self._kept.get(text) is not None else text
+            making = self._making
+            if making is not None and not making.is_heard and making.text != text and (self._draft or making.is_draft):
+                making.stop.set()
+            self._changed.notify()
 
     def prepare(self, texts: Sequence[str]) -> None:
         """Make these ahead of time, the first ones first; others that were to be made no longer are."""
@@ -72,13 +127,14 @@ class Rendering:
     def end(self) -> None:
         with self._changed:
             self._ended = True
-            self._stop.set()
+            if self._making is not None:
+                self._making.stop.set()
             self._changed.notify()
 
     def run(self) -> None:
         while True:
             with self._changed:
-                while not (self._wanted or self._ahead or self._tuned or self._ended):
+                while not (self._wanted or self._draft or self._ahead or self._tuned or self._ended):
                     self._changed.wait()
                 if self._ended:
                     return
@@ -88,50 +144,44 @@ class Rendering:
                     self._kept.clear()
                     self._ahead = deque(self._prepared)
                     continue
-                wanted, self._wanted = self._wanted, None
-                ahead = "" if wanted is not None else self._ahead.popleft()
-                kept = self._kept.get(ahead if wanted is None else wanted[0])
-                self._stop = stop = Stop()
-            if wanted is not None:
-                self._make(*wanted, kept, stop)
-            elif kept is None:
-                self._make_ahead(ahead, stop)
+                making = self._next()
+                kept = self._kept.get(making.text)
+                if kept is not None and not making.is_heard:
+                    continue
+                self._making = making
+            begun_s = time.monotonic()
+            self._make(making, kept)
+            if not (making.is_draft or making.is_heard):
+                # There is time: half of it is left to whatever else this computer does.
+                with self._changed:
+                    if not (self._ended or self._wanted or self._draft):
+                        self._changed.wait(time.monotonic() - begun_s)
 
-    def _make(self, text: str, sound: GrowingSound, told: Told, kept: Samples | None, stop: Stop) -> None:
+    def _next(self) -> _Making:
+        if self._wanted is not None:
+            wanted, self._wanted = self._wanted, None
+            return wanted
+        if self._draft:
+            draft, self._draft = self._draft, ""
+            return _Making(draft, is_draft=True)
+        return _Making(self._ahead.popleft())
+
+    def _make(self, making: _Making, kept: Samples | None) -> None:
+        trouble = ""
         try:
-            made: list[Samples] = []
-            parts = trimmed(self._voice.parts(text, stop), self._voice.rate_hz, self._voice.least_heard)
+            parts = trimmed(self._voice.parts(making.text, making.stop), self._voice.rate_hz, self._voice.least_heard)
             for part in parts if kept is None else [kept]:
-                stop.check()
-                made.append(part)
-                told(sound.append(part), part)
-            if kept is None and made:
-                self._keep(text, made)
-            sound.finish("" if made else "the voice made no sound")
+                making.stop.check()
+                making.add(part)
         except RenderingStoppedError:
-            sound.finish("it was interrupted")
+            trouble = "it was interrupted"
         except Exception as error:
             traceback.print_exc()
-            sound.finish(words_of(error))
-
-    def _make_ahead(self, text: str, stop: Stop) -> None:
-        begun_s = time.monotonic()
-        try:
-            made = list(trimmed(self._voice.parts(text, stop), self._voice.rate_hz, self._voice.least_heard))
-        except RenderingStoppedError:
-            with self._changed:
-                self._ahead.appendleft(text)
-            return
-        except Exception:
-            traceback.print_exc()
-            return
-        if made:
-            self._keep(text, made)
-        # There is time: half of it is left to whatever else this computer does.
+            trouble = words_of(error)
         with self._changed:
-            if not self._ended and self._wanted is None:
-                self._changed.wait(time.monotonic() - begun_s)
-
-    def _keep(self, text: str, made: list[Samples]) -> None:
-        with self._changed:
-            self._kept.put(text, np.concatenate(made))
+            self._making = None
+            if making.stop.is_set and making.text in self._prepared:
+                self._ahead.appendleft(making.text)
+            elif not trouble and making.parts:
+                self._kept.put(making.text, np.concatenate(making.parts))
+        making.finish(trouble or ("" if making.parts else "the voice made no sound"))

@@ -121,6 +121,7 @@ from caris_desktop.domain.intents.sound import SOUND, HearRobot, PushToTalk, Use
 from caris_desktop.domain.intents.speaking import (
     SPEAKING,
     CancelQueued,
+    DraftSpeech,
     EditQueued,
     FillGap,
     MoveQueued,

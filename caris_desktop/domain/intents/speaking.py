@@ -22,6 +22,13 @@ class Say(Intent):
 
 
 @dataclass(frozen=True, slots=True)
+class DraftSpeech(Intent):
+    """This is being typed and may be said any moment: let its sound be made ahead of time. Recorded nowhere."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class FillGap(Intent):
     """What stands in the gap that is asked for; empty: that is not said after all."""
 
@@ -69,6 +76,7 @@ class SetVoice(Intent):
 
 SPEAKING: IntentTable = {
     Say: IntentSpec(QT_TR_NOOP("Speaking"), "speech", proposable=True),
+    DraftSpeech: IntentSpec(QT_TR_NOOP("Getting ready to speak"), "speech", quiet=True),
     FillGap: IntentSpec(QT_TR_NOOP("Filling the gap"), "speech"),
     MoveQueued: IntentSpec(QT_TR_NOOP("Saying it earlier or later"), "speech", bounds={"place": (0, 1000)}),
     EditQueued: IntentSpec(QT_TR_NOOP("Changing what is said next"), "speech"),

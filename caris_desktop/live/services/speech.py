@@ -6,6 +6,7 @@ from typing import Any
 from PySide6.QtCore import QObject
 
 from caris_desktop.conversation.speech_messages import (
+    Draft,
     Prepare,
     SilenceSpeech,
     Speak,
@@ -88,7 +89,7 @@ class SpeechService(Service):
         state.speech.changed.connect(self._on_speech_changed)
 
     def handlers(self) -> Handlers:
-        return {intents.SetVoice: self._set_voice}
+        return {intents.SetVoice: self._set_voice, intents.DraftSpeech: self._draft}
 
     def follows(self) -> Follows:
         return {
@@ -148,7 +149,7 @@ class SpeechService(Service):
         if self._child is not None:
             self._child.stop(grace_s=1.5)
 
-    def send(self, message: Speak | SilenceSpeech | UseVoice | Prepare) -> bool:
+    def send(self, message: Speak | SilenceSpeech | UseVoice | Prepare | Draft) -> bool:
         """To the computer's voice, now or not at all."""
         return self._child is not None and self._child.send(message)
 
@@ -213,6 +214,10 @@ class SpeechService(Service):
         texts = tuple(text for text in (*waiting, *self._suggested.values(), *self._phrases) if "{" not in text)
         if self._settings.at_hand and texts != self._prepared and self.send(Prepare(texts)):
             self._prepared = texts
+
+    def _draft(self, asked: intents.DraftSpeech) -> None:
+        if self._settings.at_hand and "{" not in asked.text:
+            self.send(Draft(asked.text))
 
     def _report_both(self, told: UtteranceChanged) -> None:  # any thread
         self.queue.report(told)

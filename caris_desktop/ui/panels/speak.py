@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from PySide6.QtCore import QPoint, QSize, Qt
+from PySide6.QtCore import QPoint, QSize, Qt, QTimer
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QApplication, QHBoxLayout, QLabel, QMenu, QScrollArea, QVBoxLayout, QWidget
 
@@ -58,6 +58,9 @@ _IN_QUEUE = (
 )  # fmt: skip
 _CHANGE_NEXT, _BACK = QT_TR_NOOP("change what is next"), QT_TR_NOOP("back to driving")
 _TICK_MS = 200
+_ENDS = (".", "!", "?", "…")
+_PAUSE_MS = 250
+"""So long nobody types within a sentence that is not over; its end is the moment before Enter."""
 _MANY = 12
 
 
@@ -95,6 +98,8 @@ class SpeakPanel(Panel):
         self.field.setObjectName("speak_field")
         self.field.setPlaceholderText(tr(_HINT))
         self.field.textChanged.connect(self._on_text_changed)
+        self._pause = QTimer(self, singleShot=True)
+        self._pause.timeout.connect(self._tell_draft)
         self._gap = GapRow(self.theme)
         self._gap.filled.connect(self._fill_gap)
         self._gap.given_up.connect(lambda: self._fill_gap(""))
@@ -231,6 +236,13 @@ class SpeakPanel(Panel):
     def _on_text_changed(self) -> None:
         if not self.field.toPlainText():
             self._say_instead = None  # what was to be edited is gone
+            self._pause.stop()
+        elif self.state.present.live:
+            self._pause.start(0 if self.field.toPlainText().endswith(_ENDS) else _PAUSE_MS)
+
+    def _tell_draft(self) -> None:
+        """The voice makes its sound meanwhile, so that it is there with the Enter key."""
+        self.console.do(intents.DraftSpeech(self.field.toPlainText()))
 
     def _sentences(self) -> Sequence[str]:
         """What a line may go on as: the phrases first, those of the chosen group before all others."""

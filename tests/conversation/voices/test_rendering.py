@@ -27,10 +27,11 @@ class SlowVoice:
 
     def parts(self, text: str, stop: Stop) -> Iterator[Samples]:
         self.begun.append(text)
-        stop.at_once(self.go_on.set)
+        interrupted = threading.Event()
+        stop.at_once(interrupted.set)
         for letter in text:
             if letter == "_":
-                self.go_on.wait(10.0)
+                wait_for(lambda: self.go_on.is_set() or interrupted.is_set(), "it is let go on")
             if letter == "!":
                 raise ValueError("cannot say this")
             stop.check()
@@ -78,6 +79,7 @@ def test_what_is_wanted_interrupts_what_is_made_ahead_and_that_is_made_later(
     sound, told = say("now")
     wait_for(lambda: sound.complete, "what is wanted is there")
     assert (spoken(sound), told, sound.trouble) == ("now", [10, 10, 10], "")
+    voice.go_on.set()
     wait_for(lambda: voice.begun == ["ab_c", "now", "ab_c", "de"], "the others are made after it")
 
 
@@ -115,6 +117,46 @@ def test_what_cannot_be_said_is_told_and_the_next_is_said(rendering: Rendering, 
     sound, _ = say("ok")
     wait_for(lambda: sound.complete, "the next is said")
     assert spoken(sound) == "ok"
+
+
+def test_what_is_typed_is_made_before_all_else_and_gone_on_with_when_it_is_said(
+    rendering: Rendering, voice: SlowVoice, say: Say
+) -> None:
+    rendering.prepare(["ab_c"])
+    wait_for(lambda: voice.begun == ["ab_c"], "it is being made")
+    rendering.draft("x_y")
+    wait_for(lambda: voice.begun == ["ab_c", "x_y"], "what is typed comes first")
+    sound, told = say("x_y")
+    wait_for(lambda: told == [10], "its beginning is heard while the rest is not there yet")
+    voice.go_on.set()
+    wait_for(lambda: sound.complete, "and then its end")
+    assert (spoken(sound), sound.trouble) == ("x_y", "")
+    wait_for(lambda: voice.begun == ["ab_c", "x_y", "ab_c"], "it was made once, and the other one after it")
+
+
+def test_of_what_is_typed_only_the_last_is_made(rendering: Rendering, voice: SlowVoice, say: Say) -> None:
+    rendering.draft("a_")
+    wait_for(lambda: voice.begun == ["a_"], "it is being made")
+    rendering.draft("a_b")
+    wait_for(lambda: voice.begun == ["a_", "a_b"], "the longer one takes its place")
+    sound, _ = say("no")
+    wait_for(lambda: sound.complete, "something else was said")
+    rendering.draft("")
+    rendering.prepare(["c"])
+    wait_for(lambda: voice.begun == ["a_", "a_b", "no", "c"], "and nobody asks for the draft again")
+
+
+def test_the_end_of_what_is_said_does_not_stop_what_is_typed(rendering: Rendering, voice: SlowVoice, say: Say) -> None:
+    first, _ = say("on")
+    wait_for(lambda: first.complete, "it is there")
+    rendering.draft("x_y")
+    wait_for(lambda: voice.begun == ["on", "x_y"], "the next is typed")
+    rendering.stop()
+    sound, told = say("x_y")
+    wait_for(lambda: told == [10], "it is still being made")
+    rendering.stop()
+    wait_for(lambda: sound.complete, "and can be silenced")
+    assert sound.trouble and voice.begun == ["on", "x_y"]
 
 
 def test_another_list_takes_the_place_of_the_first(rendering: Rendering, voice: SlowVoice) -> None:

@@ -12,11 +12,11 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.speech_messages import Prepare
+from caris_desktop.conversation.speech_messages import Draft, Prepare
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import RobotCommand
 from caris_desktop.domain.events import LinkChanged, SuggestionChanged, UtteranceChanged, VoiceChanged
-from caris_desktop.domain.intents import SetVoice
+from caris_desktop.domain.intents import DraftSpeech, SetVoice
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
@@ -201,6 +201,14 @@ def test_what_may_be_said_next_is_made_ahead_of_time_the_likeliest_first(
     qtbot.waitUntil(lambda: sent[-1] == Prepare(("Yes, of course.", "Hm.", "Hi.")))
     bench.bus.publish(replace(shown, state="dismissed"))
     qtbot.waitUntil(lambda: sent[-1] == Prepare(("Hm.", "Hi.")))
+    typed = bench.speech.handlers()[DraftSpeech]
+    typed(DraftSpeech("Good mor"))
+    assert sent[-1] == Draft("Good mor")
+    typed(DraftSpeech("Good morning {name}"))
+    assert sent[-1] == Draft("Good mor"), "what it will be is not known yet"
+    bench.speech.use_scenario(replace(scenario, voice="robot"))
+    typed(DraftSpeech("Good morning."))
+    assert sent.count(Draft("Good morning.")) == 0, "the robot makes its sound by itself"
 
 
 def test_another_voice_is_used_told_and_shown(bench: Bench, qtbot: QtBot) -> None:

@@ -95,6 +95,24 @@ def test_what_is_refused_stays_in_the_field(field: SpeakField, console: FakeCons
     assert field.toPlainText() == "" and len(console.named("say")) == 2
 
 
+def test_the_voice_gets_ready_for_what_is_typed_at_its_end_and_in_a_pause(
+    field: SpeakField, console: FakeConsole, qtbot: QtBot
+) -> None:
+    def drafts() -> list[str]:
+        return [draft.text for draft in console.named("DraftSpeech")]
+
+    QTest.keyClicks(field, "Good morning")
+    assert drafts() == [], "not with each key"
+    QTest.keyClicks(field, ".")
+    qtbot.waitUntil(lambda: drafts() == ["Good morning."], timeout=5000)
+    QTest.keyClicks(field, " And")
+    qtbot.waitUntil(lambda: drafts()[1:] == ["Good morning. And"], timeout=5000)
+    QTest.keyClicks(field, ".")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    QTest.qWait(0)
+    assert field.toPlainText() == "" and len(drafts()) == 2, "it is asked for already"
+
+
 def test_what_could_not_be_said_comes_back_unless_something_else_was_begun(
     field: SpeakField, console: FakeConsole
 ) -> None:
