@@ -121,7 +121,7 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
             return SAID, tr(_PROPOSALS[state]).format(act=_proposed(intent, arguments))
         case events.LevelChanged(function=function, level=level):
             said = tr("{function}: {level}")
-            return SESSION, said.format(function=tr(FUNCTIONS[function]), level=tr(LEVELS[level]).lower())
+            return SESSION, said.format(function=tr(FUNCTIONS[function]), level=tr(LEVELS[level]))
         case events.PersonAppeared(person_id=person_id):
             return PEOPLE, tr("{person} came into view").format(person=name_of(person_id))
         case events.PersonLeft(person_id=person_id):

@@ -1,7 +1,7 @@
 """The wizard's working copy of how the panels are arranged: kept, saved, reverted, undone, locked, recorded."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
@@ -31,12 +31,12 @@ class LayoutCommand:
     ``id`` is the same in every language, and whatever it would undo.
     """
 
-    id: str
     text: str
     icon: str
     do: Callable[[], None]
     possible: bool = True
     action: str = ""
+    id: str = field(kw_only=True)
 
 
 class LayoutKeeper(QObject):
@@ -259,11 +259,11 @@ class LayoutKeeper(QObject):
         free, live = not self.locked, not self._in_replay
         return (
             LayoutCommand(
-                "Undo", undo, "arrow-u-up-left", self.undo, bool(self._history.undoes) and free, "layout_undo"
+                undo, "arrow-u-up-left", self.undo, bool(self._history.undoes) and free, "layout_undo", id="Undo"
             ),
-            LayoutCommand("Redo", redo, "arrow-u-up-right", self.redo, bool(self._history.redoes) and free),
+            LayoutCommand(redo, "arrow-u-up-right", self.redo, bool(self._history.redoes) and free, id="Redo"),
             *(
-                LayoutCommand(text, tr(text), icon, do, possible)
+                LayoutCommand(tr(text), icon, do, possible, id=text)
                 for text, icon, do, possible in (
                     (QT_TR_NOOP("Save into the scenario"), "floppy-disk", self.save, self.is_unsaved and live),
                     (QT_TR_NOOP("Save as another scenario…"), "floppy-disk", self.title_wanted.emit, live),

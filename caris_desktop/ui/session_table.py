@@ -31,6 +31,9 @@ class Column:
     right: bool = False
 
 
+_PURPOSES = {"practice": QT_TR_NOOP("Practice")}
+
+
 def local_time(started_utc: str) -> str:
     """2026-11-21 14:02, in the time of this computer; the text as it is where it is no time."""
     try:
@@ -39,13 +42,18 @@ def local_time(started_utc: str) -> str:
         return started_utc
 
 
+def purpose_title(purpose: str) -> str:
+    """What a session is for; what the program does not know of stays as it was written."""
+    return tr(_PURPOSES[purpose]) if purpose in _PURPOSES else purpose
+
+
 def state_words(entry: SessionEntry) -> str:
     """Whether the session is whole and counts, and what went wrong in it."""
     whole = tr("Copy") if entry.copy_of else tr("Complete")
     lost = tr("Incomplete") if entry.losses else whole
     parts = [lost if entry.closed_properly else tr("Ended unexpectedly")]
     if entry.purpose:
-        parts.insert(0, entry.purpose.capitalize())
+        parts.insert(0, purpose_title(entry.purpose))
     if entry.problems:
         parts.append(tr("1 problem") if entry.problems == 1 else tr("%n problems", "", entry.problems))
     return " · ".join(parts)

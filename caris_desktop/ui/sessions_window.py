@@ -23,7 +23,14 @@ from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
 from caris_desktop.ui import tokens
 from caris_desktop.ui.search_hits import HitDelegate, HitList, HitsModel
-from caris_desktop.ui.session_table import COLUMNS, SessionsModel, SessionTable, lacks_words, natural_order
+from caris_desktop.ui.session_table import (
+    COLUMNS,
+    SessionsModel,
+    SessionTable,
+    lacks_words,
+    natural_order,
+    purpose_title,
+)
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -233,7 +240,7 @@ class SessionsWindow(QWidget):
                 while choice.count() > 1:
                     choice.removeItem(1)
                 for value in sorted(self._known[name], key=natural_order):
-                    choice.addItem(value.capitalize() if name == "purpose" else value, value)
+                    choice.addItem(purpose_title(value) if name == "purpose" else value, value)
                 choice.setCurrentIndex(max(0, choice.findData(current)))
                 choice.blockSignals(False)
             choice.setVisible(bool(self._known[name]))

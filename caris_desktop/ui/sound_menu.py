@@ -1,7 +1,7 @@
 """The lines of the window's menu about sound: which microphones are used, and how loud the robot is heard."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
 
@@ -22,11 +22,11 @@ _VOLUMES = (1.0, 0.7, 0.4, 0.2)
 class SoundChoice:
     """``title`` is what is chosen, ``text`` how; ``id`` is the same in every language."""
 
-    id: str
     title: str
     text: str
     intent: intents.Intent
     chosen: bool
+    id: str = field(kw_only=True)
 
 
 def sound_choices(console: WizardConsole) -> list[SoundChoice]:
@@ -47,9 +47,9 @@ def _microphones(console: WizardConsole, title: str, role: Role, chosen: str | N
         names.append(chosen)  # unplugged now, and still the one that was chosen
     return [
         SoundChoice(
-            f"{title}: {'No microphone' if name is None else name or 'System’s default microphone'}", tr(title),
-            tr("No microphone") if name is None else words.microphone(name), intents.UseMicrophone(name, role),
-            name == chosen,
+            tr(title), tr("No microphone") if name is None else words.microphone(name),
+            intents.UseMicrophone(name, role), name == chosen,
+            id=f"{title}: {'No microphone' if name is None else name or 'System’s default microphone'}",
         )
         for name in names
     ]  # fmt: skip
@@ -59,10 +59,10 @@ def _volumes(console: WizardConsole) -> list[SoundChoice]:
     sound = console.state.sound.value
     return [
         SoundChoice(
-            f"Hear the robot: {_percent(volume) if volume else 'Off'}", tr("Hear the robot"),
-            _percent(volume) if volume else tr("Off"),
+            tr("Hear the robot"), _percent(volume) if volume else tr("Off"),
             intents.HearRobot(volume > 0.0, volume or sound.volume),
             sound.volume == volume if sound.hearing and volume else not (sound.hearing or volume),
+            id=f"Hear the robot: {_percent(volume) if volume else 'Off'}",
         )
         for volume in (0.0, *_VOLUMES)
     ]  # fmt: skip

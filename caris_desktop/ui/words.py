@@ -7,7 +7,7 @@ from datetime import datetime
 from caris_desktop.domain import clock, events, person_marks
 from caris_desktop.domain.sensing import CameraState, PersonBox
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
 from caris_desktop.robot.profile import RobotProfile
@@ -223,6 +223,11 @@ def shortened(text: str, length: int = 48) -> str:
 
 def motion(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
     """What a velocity looks like to somebody who watches the robot."""
+    return moving(forward_mps, turn_radps, left_mps) or tr("Standing still")
+
+
+def moving(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
+    """The same; empty for a robot that stands still."""
     parts = []
     if abs(forward_mps) >= 0.005:
         ahead = tr("{speed} m/s forward") if forward_mps > 0 else tr("{speed} m/s backward")
@@ -233,7 +238,7 @@ def motion(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
     if abs(turn_radps) >= 0.01:
         turning = tr("turning left {speed}°/s") if turn_radps > 0 else tr("turning right {speed}°/s")
         parts.append(turning.format(speed=f"{abs(math.degrees(turn_radps)):.0f}"))
-    return ", ".join(parts) if parts else tr("Standing still")
+    return ", ".join(parts)
 
 
 def drive_line(drive: DriveStatus) -> str:
@@ -297,17 +302,43 @@ def guard_line(drive: DriveStatus) -> str:
             return ""
 
 
+_MONTHS = (
+    QT_TR_NOOP("Jan"), QT_TR_NOOP("Feb"), QT_TR_NOOP("Mar"), QT_TR_NOOP("Apr"), QT_TR_NOOP("May"), QT_TR_NOOP("Jun"),
+    QT_TR_NOOP("Jul"), QT_TR_NOOP("Aug"), QT_TR_NOOP("Sep"), QT_TR_NOOP("Oct"), QT_TR_NOOP("Nov"), QT_TR_NOOP("Dec"),
+)  # fmt: skip
+
+
+def day_of(moment: datetime, *, with_year: bool) -> str:
+    """21 Nov, or 21 Nov 2026."""
+    text = tr("{day} {month} {year}") if with_year else tr("{day} {month}")
+    return text.format(day=moment.day, month=tr(_MONTHS[moment.month - 1]), year=moment.year)
+
+
 def camera_title(name: str) -> str:
     """A camera's name as a title: "Front camera" for front. Empty for none."""
-    words = name.replace("_", " ").strip()
-    if words and "camera" not in words.lower():
-        words = tr("{name} camera").format(name=words)
-    return words[:1].upper() + words[1:]
+    words = _camera_words(name)
+    words = words[:1].upper() + words[1:]
+    return tr("{name} camera", "a title").format(name=words) if _tells_no_kind(words) else words
 
 
 def camera_in_text(name: str) -> str:
     """A camera's name within a sentence, after "the": "front camera" for front."""
-    return camera_title(name)[:1].lower() + camera_title(name)[1:]
+    words = _camera_words(name)
+    return tr("{name} camera", "in a sentence, after “the”").format(name=words) if _tells_no_kind(words) else words
+
+
+def camera_name(name: str) -> str:
+    """What tells it from other cameras: "Front" for front_camera."""
+    words = _camera_words(name).removesuffix(" camera")
+    return words[:1].upper() + words[1:]
+
+
+def _camera_words(name: str) -> str:
+    return name.replace("_", " ").strip()
+
+
+def _tells_no_kind(words: str) -> bool:
+    return bool(words) and "camera" not in words.casefold()
 
 
 def person_state(box: PersonBox) -> str:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QAbstractItemModel, QAbstractListModel, QAbstractTableModel, QModelIndex, Qt
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
@@ -127,7 +128,9 @@ def _texts_of(widget: QWidget) -> Iterator[str]:
         for index in range(widget.count()):
             yield from (widget.tabText(index), widget.tabToolTip(index))
     for action in widget.actions():
-        yield from (action.text(), action.toolTip(), action.statusTip())
+        yield from (action.text(), action.statusTip())
+        if action.toolTip() != QAction(action.text()).toolTip():  # which Qt makes of the text, without its dots
+            yield action.toolTip()
     if isinstance(widget, QComboBox):
         yield from (widget.itemText(index) for index in range(widget.count()))
         yield from (str(widget.itemData(index, _ROLES[1]) or "") for index in range(widget.count()))

@@ -26,6 +26,7 @@ _PROMPT = "goes to the language model, not to the wizard"
 _ROW = "by which the timeline knows one of its rows"
 _GUIDE = "written into the guide, which is English"
 _KEY_NAME = "the name of a key as the settings and Qt have it; a key cap shows it"
+_ID = "by which Find anything knows one of its lines again"
 _CAP = "what is printed on the key"
 _BROWSER = "for whoever types an address of the page by hand"
 AS_IT_IS: dict[str, dict[str, str]] = {
@@ -49,7 +50,7 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "ui/robot_dialog.py": {"ROS {} {}": "the name of a version of ROS"},
     "ui/panels/assistant.py": {"Enter": _CAP},
     "ui/panels/speak.py": {"Tab": _CAP, "Enter": _CAP, "Delete": _CAP},
-    "ui/replay/tier_dialog.py": {"Labels of the scenario": "the name of a vocabulary in the coder's file"},
+    "ui/palette/entries.py": {"{} on": _ID, "{} off": _ID},
     "ui/replay/timeline_acts.py": {"tier {}": _ROW},
     "ui/replay/timeline_model.py": {"tier {}": _ROW, "pictures {}": _ROW, "sound {}": _ROW, "record {}": _ROW},
     "ui/replay/timeline_overlay.py": {"tier {}": _ROW},

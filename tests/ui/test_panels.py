@@ -331,11 +331,11 @@ def test_how_fast_a_goal_is_driven_is_said_while_it_is(window: MainWindow, conso
 def test_the_speed_has_three_steps(window: MainWindow, console: FakeConsole) -> None:
     steps = find(window, "speed_steps")
     console.set_speed_fraction(0.6)
-    assert steps.accessibleName() == "Top speed: normal"
+    assert steps.accessibleName() == "Top speed: Normal"
     console.calls.clear()
     QTest.mouseClick(steps, Qt.MouseButton.LeftButton, pos=QPoint(steps.width() - 80, 15))
     assert console.calls == [("set_speed_fraction", 1.0)]
-    assert steps.accessibleName() == "Top speed: fast"
+    assert steps.accessibleName() == "Top speed: Fast"
     assert window.panels["drive"].fact[0] == "0.50 m/s at most"
 
 

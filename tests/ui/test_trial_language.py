@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from PySide6.QtWidgets import QApplication, QLabel, QWidget
+from PySide6.QtWidgets import QApplication, QDialog, QLabel, QWidget
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
@@ -12,6 +12,7 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.robot.profile import load_profile, shipped_profiles
 from caris_desktop.scenario.file import load_scenario
+from caris_desktop.ui import words
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
@@ -20,6 +21,7 @@ from tests.support.trial_check import Data, is_plain, is_plain_piece, listed, me
 from tests.ui import samples, test_sessions
 from tests.ui.conftest import freshen
 from tests.ui.fake_console import FakeConsole, FakeLibrary
+from tests.ui.fake_replay import FakeReplay, ReplayScene, sample_coding, sample_overview
 from tests.ui.test_every_size import SCENARIOS
 from tests.ui.test_robot_dialog import MemoryExplorer
 
@@ -29,12 +31,11 @@ SAID = ("samples.py", "fake_console.py", "people_samples.py")
 OF_OTHERS = ("CARIS Desktop", "Lab visit", "Kim", "P07", "Scroll Left", "Scroll Right")
 """The name of the program, who takes part here, and what Qt itself says, in a translation of its own."""
 
-NOT_YET: set[str] = {
-    "ui/main_window.py",
-    "ui/observer/observer_window.py",
-    "ui/panels/video.py",
-}
-"""Files whose widgets still show a text that does not go through ``tr``; a file that does not any more is to go."""
+WHAT_TO_DO = (
+    "These are shown without going through tr: give them to it where they are made, or, in a table, where they are"
+    " shown. What a study or a robot says has to stand in the samples of this test."
+)
+SAMPLES = Path(samples.__file__)
 
 
 class Spoken:
@@ -46,10 +47,11 @@ class Spoken:
         scenarios = [load_scenario(layouts_dir() / f"{name}.yaml") for name in SCENARIOS]
         self.console = FakeConsole(scenarios[0], {one.path: one for one in scenarios if one.path is not None})
         samples.fill_console(self.console)
-        said = [text for name in SAID for text in strings_of(Path(samples.__file__).with_name(name))]
+        said = [text for name in SAID for text in strings_of(SAMPLES.with_name(name))]
         robots = [load_profile(name) for name in shipped_profiles()]
         sessions = (test_sessions.SESSIONS, test_sessions.HITS)
-        self.data = Data(said, scenarios, robots, sessions, shipped_profiles(), OF_OTHERS)
+        cameras = [words.camera_name(name) for name in self.console.state.cameras.value]
+        self.data = Data(said, scenarios, robots, sessions, shipped_profiles(), cameras, OF_OTHERS)
         self.scenarios = scenarios
         self._drawn: set[int] = set()
         self.gamepads = Gamepads(self.console.state, lambda _event: None)
@@ -122,12 +124,42 @@ def spoken(theme: Theme) -> Iterator[Spoken]:
 
 def test_every_text_bears_the_marks_of_the_trial_language(spoken: Spoken) -> None:
     found = merged(spoken.of_every_scenario(), spoken.of_what_opens())
-    new = {file: texts for file, texts in found.items() if file not in NOT_YET}
-    assert listed(new) == [], (
-        "These are shown without going through tr: give them to it where they are made, or, in a table, where they are"
-        " shown. What a study or a robot says has to stand in the samples of this test."
-    )
-    assert sorted(NOT_YET - found.keys()) == [], "These show nothing untranslated any more: take them out of NOT_YET."
+    assert listed(found) == [], WHAT_TO_DO
+
+
+def test_a_replay_and_its_dialogs_bear_them_too(theme: Theme) -> None:
+    language = Language()
+    language.use(TRIAL)
+    replay = FakeReplay(overview=sample_overview(), coding=sample_coding(120_000))
+    replay.at_ms(34_500)
+    scene = ReplayScene(theme, replay)
+    data = Data([text for name in (*SAID, "fake_replay.py") for text in strings_of(SAMPLES.with_name(name))], OF_OTHERS)
+    try:
+        scene.show()
+        found = []
+        first = scene.timeline.document.annotations[5]
+        tier = scene.timeline.document.tiers[0]
+        dialogs = {"tier_dialog", "import_dialog", "agreement_dialog"}
+        for opener in (
+            lambda: None, lambda: scene.timeline.canvas.select(first.annotation_id),
+            scene.timeline.acts.rename_selected,
+            scene.timeline.rows.open_tier_dialog, lambda: scene.timeline.rows._open_tier_dialog(tier),
+            scene.timeline.rows.open_import, scene.timeline.rows.open_agreement,
+        ):  # fmt: skip
+            opener()
+            for _ in range(10):
+                QApplication.processEvents()
+            opened = [dialog for dialog in scene.findChildren(QDialog) if dialog.isVisible()]
+            dialogs -= {dialog.objectName() for dialog in opened}
+            found.append(plain_texts([scene, *opened], data))
+            for dialog in opened:
+                dialog.close()
+        assert dialogs == set(), "These did not open."
+        assert listed(merged(*found)) == [], WHAT_TO_DO
+    finally:
+        language.use(ENGLISH)
+        scene.close()
+        scene.deleteLater()
 
 
 def test_what_is_not_translated_is_seen(spoken: Spoken) -> None:

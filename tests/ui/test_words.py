@@ -1,5 +1,7 @@
 """Words for numbers, times and events."""
 
+from collections.abc import Iterator
+
 import pytest
 
 from caris_desktop.domain import clock
@@ -20,6 +22,7 @@ from caris_desktop.domain.events import (
     Marked,
     PersonRenamed,
     PlacesChanged,
+    PreflightChecked,
     Problem,
     ProposalChanged,
     ProtocolEnded,
@@ -30,7 +33,10 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.translation import use_translator
 from caris_desktop.ui import event_words, words
+from caris_desktop.ui.preflight import preflight_words
+from caris_desktop.ui.session_table import purpose_title
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(0.0412, "41 ms"), (0.13, "0.1 s"), (12.4, "12 s"), (185.0, "3 min")])
@@ -61,7 +67,7 @@ def name_of(person_id: str) -> str:
     ("event", "entry"),
     [
         (LinkQuality(1, 12.0), None),
-        (LevelChanged(1, "replies", "act"), ("Session", "Suggested replies: by itself, after a countdown")),
+        (LevelChanged(1, "replies", "act"), ("Session", "Suggested replies: By itself, after a countdown")),
         (
             ProposalChanged(1, "a-1", "displayed", "t-1", 1, "GoToPlace", {"place": "Kitchen"}, "small"),
             ("Said", "Proposed: go to Kitchen"),
@@ -157,3 +163,31 @@ def test_events_become_sentences(event: object, entry: tuple[str, str] | None) -
 
 def test_time_of_day_has_seconds() -> None:
     assert len(words.clock_time(clock.now_ns(), ClockAnchor.take()).split(":")) == 3
+
+
+@pytest.fixture
+def marked() -> Iterator[None]:
+    """Every text that was looked up bears marks, and with what it was told apart."""
+    use_translator(lambda text, meant, _number: f"<{text}|{meant}>" if meant else f"<{text}>")
+    yield
+    use_translator(None)
+
+
+@pytest.mark.usefixtures("marked")
+def test_no_word_is_made_small_or_large_after_it_was_translated() -> None:
+    """German nouns keep their capital, and what is a word in one language is an ending in another."""
+    assert words.camera_title("front") == "<{name} camera|a title>".format(name="Front")
+    assert words.camera_in_text("front") == "<{name} camera|in a sentence, after “the”>".format(name="front")
+    assert words.camera_in_text("OAK-D_camera") == "OAK-D camera"
+    level = LevelChanged(1, "replies", "act")
+    assert event_words.event_sentence(level, name_of) == (
+        "Session", "<<Suggested replies>: <By itself, after a countdown>>"
+    )  # fmt: skip
+    checked = PreflightChecked(1, "robot", "Robot", "minor", at_start=True)
+    assert preflight_words.log_line(checked) == ("Session", "<Began with: Robot (minor)>")
+
+
+@pytest.mark.usefixtures("marked")
+def test_a_session_says_what_it_was_for() -> None:
+    assert purpose_title("practice") == "<Practice>"
+    assert purpose_title("pilot study") == "pilot study", "as it was written"

@@ -193,7 +193,7 @@ class SoundService(Service):
 
     def _on_microphone(self, status: MicrophoneStatus) -> None:
         if status.state == "failed":
-            self._voice.fail(status.detail.rstrip(".").lower() or QT_TR_NOOP("the microphone failed"))
+            self._voice.fail(QT_TR_NOOP("the microphone cannot be heard"))  # why, it tells itself
 
     def _on_link_changed(self, event: LinkChanged) -> None:
         if event.link == "media" and event.state in ("lost", "closed") and self._voice.outlets == {"robot"}:

@@ -260,8 +260,9 @@ class PaletteEntries:
             elif "robot" in self._parts.panels.possible():
                 open_panel = self._parts.panels.opener("robot")
                 text = tr("Robot: {control}").format(control=control.title)
-                known_as = f"Control: Robot: {control.title}"
-                entries.append(Entry(text, tr("Control"), "sliders", "", open_panel, id=known_as))
+                entries.append(
+                    Entry(text, tr("Control"), "sliders", "", open_panel, id=f"Control: Robot: {control.title}")
+                )
                 continue
             else:
                 continue
@@ -494,8 +495,17 @@ class PaletteEntries:
                 )
         if windows.has_library:
             also = tr("replay search study export")
-            text, known_as = tr("All sessions…"), "Window: All sessions…"
-            entries.append(Entry(text, tr("Window"), "archive", "", windows.open_sessions, also=also, id=known_as))
+            entries.append(
+                Entry(
+                    tr("All sessions…"),
+                    tr("Window"),
+                    "archive",
+                    "",
+                    windows.open_sessions,
+                    also=also,
+                    id="Window: All sessions…",
+                )
+            )
         return [*entries, *map(self._of_session, windows.recent)]
 
     def _of_session(self, session: SessionEntry) -> Entry:

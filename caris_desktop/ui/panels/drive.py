@@ -353,7 +353,7 @@ class SpeedSteps(QWidget):
             self.update()
 
     def _name(self) -> None:
-        self.setAccessibleName(tr("Top speed: {speed}").format(speed=self.text.lower()))
+        self.setAccessibleName(tr("Top speed: {speed}").format(speed=self.text))
 
     def _caps(self) -> tuple[str, str]:
         """The key caps at both ends; empty where there is no room for them."""

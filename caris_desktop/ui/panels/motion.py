@@ -273,4 +273,4 @@ class MotionPanel(Panel):
         elif why:
             self.set_fact(why, "amber")
         else:
-            self.set_fact(words.motion(odometry.twist.forward_mps, odometry.twist.turn_radps).lower())
+            self.set_fact(words.moving(odometry.twist.forward_mps, odometry.twist.turn_radps) or tr("standing still"))

@@ -134,9 +134,7 @@ class VideoPanel(Panel):
         self.show_title(words.camera_title(self.state.camera.value) or self.title)
         self._cameras.clear()
         for name in names:
-            # The title says that it is a camera.
-            shown = name.replace("_", " ").strip().removesuffix(" camera")
-            self._cameras.addItem(f"{shown[:1].upper()}{shown[1:]}", name)
+            self._cameras.addItem(words.camera_name(name), name)  # the title says that it is a camera
         self._cameras.setCurrentIndex(names.index(self.state.camera.value) if self.state.camera.value in names else -1)
         show_part(self._cameras, len(names) > 1)
         self.view.show_camera(self.state.camera.value if len(names) > 1 else "")

@@ -26,8 +26,7 @@ def when(utc_ns: int, today: datetime) -> str:
     at = datetime.fromtimestamp(utc_ns / 1e9)
     if at.date() == today.date():
         return f"{at:%H:%M}"
-    year = "" if at.year == today.year else f" {at.year}"
-    return f"{at.day} {at:%b}{year}, {at:%H:%M}"
+    return f"{words.day_of(at, with_year=at.year != today.year)}, {at:%H:%M}"
 
 
 def what(entry: HistoryEntry) -> str:

@@ -133,8 +133,7 @@ def seen_elsewhere(person: PersonRow, camera_on_show: str) -> str:
     seen_by = person.cameras or ((person.camera,) if person.camera else ())
     if not camera_on_show or not seen_by or camera_on_show in seen_by:
         return ""
-    title = words.camera_title(seen_by[0])
-    return title[:1].lower() + title[1:]
+    return words.camera_in_text(seen_by[0])
 
 
 def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") -> list[str]:

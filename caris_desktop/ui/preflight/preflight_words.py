@@ -16,6 +16,18 @@ STATES: dict[PreflightState, str] = {
     "major": QT_TR_NOOP("Major"),
     "passed": QT_TR_NOOP("Passed"),
 }
+_BEGAN_WITH: dict[PreflightState, str] = {
+    "not checked": QT_TR_NOOP("Began with: {check} (not checked)"),
+    "pending": QT_TR_NOOP("Began with: {check} (pending)"),
+    "minor": QT_TR_NOOP("Began with: {check} (minor)"),
+    "major": QT_TR_NOOP("Began with: {check} (major)"),
+}
+_BEGAN_IN_SPITE_OF: dict[PreflightState, str] = {
+    "not checked": QT_TR_NOOP("Began in spite of: {check} (not checked)"),
+    "pending": QT_TR_NOOP("Began in spite of: {check} (pending)"),
+    "minor": QT_TR_NOOP("Began in spite of: {check} (minor)"),
+    "major": QT_TR_NOOP("Began in spite of: {check} (major)"),
+}
 ROLES: dict[PreflightState, str] = {
     "not checked": "dim", "pending": "dim", "minor": "amber", "major": "red", "passed": "green",
 }  # fmt: skip
@@ -67,8 +79,6 @@ def log_line(event: PreflightChecked) -> tuple[str, str] | None:
         text = tr("Checked: {check}") if event.state == "passed" else tr("Not checked any more: {check}")
     elif event.state == "passed":
         return None
-    elif event.accepted:
-        text = tr("Began in spite of: {check} ({state})")
     else:
-        text = tr("Began with: {check} ({state})")
-    return QT_TR_NOOP("Session"), text.format(check=event.title, state=tr(STATES[event.state]).lower())
+        text = tr((_BEGAN_IN_SPITE_OF if event.accepted else _BEGAN_WITH)[event.state])
+    return QT_TR_NOOP("Session"), text.format(check=event.title)

@@ -13,7 +13,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
 
-FILTER = "Annotations (*.eaf *.csv *.tsv *.txt);;All files (*)"
+_FORMATS = "*.eaf *.csv *.tsv *.txt"
 
 
 class ImportDialog(QDialog):
@@ -100,7 +100,9 @@ class ImportDialog(QDialog):
         return QSize(560, 300)
 
     def browse(self) -> None:
-        chooser = QFileDialog(self, tr("Annotations to import"), self.path_field.text(), FILTER)
+        chooser = QFileDialog(self, tr("Annotations to import"), self.path_field.text())
+        kinds = ((tr("Annotations ({files})"), _FORMATS), (tr("All files ({files})"), "*"))
+        chooser.setNameFilters([kind.format(files=files) for kind, files in kinds])
         chooser.setFileMode(QFileDialog.FileMode.ExistingFile)
         chooser.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         chooser.fileSelected.connect(self.path_field.setText)

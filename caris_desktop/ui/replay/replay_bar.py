@@ -30,7 +30,7 @@ _HINT_MS = 2500
 def session_title(session: Session) -> tuple[str, str]:
     """Whose session it is and when it was recorded: P07 and 21 Nov 2026 10:14."""
     when = datetime.fromtimestamp(session.clock.anchor.utc_ns_at(session.started_ns) / 1e9, UTC).astimezone()
-    return session.trial.get("participant") or session.folder.name, f"{when.day} {when:%b %Y %H:%M}"
+    return session.trial.get("participant") or session.folder.name, f"{words.day_of(when, with_year=True)} {when:%H:%M}"
 
 
 def rate_text(rate: float) -> str:

@@ -28,7 +28,8 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 
 FREE_TEXT = QT_TR_NOOP("Free text")
 OWN_LIST = QT_TR_NOOP("A list of labels…")
-SCENARIO_LABELS = "Labels of the scenario"
+SCENARIO_LABELS = QT_TR_NOOP("Labels of the scenario")
+"""In a document, and so in every language, the vocabulary has this name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +135,7 @@ class TierDialog(QDialog):
             words = tr("{vocabulary} (%n labels)", "", len(vocabulary.entries)).format(vocabulary=vocabulary.name)
             self._labels.addItem(words, vocabulary.name)
         if self._scenario_labels and vocabulary_named(document, SCENARIO_LABELS) is None:
-            self._labels.addItem(SCENARIO_LABELS)
+            self._labels.addItem(tr(SCENARIO_LABELS))
         self._labels.addItem(tr(OWN_LIST))
         if tier is not None and tier.vocabulary:
             self._labels.setCurrentIndex(self._labels.findData(tier.vocabulary))
@@ -221,7 +222,7 @@ class TierDialog(QDialog):
         if chosen:
             present = vocabulary_named(self._document, chosen)
             return Vocabulary(chosen, entries, "" if present is None else present.description)
-        if self._labels.currentText() == SCENARIO_LABELS:
+        if self._labels.currentText() == tr(SCENARIO_LABELS):
             return Vocabulary(SCENARIO_LABELS, entries)
         name, number = tier_name, 2
         while vocabulary_named(self._document, name) is not None:
@@ -232,7 +233,7 @@ class TierDialog(QDialog):
         present = vocabulary_named(self._document, self._chosen_name())
         if present is not None:
             self._list.setPlainText(text_of(present))
-        elif self._labels.currentText() == SCENARIO_LABELS:
+        elif self._labels.currentText() == tr(SCENARIO_LABELS):
             self._list.setPlainText("\n".join(self._scenario_labels))
         else:
             self._list.clear()
