@@ -1,12 +1,12 @@
 """What a dock panel is: a title, one live fact, a few controls in its title bar, and a card to draw on."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPen
-from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QWidget
+from PySide6.QtCore import QPointF, QRectF, QSizeF, QTimer, Signal
+from PySide6.QtGui import QPainter, QPainterPath, QPaintEvent, QPen
+from PySide6.QtWidgets import QBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
@@ -178,101 +178,6 @@ class Panel(QWidget):
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
         draw_card(painter, self.theme, QRectF(self.rect()), top=False, active=self._active)
-
-
-class PanelTitleBar(QWidget):
-    """Upper part of a panel's card: title left, live fact and controls right.
-
-    ``more`` are controls of whoever arranges the panels, after the panel's own.
-    """
-
-    def __init__(self, panel: Panel, more: Sequence[QWidget] = ()) -> None:
-        super().__init__()
-        self._panel = panel
-        self._theme = panel.theme
-        self.setFixedHeight(TITLE_HEIGHT_PX)
-        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        self._title = QLabel(panel.shown_title)
-        self._fact = _ElidedLabel()
-        self._fact.setObjectName("panel_fact")
-        row = QHBoxLayout(self)
-        row.setContentsMargins(14, 3, 6 if more or panel.title_widgets() else 14, 3)
-        row.setSpacing(8)
-        row.addWidget(self._title)
-        row.addWidget(self._fact, 1)
-        for widget in (*panel.title_widgets(), *more):
-            row.addWidget(widget)
-        # Clicks on the words reach the dock, which is dragged by its title.
-        for label in (self._title, self._fact):
-            label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        panel.fact_changed.connect(self._show_fact)
-        panel.title_changed.connect(self._title.setText)
-        panel.active_changed.connect(self._on_active_changed)
-        self._theme.changed.connect(self._style)
-        self._style()
-
-    def sizeHint(self) -> QSize:
-        # A dock asks its title bar for this and for nothing else.
-        return QSize(160, TITLE_HEIGHT_PX)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(120, TITLE_HEIGHT_PX)
-
-    def set_tabbed(self, tabbed: bool) -> None:
-        """In tabs the tab says the title already."""
-        self._title.setVisible(not tabbed)
-
-    def _style(self) -> None:
-        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._fact.setFont(self._theme.font(tokens.STATUS_PX))
-        self._show_fact(*self._panel.fact)
-        self.update()
-
-    def _show_fact(self, text: str, role: str) -> None:
-        self._fact.set_text(
-            text, self._theme.color(role or "dim"), lead=self._panel.fact_lead, rest_color=self._theme.color("dim")
-        )
-
-    def _on_active_changed(self, _active: bool) -> None:
-        self.update()
-
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        self._panel.focus_target().setFocus(Qt.FocusReason.MouseFocusReason)
-        event.ignore()  # the dock is dragged by this press
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        draw_card(painter, self._theme, QRectF(self.rect()), top=True, active=self._panel.active)
-
-
-class _ElidedLabel(QWidget):
-    """One line, right-aligned, cut short where there is no room; its beginning may stand out."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._text = ""
-        self._lead = 0
-        self._color = QColor()
-        self._rest_color = QColor()
-        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-
-    def set_text(self, text: str, color: QColor, *, lead: int, rest_color: QColor) -> None:
-        self._text, self._color, self._lead, self._rest_color = text, color, lead, rest_color
-        self.setAccessibleName(text)
-        self.setToolTip(text)
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        metrics = self.fontMetrics()
-        text = metrics.elidedText(self._text, Qt.TextElideMode.ElideRight, self.width())
-        place = self.rect()
-        place.setLeft(place.right() + 1 - metrics.horizontalAdvance(text))
-        middle = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        for part, color in ((text[: self._lead], self._color), (text[self._lead :], self._rest_color)):
-            painter.setPen(color)
-            painter.drawText(place, middle | int(Qt.TextFlag.TextDontClip), part)
-            place.setLeft(place.left() + metrics.horizontalAdvance(part))
 
 
 def show_part(part: QWidget, shown: bool) -> None:

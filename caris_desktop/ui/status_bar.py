@@ -29,9 +29,9 @@ from caris_desktop.ui.theme import Theme
 HEIGHT_PX = 32
 _SIDE_PX, _GAP_PX, _STEP_PX = 16, 20, 6
 # What gives way first where the window is too narrow for all, as long as it is nothing to worry about.
-_MAY_GO = ("models", "round_trip", "listening", "perception", "battery", "lidar")
+_MAY_GO = ("models", "round_trip", "listening", "perception", "battery", "lidar", "disk")
 # What is cut short then. What is recorded is neither.
-_MAY_BE_CUT = ("load", "link", "dropped", "perception", "refused", "battery", "disk")
+_MAY_BE_CUT = ("load", "link", "dropped", "perception", "refused", "battery", "disk", "pose", "microphone", "video")
 _LEAST_PX, _NAME_CHARACTERS = 90, 40
 ROOM_LOW_S, ROOM_ALMOST_GONE_S = 30 * 60.0, 5 * 60.0
 BATTERY_OLD_AFTER_S = 60.0
@@ -278,16 +278,23 @@ class StatusBar(QWidget):
         self._fit()
 
     def _fit(self) -> None:
-        """Leave out what is least missed, as far as the width does not do for all; then cut long words short."""
+        """Leave out what is least missed, as far as the width does not do for all; then cut long words short.
+
+        What is left out is in the tip of the bar, what is cut short in its own.
+        """
         told = {name: item for name, item in self.items.items() if item.text}
         widths = [widget.sizeHint().width() for widget in self._first if not widget.isHidden()]
         widths += [item.full_px for item in told.values()]
         missing_px = sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX - self.width()
+        gone = []
         for name in _MAY_GO:
             left_out = name in told and told[name].role == "dim" and missing_px > 0
             if left_out:
                 missing_px -= told[name].full_px + _GAP_PX
+                gone.append(told[name].text)
             self.items[name].leave_out(left_out)
+        self.setToolTip("<br>".join(html.escape(text) for text in gone))
+        self.setAccessibleDescription(", ".join(gone))
         for name in _MAY_BE_CUT:
             item = self.items[name]
             if item.isHidden():

@@ -100,9 +100,12 @@ def test_all_pairs_can_be_read(shown: Shown, request: pytest.FixtureRequest) -> 
 
 
 @pytest.mark.long
-def test_everything_can_be_read(shown: Shown, request: pytest.FixtureRequest) -> None:
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_everything_can_be_read(shown: Shown, scenario: str, request: pytest.FixtureRequest) -> None:
     language = request.node.callspec.params["shown"]
-    assert _found(shown, [case for case in everything() if case[4] == language]) == []
+    cases = [case for case in everything() if case[0] == scenario and case[4] == language]
+    assert _found(shown, sorted(cases, key=lambda case: case[3])) == []
 
 
 def test_the_check_sees_what_is_cut_off_and_what_lies_on_one_another(window: MainWindow) -> None:

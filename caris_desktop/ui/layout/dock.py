@@ -16,7 +16,8 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui import tokens
 from caris_desktop.ui.layout.placing import TITLE_PX, Room
-from caris_desktop.ui.panel import Panel, PanelTitleBar
+from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.panel_title_bar import PanelTitleBar
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 _BUTTON_PX = 26

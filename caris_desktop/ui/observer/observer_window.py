@@ -14,8 +14,9 @@ from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.glance import GlanceSigns
 from caris_desktop.ui.observer.watched_console import watched
-from caris_desktop.ui.panel import PanelContext, PanelTitleBar
+from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
+from caris_desktop.ui.panel_title_bar import PanelTitleBar
 from caris_desktop.ui.theme import Theme
 
 Sees = Literal["everything", "no_names"]

@@ -74,8 +74,9 @@ class VideoPanel(Panel):
         self._parts.addWidget(self.strip)
         self._photo: ActionButton | None = None
         if self.table.spec("photo") is not None:
-            self._photo = ActionButton(self.theme, tr("Photo"), icon="camera", height_px=30)
+            self._photo = ActionButton(self.theme, tr("Photo"), icon="camera", height_px=30, may_lose_words=True)
             self._photo.setObjectName("photo_button")
+            self._photo.setToolTip(tr("Photo"))
             self._photo.bind(self.table, "photo")
         self._cameras = DropDown(self.theme, "video_camera", tr("Which camera is shown"))
         self._cameras.setMinimumContentsLength(6)

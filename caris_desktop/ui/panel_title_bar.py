@@ -1,0 +1,137 @@
+"""The title bar of a panel, and what gives way in it where there is little room."""
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QEvent, QRectF, QSize, Qt
+from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
+
+from caris_desktop.ui import tokens
+from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, draw_card
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.cut_label import CutLabel
+
+_LEAST_TITLE_PX, _ANY_PX = 40, 16_777_215
+
+
+class PanelTitleBar(QWidget):
+    """Upper part of a panel's card: title left, live fact and controls right.
+
+    Where there is no room for all, the fact is cut short first, then buttons that have an icon lose their words, those
+    on the right first, and last the title is cut short; what is cut short is in the tip.
+    ``more`` are controls of whoever arranges the panels, after the panel's own.
+    """
+
+    def __init__(self, panel: Panel, more: Sequence[QWidget] = ()) -> None:
+        super().__init__()
+        self._panel = panel
+        self._theme = panel.theme
+        self.setFixedHeight(TITLE_HEIGHT_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+        self._title = CutLabel()
+        self._title.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
+        self._title.setMinimumWidth(_LEAST_TITLE_PX)
+        self._title.setText(panel.shown_title)
+        self._fact = _ElidedLabel()
+        self._fact.setObjectName("panel_fact")
+        self._controls = (*panel.title_widgets(), *more)
+        self._row = row = QHBoxLayout(self)
+        row.setContentsMargins(14, 3, 6 if self._controls else 14, 3)
+        row.setSpacing(8)
+        row.addWidget(self._title)
+        row.addWidget(self._fact, 1)
+        for widget in self._controls:
+            row.addWidget(widget)
+        # Clicks on the words reach the dock, which is dragged by its title.
+        for label in (self._title, self._fact):
+            label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        panel.fact_changed.connect(self._show_fact)
+        panel.title_changed.connect(self._title.setText)
+        panel.active_changed.connect(self._on_active_changed)
+        self._theme.changed.connect(self._style)
+        self._style()
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() in (QEvent.Type.Resize, QEvent.Type.LayoutRequest):
+            self._fit()
+        return super().event(event)
+
+    def _fit(self) -> None:
+        """Take the words from buttons as far as the title needs their room."""
+        row = self._row
+        shown = [widget for widget in self._controls if not widget.isHidden()]
+        widths = [self._title.sizeHint().width()] if not self._title.isHidden() else []
+        widths += [widget.sizeHint().width() for widget in shown]
+        margins = row.contentsMargins()
+        missing_px = sum(widths) + row.spacing() * len(widths) + margins.left() + margins.right() - self.width()
+        for button in reversed(shown):
+            if not isinstance(button, ActionButton) or not button.may_shrink:
+                continue
+            full_px, least_px = button.sizeHint().width(), button.minimumSizeHint().width()
+            button.setMaximumWidth(least_px if missing_px > 0 else _ANY_PX)
+            missing_px -= full_px - least_px if missing_px > 0 else 0
+        # The mouse goes past the title, which is for dragging.
+        self.setToolTip(self._panel.shown_title if missing_px > 0 and not self._title.isHidden() else "")
+
+    def sizeHint(self) -> QSize:
+        # A dock asks its title bar for this and for nothing else.
+        return QSize(160, TITLE_HEIGHT_PX)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(120, TITLE_HEIGHT_PX)
+
+    def set_tabbed(self, tabbed: bool) -> None:
+        """In tabs the tab says the title already."""
+        self._title.setVisible(not tabbed)
+
+    def _style(self) -> None:
+        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self._fact.setFont(self._theme.font(tokens.STATUS_PX))
+        self._show_fact(*self._panel.fact)
+        self.update()
+
+    def _show_fact(self, text: str, role: str) -> None:
+        self._fact.set_text(
+            text, self._theme.color(role or "dim"), lead=self._panel.fact_lead, rest_color=self._theme.color("dim")
+        )
+
+    def _on_active_changed(self, _active: bool) -> None:
+        self.update()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self._panel.focus_target().setFocus(Qt.FocusReason.MouseFocusReason)
+        event.ignore()  # the dock is dragged by this press
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        draw_card(painter, self._theme, QRectF(self.rect()), top=True, active=self._panel.active)
+
+
+class _ElidedLabel(QWidget):
+    """One line, right-aligned, cut short where there is no room; its beginning may stand out."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._text = ""
+        self._lead = 0
+        self._color = QColor()
+        self._rest_color = QColor()
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+
+    def set_text(self, text: str, color: QColor, *, lead: int, rest_color: QColor) -> None:
+        self._text, self._color, self._lead, self._rest_color = text, color, lead, rest_color
+        self.setAccessibleName(text)
+        self.setToolTip(text)
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        metrics = self.fontMetrics()
+        text = metrics.elidedText(self._text, Qt.TextElideMode.ElideRight, self.width())
+        place = self.rect()
+        place.setLeft(place.right() + 1 - metrics.horizontalAdvance(text))
+        middle = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        for part, color in ((text[: self._lead], self._color), (text[self._lead :], self._rest_color)):
+            painter.setPen(color)
+            painter.drawText(place, middle | int(Qt.TextFlag.TextDontClip), part)
+            place.setLeft(place.left() + metrics.horizontalAdvance(part))
