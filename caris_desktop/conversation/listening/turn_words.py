@@ -1,28 +1,98 @@
 """Whether somebody has finished, by their words, beside how they sound.
 
 Neither is enough: the network judges by melody and silence, and a sentence that ends in "with the" goes on however
-final it sounds.
+final it sounds. A recogniser that writes a full stop has heard both how it sounds and what it says.
 """
 
+import math
+import re
+
 _ENGLISH = (
-    "a an the every another my your our their its of to with in on at for from by about as than into and or "
-    "but so because if when while which whose i we he she they i'm it's we're they're very really um uh er erm "
-    "hmm"
+    "a an the every each another my your our their its his such several many few "
+    "of to with at for from by as than into onto upon between among during without within towards against until per "
+    "and or but because if when while although whereas unless whether that who whose which what how why where "
+    "i we he she they it's i'm we're they're he's she's that's there's you're i've we've they've you've "
+    "i'll we'll they'll he'll she'll you'll i'd we'd they'd "
+    "very really rather quite almost just even um uh er erm uhm hmm well so not"
 )
 _GOES_ON = {"en": frozenset(_ENGLISH.split())}
 """Words after which people go on, nearly always; of a language that is not here the marks alone are looked at."""
-_ENDED = (".", "?", "!", "。", "？", "！")
+_ENGLISH_VERBS = (
+    "am is are was were be been being have has had do does did will would can could shall should may might must"
+)
+_GOES_ON_WITHOUT_PRONOUN = {"en": frozenset(_ENGLISH_VERBS.split())}
+"""The same, but for short answers: "Yes, I do", "it was"."""
+_ENGLISH_PRONOUNS = ("i", "you", "he", "she", "it", "we", "they", "this", "that", "there")
+_PRONOUNS = {"en": frozenset(_ENGLISH_PRONOUNS)}
+_ENGLISH_BEGINNINGS = """
+i think, i guess, i mean, i wonder, i would say, i suppose, i believe, i am afraid, i'm afraid, i hope,
+tell me, told me, asked me, ask me, show me, give me, gave me, do you think, do you know, let me,
+would like, i like, can you, could you, would you, will you, can i, could i, may i,
+there is, there are, there was, there were, is there, are there,
+have to, had to, has to, want to, going to, able to, used to,
+out of, one of, a lot of, kind of, sort of, because of, instead of, next to, how many, how much,
+the first, the last, the next, the same, the most, the best, my first, in front
+"""
+_BEGINNINGS = {"en": tuple(tuple(each.split()) for each in _ENGLISH_BEGINNINGS.split(","))}
+"""What more has to follow."""
+_ENGLISH_ALONE = "yesterday sometimes usually normally actually maybe perhaps however often once then also"
+_ALONE = {"en": frozenset(_ENGLISH_ALONE.split())}
+"""What a sentence may begin with and is hardly one: the second word at most."""
+_ENGLISH_SUBORDINATE = "when if because since after before while whenever although though once until as unless"
+_SUBORDINATE = {"en": frozenset(_ENGLISH_SUBORDINATE.split())}
+_ASKS = {"en": _GOES_ON_WITHOUT_PRONOUN["en"]}
+_SHORT_CLAUSE = 7
+"""Words: a clause that begins with "when" and is no longer has another one behind it."""
+_ENDED = (".", "!", "。", "！")
+_QUESTION = ("?", "？")
 _OPEN = ("...", "…", ",", "，", "-", "–", ":")
-_AT_MOST, _LESS = 0.1, 0.5
+_SENTENCE = re.compile(r"[.?!]\s+")
+_EDGES = ".,!?…-–:;\"'"
+# Of the odds that a turn is over at a pause, as logarithms (a logistic regression on made turns of five voices, other
+# ones than those that are measured). The sound counts for more than those voices, which have little melody, give it.
+_AT_ANY_PAUSE, _GOING_ON, _FULL_STOP, _QUESTION_MARK, _SOUND = -1.45, -1.45, 1.7, 1.05, 0.15
+_LEAST_SURE = 0.005
 
 
 def with_words(turn_over: float, text: str, language: str) -> float:
     """How likely a turn is over, 0 to 1: by its sound, and by what was made out in it so far."""
-    last = text.rstrip().rpartition(" ")[2]
-    # A question may end in any of them: where are you from?
-    if not last.endswith("?") and last.strip(".,!…-").casefold() in _GOES_ON.get(language, ()):
-        return min(turn_over, _AT_MOST)
-    if last.endswith(_OPEN):
-        return _LESS * turn_over
+    sound = min(1.0 - _LEAST_SURE, max(_LEAST_SURE, turn_over))
+    odds = _AT_ANY_PAUSE + _SOUND * math.log(sound / (1.0 - sound))
+    written = text.rstrip()
     # Whoever writes it down hears the melody too, with other ears.
-    return float(turn_over**0.5) if last.endswith(_ENDED) else turn_over
+    if goes_on(written, language):
+        odds += _GOING_ON
+    elif written.endswith(_QUESTION):
+        odds += _QUESTION_MARK
+    elif written.endswith(_ENDED):
+        odds += _FULL_STOP
+    return 1.0 / (1.0 + math.exp(-odds))
+
+
+def goes_on(text: str, language: str) -> bool:
+    """Whether a text breaks off where sentences hardly end."""
+    written = text.rstrip()
+    if written.endswith(_OPEN):
+        return True
+    words = [bare for word in written.casefold().split() if (bare := word.strip(_EDGES))]
+    if not words:
+        return False
+    last, before = words[-1], words[-2] if len(words) > 1 else ""
+    # A question may end in any of them: where are you from?
+    if not written.endswith(_QUESTION) and (
+        last in _GOES_ON.get(language, ())
+        or (last in _GOES_ON_WITHOUT_PRONOUN.get(language, ()) and before not in _PRONOUNS.get(language, ()))
+    ):
+        return True
+    if any(tuple(words[-len(each) :]) == each for each in _BEGINNINGS.get(language, ())):
+        return True
+    if len(words) <= 2 and last in _ALONE.get(language, ()):
+        return True
+    clause = _SENTENCE.split(written)[-1].casefold()
+    first, *rest = [word.strip(_EDGES) for word in clause.split()] or [""]
+    return (
+        first in _SUBORDINATE.get(language, ())
+        and "," not in clause
+        and len(rest) < _SHORT_CLAUSE
+        and not (rest and rest[0] in _ASKS.get(language, ()))
+    )

@@ -18,7 +18,7 @@ PAUSE_NS = 200_000_000 + _LATE_NS
 """A silence of this length may be the end of the turn."""
 _FORGET_NS = 600_000_000
 _SPOKE_ON_WITHIN_NS = 3_000_000_000
-_SURE, _UNSURE = 0.95, 0.8
+_SURE, _UNSURE = 0.4, 0.3
 
 Change = Literal["began", "paused", "spoke on", "over"]
 
@@ -32,9 +32,9 @@ class SilenceBounds:
 
 
 def silence_to_wait_s(turn_over: float | None, learnt_s: float, bounds: SilenceBounds) -> float:
-    """How long a silence ends the turn, for how likely it is over by how it sounds (None: nobody can tell).
+    """How long a silence ends the turn, for how likely it is over (None: nobody can tell).
 
-    Where it is all but sure, nobody waits; where it is not, as long as the pauses of this person take.
+    Where it is likelier than at most pauses, nobody waits; where it is not, as long as the pauses of this person take.
     """
     unsure = 1.0 if turn_over is None else min(1.0, max(0.0, (_SURE - turn_over) / (_SURE - _UNSURE)))
     wait_s = bounds.at_least_s + unsure * (learnt_s - bounds.at_least_s)

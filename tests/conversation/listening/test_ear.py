@@ -15,6 +15,7 @@ from caris_desktop.conversation.listening.engine import HeardText
 from caris_desktop.conversation.listening.heard_turn import Stretch
 from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
 from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.turn_words import with_words
 from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
@@ -139,7 +140,8 @@ def test_speaking_on_after_a_pause_is_the_same_turn_and_another_revision() -> No
     bench = Bench(turn_over=0.1).hear(1).say(2).hear(0.6).say(2).hear(4)
     assert [each.state for each in bench.utterances] == ["started", "finished"]
     pauses = [each for each in bench.hearings if not each.speaking and each.turn_over is not None]
-    assert {each.turn_over for each in pauses} == {0.1}
+    texts = {f"{each.committed} {each.tentative}" for each in pauses}
+    assert {each.turn_over for each in pauses} == {with_words(0.1, text, "en") for text in texts}
     revisions = [each.revision for each in bench.hearings if each.utterance_id]
     assert revisions == sorted(revisions)
     assert revisions[-1] > revisions[0]
@@ -152,10 +154,28 @@ def test_a_pause_is_told_within_a_third_of_a_second() -> None:
     assert bench.hearings[-1].speaking
     bench.hear(0.3)
     pauses = [each for each in bench.hearings if each.utterance_id and not each.speaking]
-    assert pauses[-1].turn_over == 0.95
+    assert pauses[-1].turn_over == with_words(0.95, "w0 w1 w2", "en")
     assert {each.silent_since_ns for each in pauses} == {pauses[0].silent_since_ns}
     assert pauses[0].silent_since_ns is not None
     assert pauses[0].silent_since_ns / 1e9 == pytest.approx(13.0, abs=0.07)
+
+
+def test_the_words_before_a_pause_are_asked_for_before_it_is_one() -> None:
+    bench = Bench().hear(1).say(2).hear(0.2)
+    assert bench.hearings[-1].speaking
+    assert bench.asked[-1].at_pause
+    before = len(bench.asked)
+    bench.hear(0.1)
+    assert not bench.hearings[-1].speaking
+    assert len(bench.asked) == before
+
+
+def test_a_short_silence_that_is_no_pause_commits_nothing() -> None:
+    bench = Bench().hear(1).say(0.7).hear(0.2)
+    assert [each.at_pause for each in bench.asked] == [False, True]
+    assert (bench.hearings[-1].committed, bench.hearings[-1].tentative) == ("", "w0")
+    bench.say(0.9)
+    assert bench.hearings[-1].committed.startswith("w0")
 
 
 def test_a_silence_commits_words_before_the_turn_is_over() -> None:

@@ -53,7 +53,7 @@ def test_who_sounds_finished_is_not_waited_for_and_who_does_not_is_given_time() 
         talk = Talk().hear(2, 0.9).hear(4, 0, turn_over=turn_over)
         return talk.changes[-1][1] - talk.turns.voice_ended_ns / 1e9
 
-    sure, open_, unknown, not_over = waited_s(0.97), waited_s(0.87), waited_s(None), waited_s(0.05)
+    sure, open_, unknown, not_over = waited_s(0.6), waited_s(0.36), waited_s(None), waited_s(0.05)
     assert sure <= 0.35
     assert sure < open_ < unknown == pytest.approx(not_over, abs=0.04)
 
