@@ -264,8 +264,11 @@ class OwnWords:
                     continue
                 text, rest = (" ".join(each for each, _end_ns in part) for part in (words[:count], words[count:]))
                 to_its_end = aligned.pairs[-1][1] >= _NEAR_ITS_END * (len(said) - 1)
+                letters = sum(map(len, _words(text)))
+                # The words themselves have to be its own: short ones beside a loud robot are somebody's who goes on.
+                alike = aligned.letters >= _BEGINNING_IS_ROBOTS * letters
                 robots = self.is_robots(text, started_ns, words[count - 1][1], echo_share)
-                if to_its_end and robots >= _BEGINNING_IS_ROBOTS and not _ends(said, rest):
+                if to_its_end and alike and robots >= _BEGINNING_IS_ROBOTS and not _ends(said, rest):
                     most = max(most, count)
                 break
         return most

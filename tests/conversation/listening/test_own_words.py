@@ -179,6 +179,13 @@ def test_who_takes_up_at_once_what_the_robot_said_has_their_own_words_alone(robo
     assert " ".join(word for word, _ in heard[first:]) == theirs
 
 
+@pytest.mark.parametrize("share", [0.45, 0.6, 0.79])
+def test_short_words_beside_a_loud_robot_are_not_its_beginning_where_somebody_goes_on(share: float) -> None:
+    robot = _robot("The library opens at nine in the morning and closes at six.", ends_s=14.1)
+    heard = [*_heard("I said it's", 10.9, 11.8), *_heard("barely maybe a horror", 11.8, 13.2)]
+    assert robot.robots_beginning(heard, _ns(10.3), share) == 0
+
+
 def test_a_word_whose_end_is_told_seconds_too_late_is_still_the_robots() -> None:
     heard = [("We", _ns(10.3)), ("have", _ns(10.5)), ("arrived.", _ns(13.0)), ("Thank", _ns(13.3)), ("you.", _ns(13.6))]
     assert _robot("We have arrived.", ends_s=11.1).robots_beginning(heard, _ns(10.1)) == 3
