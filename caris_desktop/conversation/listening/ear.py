@@ -71,6 +71,8 @@ class Ear:
         self._lead: list[NDArray[np.float32]] = []
         self._to_judge = self._robot_speaks = False
         self._robot_until_ns = 0
+        self._windows = 0
+        """So many were heard since the beginning."""
         self._turn: HeardTurn | None = None
         self._ending: list[HeardTurn] = []
 
@@ -87,6 +89,8 @@ class Ear:
     def hear(self, chunk: AudioChunk) -> None:
         """The next sound of this microphone."""
         clean: CleanSound = self.canceller.process(chunk)
+        if len(clean.again):
+            self._hear_again(clean.again)
         if not len(clean.samples):
             return
         hole_ns = clean.stamp_ns - self._until_ns - len(self._rest) * 1_000_000_000 // RATE_HZ
@@ -100,6 +104,20 @@ class Ear:
         for at in range(0, whole, WINDOW):
             self._hear_window(sound[at : at + WINDOW], clean.echo_share)
         self._rest = sound[whole:]
+
+    def _hear_again(self, sound: NDArray[np.float32]) -> None:
+        """The newest sound once more, with less of the robot in it: words that are not yet committed may be others."""
+        rest = len(self._rest)
+        if rest:
+            self._rest[-len(sound) :] = sound[-rest:]
+            sound = sound[:-rest]
+        whole = len(sound) // WINDOW
+        windows = list(sound[len(sound) - whole * WINDOW :].reshape(whole, WINDOW))
+        for window, again in zip(reversed(self._lead), reversed(windows), strict=False):
+            window[:] = again
+        for turn in (*self._ending, self._turn):
+            if turn is not None:
+                turn.hear_again(windows, self._windows)
 
     def hear_nothing(self, until_ns: int) -> None:
         """No sound of the time until then has come, and none will: it counts as silence."""
@@ -161,6 +179,7 @@ class Ear:
 
     def _hear_window(self, window: NDArray[np.float32], echo_share: float) -> None:
         began_ns, self._until_ns = self._until_ns, self._until_ns + _WINDOW_NS
+        self._windows += 1
         voice = self._voices.probability(window)
         if echo_share >= _ONLY_ROBOT:
             voice = 0.0
@@ -173,7 +192,7 @@ class Ear:
             elif len(self._lead) * _WINDOW_NS > _BEFORE_VOICE_NS + self._turns.beginning_ns:
                 del self._lead[0]
             return
-        turn.hear(window, voiced=self._turns.voiced)
+        turn.hear(window, self._windows, voiced=self._turns.voiced)
         turn.voice_ended_ns = self._turns.voice_ended_ns
         match change:
             case "spoke on":
@@ -192,7 +211,7 @@ class Ear:
         lead, self._lead = self._lead, []
         turn_id = f"h-{secrets.token_hex(4)}"
         sound_from_ns = self._until_ns - len(lead) * _WINDOW_NS
-        turn = self._turn = HeardTurn(turn_id, sound_from_ns, self._turns.started_ns, lead)
+        turn = self._turn = HeardTurn(turn_id, sound_from_ns, self._turns.started_ns, lead, self._windows)
         turn.voice_ended_ns = self._until_ns
         self._turns.turn = turn_id
         robot_heard = (

@@ -64,6 +64,8 @@ _USUAL_LOUDNESS = 1.0
 _MARGIN = 4.0
 """Who expects too little of the robot takes it for somebody else."""
 
+_NOTHING = np.zeros(0, np.float32)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CleanSound:
@@ -71,12 +73,14 @@ class CleanSound:
     went in: while the robot is heard it comes some 80 ms later.
 
     ``stamp_ns`` is the moment of the first sample. ``echo_share`` says how much of the energy before was the robot:
-    1 is nothing but the robot, 0 is nothing of it.
+    1 is nothing but the robot, 0 is nothing of it. ``again`` are the samples right before, which were given already,
+    as they are known in hindsight: where the robot was found in them only afterwards. Empty as a rule.
     """
 
     stamp_ns: int
     samples: NDArray[np.float32] = field(metadata={"shape": (-1,)})
     echo_share: float
+    again: NDArray[np.float32] = field(default_factory=lambda: _NOTHING, metadata={"shape": (-1,)})
 
 
 class EchoCanceller:
@@ -115,6 +119,8 @@ class EchoCanceller:
         """What of the sound is missing, from one place to another."""
         self._told_late_from: int | None = None
         self._caught_up_at = -_CATCHES_UP_EVERY
+        self._anew_from: int | None = None
+        """From where on what was given is known better by now."""
         self._energies: dict[int, _Energies] = {}
 
     def play(self, sound: PlayedSound) -> None:
@@ -191,7 +197,7 @@ class EchoCanceller:
             self._heard = self._robot = np.zeros(0, np.float32)
             self._heard_from = self._given_until = self._next_frame = 0
             self._frames[:] = 0
-            self._began = self._told_late_from = self._may_sound_from = self._found = None
+            self._began = self._told_late_from = self._may_sound_from = self._found = self._anew_from = None
             self._looked_at = -_HINDSIGHT
             self._lost = []
             self._caught_up_at = -_CATCHES_UP_EVERY
@@ -207,7 +213,7 @@ class EchoCanceller:
         self._heard = self._robot = np.zeros(0, np.float32)
         self._heard_from = self._given_until = self._next_frame = 0
         self._lost = []
-        self._told_late_from, self._caught_up_at = None, -_CATCHES_UP_EVERY
+        self._told_late_from, self._anew_from, self._caught_up_at = None, None, -_CATCHES_UP_EVERY
         self._energies = {at - later: energies for at, energies in self._energies.items() if at < later}
         self._last_played -= later
         self._looked_at -= later
@@ -369,6 +375,8 @@ class EchoCanceller:
 
     def _learn_again(self, start: int, until: int) -> None:
         """The frames from ``start`` on, up to before ``until``."""
+        if start < self._given_until:
+            self._anew_from = start if self._anew_from is None else min(start, self._anew_from)
         self._robot[start - self._heard_from :] = 0
         self._look_back_from(start - HOP)
         for at in range(start, until, HOP):
@@ -382,15 +390,19 @@ class EchoCanceller:
 
     def _give(self, until: int) -> CleanSound:
         start, until = self._given_until, max(until, self._given_until)
-        clean = self._heard_at(start, until - start) - self._robot[start - self._heard_from :][: until - start]
-        sound = CleanSound(self._base_ns + ns_of(start), clean, self._share(start, until) or 0.0)
-        self._given_until = until
+        again = _NOTHING if self._anew_from is None else self._clean(max(self._anew_from, self._heard_from), start)
+        clean = self._clean(start, until)
+        sound = CleanSound(self._base_ns + ns_of(start), clean, self._share(start, until) or 0.0, again)
+        self._given_until, self._anew_from = until, None
         old = (min(until, self._next_frame) - self._heard_from - _KEPT) // HOP * HOP
         if old > RATE_HZ:
             self._heard, self._robot = self._heard[old:], self._robot[old:]
             self._heard_from += old
             self._played.forget_before(self._base_ns + ns_of(self._heard_from - _LATEST - TAPS * HOP))
         return sound
+
+    def _clean(self, start: int, until: int) -> NDArray[np.float32]:
+        return self._heard_at(start, until - start) - self._robot[start - self._heard_from :][: until - start]
 
     def _share(self, start: int, until: int) -> float | None:
         first = -(-(start - (FRAME + HOP) // 2) // HOP) * HOP

@@ -1,6 +1,7 @@
 """One turn at a microphone: its sound, and what has been made out in it so far."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +39,14 @@ class Stretch:
 class HeardTurn:
     """Sound comes in windows. Costs stay bounded however long it goes on: what is committed is not looked at again."""
 
-    def __init__(self, turn_id: str, sound_from_ns: int, voice_began_ns: int, sound: list[NDArray[np.float32]]) -> None:
+    def __init__(
+        self,
+        turn_id: str,
+        sound_from_ns: int,
+        voice_began_ns: int,
+        sound: list[NDArray[np.float32]],
+        last_window: int = 0,
+    ) -> None:
         self.turn_id = turn_id
         self.sound_began_ns = voice_began_ns
         """Where the voice began, also where that was the robot's."""
@@ -58,6 +66,7 @@ class HeardTurn:
         self.asked = False
         self._sound_from_ns = sound_from_ns
         self._windows = sound
+        self._last_window = last_window
         self._to_judge = deque(sound, maxlen=JUDGED_S * RATE_HZ // WINDOW)
         self._silent = 0
         self._dropped = 0
@@ -65,12 +74,27 @@ class HeardTurn:
         self._asked_until_ns = 0
         self._known_until_ns = 0
 
-    def hear(self, window: NDArray[np.float32], *, voiced: bool) -> None:
-        """The next of its sound."""
+    def hear(self, window: NDArray[np.float32], number: int, *, voiced: bool) -> None:
+        """The next of its sound, which is the ``number``-th window of the microphone."""
         self._windows.append(window)
+        self._last_window = number
         self._silent = 0 if voiced else self._silent + 1
         if self._silent <= _SILENCE_JUDGED:
             self._to_judge.append(window)
+
+    def hear_again(self, windows: Sequence[NDArray[np.float32]], last: int) -> None:
+        """The microphone's windows up to the ``last``-th as they are known by now. What was made out of its own in
+        another form counts no longer as listened to.
+        """
+        own = windows[: max(0, len(windows) - (last - self._last_window))]
+        changed = 0
+        for window, again in zip(reversed(self._windows), reversed(own), strict=False):
+            window[:] = again
+            changed += 1
+        if changed:
+            from_ns = self._sound_from_ns + round((self._seconds - changed * WINDOW / RATE_HZ) * 1e9)
+            self._asked_until_ns = min(self._asked_until_ns, from_ns)
+            self._known_until_ns = min(self._known_until_ns, from_ns)
 
     @property
     def known_whole(self) -> bool:

@@ -37,9 +37,11 @@ class Plain(EchoCanceller):
     """Takes nothing out; ``share`` is what it says of the robot."""
 
     share = 0.0
+    again = np.zeros(0, np.float32)
 
     def process(self, chunk: AudioChunk) -> CleanSound:
-        return CleanSound(chunk.stamp_ns, chunk.samples[:, 0].astype(np.float32) / 32768, self.share)
+        again, self.again = self.again, Plain.again
+        return CleanSound(chunk.stamp_ns, chunk.samples[:, 0].astype(np.float32) / 32768, self.share, again)
 
     def share_between(self, started_ns: int, ended_ns: int) -> float | None:
         return None
@@ -270,6 +272,22 @@ def test_who_speaks_over_the_robot_is_told_of_with_their_first_words_and_when_th
     assert bench.utterances[0].stamp_ns / 1e9 == pytest.approx(11.0, abs=0.04)
     bench.hear(2)
     assert bench.utterances[-1].state == "finished"
+
+
+@pytest.mark.parametrize("silent_s", [0.3, 0.4])
+def test_what_turns_out_to_have_been_the_robot_is_not_listened_to_again(silent_s: float) -> None:
+    bench = Bench(turn_over=0.0).hear(1.03).say(2).hear(silent_s)
+    before = bench.asked[-1]
+    known_s = np.where(np.arange(3 * RATE_HZ) < 2 * RATE_HZ, 0.0, 8000 / 32768)
+    known_s[round((3 - silent_s) * RATE_HZ) :] = 0.0
+    bench.canceller.again = known_s.astype(np.float32)
+    bench.hear(0.1)
+    after = bench.asked[-1]
+    assert after is not before
+    loud_before, loud_after = (np.flatnonzero(np.abs(each.sound) > 0.1) / RATE_HZ for each in (before, after))
+    assert loud_before[-1] - loud_before[0] == pytest.approx(2.0, abs=0.04)
+    assert loud_after[-1] - loud_after[0] == pytest.approx(1.0 - silent_s, abs=0.001)
+    assert loud_after[-1] == pytest.approx(loud_before[-1], abs=0.001)
 
 
 def test_sound_without_words_is_told_as_nothing() -> None:

@@ -149,6 +149,20 @@ def test_a_robot_that_is_heard_seconds_later_than_told_is_known_in_hindsight_and
     assert (heard.share(at_s + 0.55, at_s + 3.0) or 0) > 0.9
 
 
+def test_what_was_given_before_the_robot_was_found_is_given_once_more_without_it() -> None:
+    canceller = EchoCanceller()
+    canceller.play(_played())
+    first, by_now = np.zeros(0, np.float32), np.zeros(0, np.float32)
+    late = np.pad(_echo(seed=3), (round(1.2 * RATE_HZ), 0))
+    for chunk in chunks_of(late + _noise(len(late)), _START_NS, "robot microphone"):
+        clean = canceller.process(chunk)
+        assert len(clean.again) <= len(first)
+        first = np.concatenate((first, clean.samples))
+        by_now = np.concatenate((by_now[: len(by_now) - len(clean.again)], clean.again, clean.samples))
+    began = slice(round(1.75 * RATE_HZ), round(2.15 * RATE_HZ))
+    assert (by_now[began] ** 2).sum() < 0.1 * (first[began] ** 2).sum()
+
+
 def test_a_loudspeaker_that_falls_behind_in_mid_sentence_is_found_again() -> None:
     """A busy machine gives its loudspeaker nothing for a while: all that follows is heard later than was told."""
     robot = speech_like(6.0, 3)
