@@ -15,6 +15,7 @@ from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel_table import possible_panels
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 SPAN_S = 60.0
 _SAMPLE_MS = 250
@@ -67,6 +68,7 @@ class ConnectionCard(Overlay):
         self._layout.setContentsMargins(20, 16, 20, 16)
         self._layout.setSpacing(10)
         self._heading = QLabel(tr("Connection in the last minute"))
+        self._heading.setWordWrap(True)
         self._state = state
         self._facts = QLabel()
         self._facts.setObjectName("connection_facts")
@@ -86,13 +88,12 @@ class ConnectionCard(Overlay):
         head.addWidget(robots)
         self._layout.addLayout(head)
         self._layout.addWidget(self._facts)
-        row = QHBoxLayout()
-        row.setSpacing(16)
+        row = FlowRow(gap_px=16)
         for name, text, role, dash in _CURVES:
             self._legend[name] = _LegendEntry(theme, tr(text), role, dash)
-            row.addWidget(self._legend[name])
-        row.addStretch(1)
-        self._layout.addLayout(row)
+            row.add(self._legend[name])
+        row.set_gap(4)
+        self._layout.addWidget(row)
         self._refresh = QTimer(self, interval=_SAMPLE_MS)
         self._refresh.timeout.connect(self.refresh)
         theme.changed.connect(self._style)

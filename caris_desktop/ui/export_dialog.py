@@ -13,6 +13,7 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QProgressBar,
     QScrollArea,
+    QSizePolicy,
     QVBoxLayout,
     QWidget,
 )
@@ -26,6 +27,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import TEXT_LEFT_PX, CheckBox
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.scrolled import Scrolled
 
 _LICENCES = (
     (QT_TR_NOOP("No licence chosen"), ""),
@@ -33,6 +35,7 @@ _LICENCES = (
     (QT_TR_NOOP("CC BY 4.0: name the authors"), "CC-BY-4.0"),
     (QT_TR_NOOP("CC BY-NC 4.0: name the authors, not for profit"), "CC-BY-NC-4.0"),
 )
+_LEAST_FORMATS_PX = 160
 _FIRST_CHOICE = ("csv", "html")
 
 
@@ -75,7 +78,9 @@ class ExportDialog(QWidget):
         self._other.setPlaceholderText(tr("name or address of the licence"))
         self._other.setMinimumHeight(36)
         self._other.setMaxLength(200)
-        self._names = CheckBox(theme, tr("Names of wizards and coders, and the robot’s address, in place of W1, C1 …"))
+        self._names = CheckBox(
+            theme, tr("Names of wizards and coders, and the robot’s address, in place of W1, C1 …"), wraps=True
+        )
         self._names.setObjectName("export_with_names")
         self._names.setToolTip(
             tr("Only for those who may know who they were. What was said is exported as it was said.")
@@ -144,8 +149,9 @@ class ExportDialog(QWidget):
     # ---- parts
 
     def _lay_out(self) -> None:
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(24, 20, 24, 20)
+        content = QWidget()
+        layout = QVBoxLayout(content)
+        layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(12)
         head = QVBoxLayout()
         head.setSpacing(2)
@@ -169,13 +175,17 @@ class ExportDialog(QWidget):
         layout.addSpacing(2)
         layout.addWidget(self._bar)
         layout.addWidget(self._what)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(24, 20, 24, 20)
+        whole.setSpacing(12)
+        whole.addWidget(Scrolled(content), 1)
         buttons = QHBoxLayout()
         buttons.setSpacing(8)
         buttons.addWidget(self._close)
         buttons.addStretch(1)
         for button in (self._open, self._cancel, self._start):
             buttons.addWidget(button)
-        layout.addLayout(buttons)
+        whole.addLayout(buttons)
 
     def _label(self, text: str) -> QLabel:
         label = QLabel(text)
@@ -211,6 +221,8 @@ class ExportDialog(QWidget):
         area.setWidgetResizable(True)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        area.setMinimumHeight(_LEAST_FORMATS_PX)
+        area.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         return area
 
     # ---- what it does

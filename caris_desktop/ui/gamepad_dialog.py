@@ -4,8 +4,19 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QCloseEvent, QFontMetricsF, QHideEvent, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QDialog, QGridLayout, QHBoxLayout, QLabel, QScrollArea, QSlider, QVBoxLayout, QWidget
+from PySide6.QtGui import QCloseEvent, QFontMetricsF, QHideEvent, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtWidgets import (
+    QBoxLayout,
+    QDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QScrollArea,
+    QSizePolicy,
+    QSlider,
+    QVBoxLayout,
+    QWidget,
+)
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.gamepad import GamepadDevice, Gamepads, GamepadSample
@@ -27,7 +38,9 @@ from caris_desktop.live.status import GamepadStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.scrolled import Scrolled
 
+_LEAST_ROWS_PX, _BESIDE_ROWS_PX, _BETWEEN_PX = 160, 96, 32
 _AXIS_TEXTS: dict[AxisAction, tuple[str, str]] = {
     "forward": (QT_TR_NOOP("Drive forward and back"), QT_TR_NOOP("push it the way that drives forward")),
     "turn": (QT_TR_NOOP("Turn left and right"), QT_TR_NOOP("push it the way that turns left")),
@@ -70,22 +83,28 @@ class GamepadDialog(QDialog):
         self._view = GamepadView(theme)
         self._view.setObjectName("gamepad_view")
         self._rows: dict[str, BindingRow] = {}
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(32)
-        grid.setVerticalSpacing(2)
+        self._columns = QBoxLayout(QBoxLayout.Direction.LeftToRight)
+        self._columns.setSpacing(2)
+        self._sides: list[QWidget] = []
         shown_buttons = [action for action in BUTTON_ACTIONS if action in _BUTTON_TEXTS]
-        for column, actions in enumerate(((*AXIS_ACTIONS, *shown_buttons[:3]), shown_buttons[3:])):
-            for line, action in enumerate(actions):
+        for actions in ((*AXIS_ACTIONS, *shown_buttons[:3]), shown_buttons[3:]):
+            side = QWidget()
+            lines = QVBoxLayout(side)
+            lines.setContentsMargins(0, 0, 0, 0)
+            lines.setSpacing(2)
+            self._sides.append(side)
+            self._columns.addWidget(side, 1, Qt.AlignmentFlag.AlignTop)
+            for action in actions:
                 row = BindingRow(theme, action, _title(action))
                 row.change.clicked.connect(self._learner(action))
                 self._rows[action] = row
-                grid.addWidget(row, line, column)
+                lines.addWidget(row)
         rows = QWidget()
         rows_layout = QVBoxLayout(rows)
         rows_layout.setContentsMargins(0, 0, 8, 0)
-        rows_layout.addLayout(grid)
+        rows_layout.addLayout(self._columns)
         rows_layout.addStretch(1)
-        scroll = QScrollArea()
+        scroll = self._scroll = QScrollArea()
         scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(rows)
@@ -117,15 +136,22 @@ class GamepadDialog(QDialog):
         foot.addWidget(self._reset)
         foot.addStretch(1)
         foot.addWidget(close)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(24, 20, 24, 20)
+        scroll.setMinimumHeight(_LEAST_ROWS_PX)
+        scroll.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
+        content = QWidget()
+        layout = QVBoxLayout(content)
+        layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(12)
         layout.addWidget(self._name)
         layout.addWidget(self._hint)
         layout.addWidget(self._view)
         layout.addWidget(scroll, 1)
         layout.addLayout(sliders)
-        layout.addLayout(foot)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(24, 20, 24, 20)
+        whole.setSpacing(12)
+        whole.addWidget(Scrolled(content), 1)
+        whole.addLayout(foot)
         state.gamepad.changed.connect(self._on_status_changed)
         gamepads.mapping_changed.connect(self._refresh)
         gamepads.sampled.connect(self._on_sampled)
@@ -139,6 +165,15 @@ class GamepadDialog(QDialog):
     def learned_action(self) -> str:
         """The action whose new input is awaited; empty when none is."""
         return self._learned or ""
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """The rows stand in two columns where both have room."""
+        super().resizeEvent(event)
+        room_px = self.width() - _BESIDE_ROWS_PX
+        beside = sum(side.minimumSizeHint().width() for side in self._sides) + _BETWEEN_PX <= room_px
+        self._columns.setSpacing(_BETWEEN_PX if beside else 2)
+        direction = QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom
+        self._columns.setDirection(direction)
 
     def hideEvent(self, event: QHideEvent) -> None:
         self._end_learning()

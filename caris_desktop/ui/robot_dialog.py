@@ -31,12 +31,15 @@ from caris_desktop.ui import tokens
 from caris_desktop.ui.robot_rows import MappingRow, NoteLine
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.cut_label import CutLabel
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.scrolled import Scrolled
 
 if TYPE_CHECKING:  # its sockets cost a quarter of a second, on the way to the first window
     from caris_desktop.robot.explore import Exploration, StreamCheck
 
 logger = logging.getLogger(__name__)
+_LEAST_PAGE_PX = 200
 
 
 class RobotExplorer(Protocol):
@@ -120,8 +123,8 @@ class RobotDialog(QDialog):
         for line, (text, field) in enumerate(
             ((tr("Certificate file"), self._certificates), (tr("Environment variable with its secret"), self._secret))
         ):
-            security.addWidget(QLabel(text), line, 0)
-            security.addWidget(field, line, 1)
+            security.addWidget(QLabel(text), 2 * line, 0)
+            security.addWidget(field, 2 * line + 1, 0)
         self._security.hide()
         self._security_toggle = ActionButton(theme, tr("Security"), icon="lock-simple", look="ghost", height_px=36)
         self._security_toggle.setObjectName("robot_security")
@@ -177,9 +180,8 @@ class RobotDialog(QDialog):
 
     def _make_tabs(self) -> QWidget:
         holder = QWidget()
-        self._summary = QLabel()
+        self._summary = CutLabel()
         self._summary.setObjectName("robot_summary")
-        self._summary.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         row = QHBoxLayout(holder)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(6)
@@ -253,12 +255,17 @@ class RobotDialog(QDialog):
         foot.setSpacing(8)
         foot.addWidget(cancel)
         foot.addStretch(1)
-        foot.addWidget(QLabel(tr("Name")))
-        foot.addWidget(self.name_field, 2)
         foot.addWidget(self._check)
         foot.addWidget(self._save)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(24, 20, 24, 20)
+        named = QHBoxLayout()
+        named.setSpacing(8)
+        named.addWidget(QLabel(tr("Name")))
+        named.addWidget(self.name_field, 1)
+        self._pages.setMinimumHeight(_LEAST_PAGE_PX)
+        self._pages.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
+        content = QWidget()
+        layout = QVBoxLayout(content)
+        layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(10)
         layout.addWidget(self._heading)
         layout.addWidget(self._hint)
@@ -268,7 +275,12 @@ class RobotDialog(QDialog):
         layout.addWidget(self._tabs)
         layout.addWidget(self._pages, 1)
         layout.addWidget(self._empty, 1)
-        layout.addLayout(foot)
+        layout.addLayout(named)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(24, 20, 24, 20)
+        whole.setSpacing(12)
+        whole.addWidget(Scrolled(content), 1)
+        whole.addLayout(foot)
 
     # ---- what the wizard does
 

@@ -8,7 +8,6 @@ from PySide6.QtCore import QItemSelectionModel, QModelIndex, QSize, Qt, QTimer, 
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QKeyEvent, QPainter, QPaintEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QComboBox,
     QHBoxLayout,
     QLabel,
     QLineEdit,
@@ -34,8 +33,10 @@ from caris_desktop.ui.session_table import (
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 _TYPING_PAUSE_MS = 120
+_WIDEST_FILTER_PX = 240
 _FILTERS = (
     ("participant", QT_TR_NOOP("All participants")),
     ("condition", QT_TR_NOOP("All conditions")),
@@ -73,9 +74,8 @@ class SessionsWindow(QWidget):
         for name, text in _FILTERS:
             choice = DropDown(theme, f"sessions_{name}", tr(text))
             choice.setMinimumHeight(36)
-            choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
-            choice.setMaximumWidth(190)
             choice.addItem(tr(text), "")
+            choice.show_whole(up_to_px=_WIDEST_FILTER_PX)
             choice.currentIndexChanged.connect(self._find)
             self._filters[name] = choice
         self.model = SessionsModel(theme, self)
@@ -87,7 +87,8 @@ class SessionsWindow(QWidget):
         self.table.doubleClicked.connect(self._on_row_chosen)
         self.table.selectionModel().selectionChanged.connect(self._on_selection_changed)
         for number, column in enumerate(COLUMNS):
-            self.table.setColumnWidth(number, column.width_px)
+            heading_px = self.table.horizontalHeader().sectionSizeHint(number)
+            self.table.setColumnWidth(number, max(column.width_px, heading_px))
         self.table.sortByColumn(0, Qt.SortOrder.DescendingOrder)
         self.hits = HitsModel(self)
         self.hit_list = HitList()
@@ -131,17 +132,15 @@ class SessionsWindow(QWidget):
         return QSize(1180, 720)
 
     def _button(self, name: str, text: str, icon_name: str, do: Callable[[], None], **more: Any) -> ActionButton:
-        button = ActionButton(self._theme, text, icon=icon_name, height_px=36, **more)
+        button = ActionButton(self._theme, text, icon=icon_name, height_px=36, may_lose_words=True, **more)
         button.setObjectName(name)
         button.clicked.connect(do)
         return button
 
     def _lay_out(self) -> None:
-        filters = QHBoxLayout()
-        filters.setSpacing(8)
-        filters.addWidget(self.search, 1)
+        filters = FlowRow()
         for choice in self._filters.values():
-            filters.addWidget(choice)
+            filters.add(choice)
         below = QVBoxLayout(self._hits_part)
         below.setContentsMargins(0, 4, 0, 0)
         below.setSpacing(4)
@@ -163,7 +162,8 @@ class SessionsWindow(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(16, 16, 16, 16)
         layout.setSpacing(12)
-        layout.addLayout(filters)
+        layout.addWidget(self.search)
+        layout.addWidget(filters)
         layout.addWidget(splitter, 1)
         layout.addWidget(self._lacks)
         layout.addLayout(buttons)
@@ -297,8 +297,9 @@ class SessionsWindow(QWidget):
             (self._export, count > 0 and not goes_on),
         ):
             button.setEnabled(enabled)
-            button.setToolTip(wait if button is not self._open else "")
         self._export.set_label(tr("Export %n sessions…", "", count) if count > 1 else tr("Export…"))
+        for button in (self._replay_button, self._open, self._export):
+            button.setToolTip(wait if wait and button is not self._open else button.text())
 
     def _replay(self) -> None:
         chosen = self.selected()

@@ -137,10 +137,10 @@ class StartDialog(QDialog):
             line.returnPressed.connect(self._on_begin)
             form.addRow(tr(label), line)
             self._fields[name] = line
-        self._again = CheckBox(theme)
+        self._again = CheckBox(theme, wraps=True)
         self._again.setObjectName("start_again")
         self._again.toggled.connect(self._on_again)
-        self._practice = CheckBox(theme, tr("Practice run (counts as wizard training, not as data)"))
+        self._practice = CheckBox(theme, tr("Practice run (counts as wizard training, not as data)"), wraps=True)
         self._practice.setObjectName("start_practice")
         # Never ticked beforehand: data that is taken for practice is lost to the study.
         last = self._offer.last

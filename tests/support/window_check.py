@@ -9,10 +9,19 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QPoint, QPointF, QRect, QRectF, Qt
+from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QPoint, QPointF, QRect, QRectF, QSize, Qt
 from PySide6.QtGui import QFont, QFontMetricsF, QPainter, QRegion, QTransform
 from PySide6.QtSvg import QSvgGenerator
-from PySide6.QtWidgets import QAbstractButton, QAbstractScrollArea, QComboBox, QLabel, QLineEdit, QTabBar, QWidget
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractScrollArea,
+    QComboBox,
+    QLabel,
+    QLineEdit,
+    QScrollArea,
+    QTabBar,
+    QWidget,
+)
 
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -44,7 +53,14 @@ def flaws(window: QWidget) -> list[str]:
         for text in texts
         if _sticks_out(text.box, widget)
     ]
-    return [*cut_off(window), *beyond, *on_one_another(_in_view(painted, window))]
+    outside = [
+        f"{_name(widget)} paints {text.text!r} outside of the window"
+        for widget, texts in painted
+        if texts and not _scrolled(widget)
+        for text in texts
+        if _sticks_out(text.box.translated(QPointF(widget.mapTo(window, QPoint()))), window)
+    ]
+    return [*cut_off(window), *beyond, *outside, *on_one_another(_in_view(painted, window))]
 
 
 def cut_off(window: QWidget) -> list[str]:
@@ -54,7 +70,18 @@ def cut_off(window: QWidget) -> list[str]:
         lacking = _lacking_px(widget)
         if lacking is not None:
             found.append(f"{_name(widget)} lacks {lacking[0]:.0f} x {lacking[1]:.0f} px for {_text_of(widget)!r}")
+        beside = _out_of_reach_px(widget)
+        if beside > _SPARE_PX:
+            found.append(f"{_name(widget)} has {beside:.0f} px at its side that cannot be scrolled to")
     return found
+
+
+def _out_of_reach_px(area: QWidget) -> float:
+    """How much of what it holds is cut off at the side of an area that scrolls up and down only."""
+    off = Qt.ScrollBarPolicy.ScrollBarAlwaysOff
+    if not isinstance(area, QScrollArea) or area.horizontalScrollBarPolicy() != off or area.widget() is None:
+        return 0.0
+    return float(area.widget().width() - area.viewport().width())
 
 
 def on_one_another(texts: list[Painted]) -> list[str]:
@@ -100,7 +127,9 @@ def painted_by(widget: QWidget) -> list[Painted]:
     painter = QPainter(generator)
     widget.render(painter, QPoint(), QRegion(), QWidget.RenderFlag(0))
     painter.end()
-    return list(_texts_below(ET.fromstring(bytes(drawn.data())), QTransform()))  # noqa: S314 - drawn just now
+    texts = _texts_below(ET.fromstring(bytes(drawn.data())), QTransform())  # noqa: S314 - drawn just now
+    # What is selected in a field is drawn twice, once for each colour.
+    return list({(text.text, text.box.left(), text.box.top()): text for text in texts}.values())
 
 
 def _texts_below(element: ET.Element, transform: QTransform) -> Iterator[Painted]:
@@ -188,6 +217,8 @@ def _lacking_px(widget: QWidget) -> tuple[float, float] | None:
         lacks = needed_px + 8 - room.width(), 0.0
     else:
         hint = widget.sizeHint()
+        if widget.hasHeightForWidth():  # its words are wrapped
+            hint = QSize(widget.minimumSizeHint().width(), widget.heightForWidth(widget.width()))
         if isinstance(widget, ActionButton) and widget.may_shrink:
             return None
         lacks = float(hint.width() - widget.width()), float(hint.height() - widget.height())

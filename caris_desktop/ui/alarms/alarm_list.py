@@ -19,7 +19,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.status_button import StatusButton
 
 _WIDTH_PX = 680
-_CHROME_PX = 74
+_CHROME_PX = 88
 _FOLDED_SHOWN = 5
 
 

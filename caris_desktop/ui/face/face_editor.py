@@ -69,7 +69,7 @@ class FaceEditor(QDialog):
         self._face = _loaded(status.face)
         self._motion = FaceMotion(self._face)
         self._preview = FaceView()
-        self._preview.setMinimumSize(360, 300)
+        self._preview.setMinimumSize(240, 140)
         self._name = QLineEdit(self._face.name)
         self._name.setObjectName("face_name")
         self._name.setMaxLength(40)
@@ -79,6 +79,7 @@ class FaceEditor(QDialog):
         self._sliders: dict[tuple[str, str], _ValueSlider] = {}
         rows = QWidget()
         form = self._form = QFormLayout(rows)
+        form.setRowWrapPolicy(QFormLayout.RowWrapPolicy.WrapLongRows)
         form.addRow(_heading(theme, tr("Expression")), self._choice)
         self._add_sliders("expression", Expression)
         form.addRow(_heading(theme, tr("Eyes")), QWidget())

@@ -24,6 +24,7 @@ class ChoiceButton(QAbstractButton):
         self._about = about
         self._icon = icon
         self._primary = primary
+        self._low = False
         self.setText(title)
         self.setAccessibleName(title)
         self.setAccessibleDescription(about)
@@ -35,18 +36,26 @@ class ChoiceButton(QAbstractButton):
         self.setSizePolicy(policy)
         theme.changed.connect(self.update)
 
+    def set_low(self, low: bool) -> None:
+        """No taller than its words need, with the icon beside them."""
+        if low != self._low:
+            self._low = low
+            self.updateGeometry()
+
     def sizeHint(self) -> QSize:
-        return QSize(340, max(_CHOICE_PX, self.heightForWidth(340)))
+        least_px = self.minimumSizeHint().height() if self._low else _CHOICE_PX
+        return QSize(340, max(least_px, self.heightForWidth(340)))
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(240, 120)
+        return QSize(240, 64 if self._low else 120)
 
     def heightForWidth(self, width: int) -> int:
-        return self._rects(width)[1].bottom() + _PAD_PX
+        return self._rects(width)[1].bottom() + (12 if self._low else _PAD_PX)
 
     def _rects(self, width: int) -> tuple[QRect, QRect]:
         """Where title and explanation are."""
-        room, left, top = width - 2 * _PAD_PX, _PAD_PX, _PAD_PX + _ICON_PX + 14
+        left, top = (2 * _PAD_PX + _ICON_PX, 12) if self._low else (_PAD_PX, _PAD_PX + _ICON_PX + 14)
+        room = width - left - _PAD_PX
         title = self._metrics(tokens.SPEECH_PX).boundingRect(QRect(left, top, room, 2000), _WRAPPED, self.text())
         below = title.bottom() + 8
         about = self._metrics(tokens.BODY_PX).boundingRect(QRect(left, below, room, 2000), _WRAPPED, self._about)

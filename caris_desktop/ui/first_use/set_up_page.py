@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QMouseEvent
-from PySide6.QtWidgets import QButtonGroup, QHBoxLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QButtonGroup, QHBoxLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PreflightCheck
@@ -21,6 +21,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.scrolled import Scrolled
 
 _WIDTH_PX, _WELCOME_PX, _HEIGHT_PX, _STEPS_PX = 880, 430, 600, 220
+_BESIDE_FROM_PX, _NARROW_STEPS_PX = 700, 184
 
 
 class SetUpPage(Overlay):
@@ -64,6 +65,15 @@ class SetUpPage(Overlay):
     def card_height_px(self) -> int:
         return _WELCOME_PX if self._pages.currentIndex() == 0 else _HEIGHT_PX
 
+    def _place(self) -> None:
+        super()._place()
+        narrow = self.card.width() < _BESIDE_FROM_PX
+        for choice in self._choice_buttons:
+            choice.set_low(narrow)
+        if self._step_page is not None:
+            self._rail.setFixedWidth(_NARROW_STEPS_PX if narrow else _STEPS_PX)
+        self._choices.setDirection(QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight)
+
     def close_overlay(self) -> None:
         if not self.isHidden():
             super().close_overlay()
@@ -101,10 +111,11 @@ class SetUpPage(Overlay):
         again = QLabel(tr("You find this again in the Window menu: Set up."))
         again.setFont(theme.font(tokens.STATUS_PX))
         again.setWordWrap(True)
-        choices = QHBoxLayout()
+        self._choices = choices = QBoxLayout(QBoxLayout.Direction.LeftToRight)
         choices.setSpacing(16)
         choices.addWidget(self._simulated)
         choices.addWidget(own)
+        self._choice_buttons = (self._simulated, own)
         foot = QHBoxLayout()
         foot.addWidget(again, 1)
         foot.addWidget(later)
@@ -169,7 +180,7 @@ class SetUpPage(Overlay):
         close.clicked.connect(self.close_overlay)
         foot.addWidget(close)
         foot.addWidget(self._next)
-        rail = QWidget()
+        rail = self._rail = QWidget()
         rail.setLayout(side)
         rail.setFixedWidth(_STEPS_PX)
         side.setContentsMargins(0, 0, 0, 0)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QPainter, QPaintEvent
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -31,6 +31,7 @@ _COLUMNS: dict[Sees, tuple[tuple[PanelName, ...], tuple[PanelName, ...]]] = {
     "no_names": (("video",), ("conversation",)),
 }
 _SIZE_PX = (1100, 700)
+_LEAST_PX, _BOTH_FROM_PX = (480, 280), 480
 
 
 class ObserverWindow(QWidget):
@@ -52,17 +53,25 @@ class ObserverWindow(QWidget):
         actions.rebuild(only_looks.scenario)
         self._context = PanelContext(only_looks, theme, actions, hold, discreet=sees == "no_names")
         column = QVBoxLayout(self)
-        column.setContentsMargins(8, 8, 8, 8)
-        column.addWidget(GlanceSigns(theme, console.state))
+        column.setContentsMargins(0, 8, 0, 8)
+        # Who looks on cannot scroll: what there is no room for is not shown.
+        column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
+        self.setMinimumSize(*_LEAST_PX)
+        self._signs = GlanceSigns(theme, console.state)
+        self._whole_signs_px = self._signs.width()
+        self._lower: list[QWidget] = []
+        column.addWidget(self._signs)
         shown = QSplitter(Qt.Orientation.Horizontal)
+        shown.setContentsMargins(8, 0, 8, 0)
         # Whoever looks on clicks nothing: all of it is transparent for the mouse.
         shown.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         possible = possible_panels(only_looks.scenario)
         for names in _COLUMNS[sees]:
             part = QSplitter(Qt.Orientation.Vertical)
-            for name in names:
-                if name in possible:
-                    part.addWidget(self._panel(name))
+            cards = [self._panel(name) for name in names if name in possible]
+            for card in cards:
+                part.addWidget(card)
+            self._lower += cards[1:]
             shown.addWidget(part)
         shown.setSizes([60, 40])
         column.addWidget(shown, 1)
@@ -88,6 +97,12 @@ class ObserverWindow(QWidget):
         other = next((one for one in QGuiApplication.screens() if one is not beside.screen()), None)
         if other is not None:
             self.setGeometry(other.availableGeometry())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._signs.use_room(compact=self.width() < self._whole_signs_px + 16)
+        for card in self._lower:
+            card.setVisible(self.height() >= _BOTH_FROM_PX)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         super().closeEvent(event)

@@ -14,14 +14,14 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.status_button import StatusButton
 
-_CHROME_PX = 112
+_WIDTH_PX, _CHROME_PX, _SIDES_PX = 680, 96, 32
 
 
 class PreflightCard(Overlay):
     """The list, with how many are open. The robot can be driven and stopped meanwhile."""
 
     def __init__(self, theme: Theme, window: QWidget, console: WizardConsole) -> None:
-        super().__init__(theme, window, width_px=680)
+        super().__init__(theme, window, width_px=_WIDTH_PX)
         self.setObjectName("preflight_card")
         self._console = console
         self._heading = QLabel(tr("Before a recording"))
@@ -29,6 +29,7 @@ class PreflightCard(Overlay):
         self._summary = QLabel()
         self._summary.setObjectName("preflight_summary")
         self._summary.setFont(theme.font(tokens.STATUS_PX))
+        self._summary.setWordWrap(True)
         close = ActionButton(theme, tr("Close"), icon="x", key="Esc", look="ghost")
         close.setObjectName("preflight_close")
         close.clicked.connect(self.close_overlay)
@@ -54,7 +55,8 @@ class PreflightCard(Overlay):
         (next(still_open, None) or self).setFocus(Qt.FocusReason.TabFocusReason)
 
     def card_height_px(self) -> int:
-        return self.list.height_px() + _CHROME_PX
+        words_px = min(_WIDTH_PX, self.width() - 32) - _SIDES_PX
+        return self.list.height_px() + _CHROME_PX + self._summary.heightForWidth(words_px)
 
     def _show(self, checks: tuple[PreflightCheck, ...]) -> None:
         live = self._console.state.present.live

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QHeaderView,
     QLabel,
+    QSizePolicy,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QTableWidget,
@@ -26,10 +27,12 @@ from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.scrolled import Scrolled
 
 TOLERANCES_MS = (100, 250, 500, 1000, 2000)
 UNIT_MS = 100
 _USUAL_MS = 500
+_LEAST_TABLE_PX = 140
 _FITTING_COLUMNS = 7
 # Landis and Koch (1977), the words that readers of the field know.
 _STRENGTHS = (
@@ -104,6 +107,7 @@ class AgreementDialog(QDialog):
             tr("Where they differ, in tenths of a second: rows the first coder, columns the second")
         )
         self._table_words.setFont(theme.font(tokens.STATUS_PX))
+        self._table_words.setWordWrap(True)
         theme.color_text(self._table_words, "dim")
         self._table = QTableWidget()
         self._table.setObjectName("agreement_table")
@@ -134,15 +138,22 @@ class AgreementDialog(QDialog):
         buttons.addWidget(close)
         buttons.addStretch(1)
         buttons.addWidget(copy)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(24, 24, 24, 24)
+        content = QWidget()
+        layout = QVBoxLayout(content)
+        layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(12)
         layout.addLayout(choices)
         layout.addWidget(self._kappa)
         layout.addWidget(self._lines)
         layout.addWidget(self._table_words)
         layout.addWidget(self._table, 1)
-        layout.addLayout(buttons)
+        self._table.setMinimumHeight(_LEAST_TABLE_PX)
+        self._table.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(24, 24, 24, 24)
+        whole.setSpacing(12)
+        whole.addWidget(Scrolled(content), 1)
+        whole.addLayout(buttons)
         self._copy = copy
         self._compare()
 

@@ -39,6 +39,7 @@ from caris_desktop.ui.replay.timeline_overlay import OpenStretch
 from caris_desktop.ui.replay.timeline_rows import TimelineRows
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.cut_label import CutLabel
 
 _LOW_PX = 168
 # These go on while their key is held.
@@ -108,10 +109,8 @@ class TimelineView(QWidget):
         header = QWidget()
         header.setFixedHeight(TITLE_HEIGHT_PX)
         self._title = QLabel(tr("Timeline"))
-        self._fact = QLabel()
+        self._fact = CutLabel()
         self._fact.setObjectName("timeline_fact")
-        self._fact.setTextFormat(Qt.TextFormat.PlainText)
-        self._fact.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._named_buttons: list[tuple[ActionButton, str]] = []
         row = QHBoxLayout(header)
         row.setContentsMargins(14, 3, 6, 3)

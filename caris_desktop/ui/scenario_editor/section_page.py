@@ -1,6 +1,7 @@
 """One page of the form: the keys of a section, built when it is first looked at."""
 
 from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
 
 from caris_desktop.domain.key_path import KeyPath
@@ -12,7 +13,7 @@ from caris_desktop.ui.scenario_editor.fields import Field, Part
 from caris_desktop.ui.scenario_editor.groups import part_for
 from caris_desktop.ui.scenario_editor.sections import Section
 
-_WIDEST_PX = 900
+_WIDEST_PX, _LEAST_WORDS_PX, _SIDE_PX = 900, 200, 24
 
 
 class SectionPage(QScrollArea):
@@ -30,7 +31,6 @@ class SectionPage(QScrollArea):
         self.setObjectName("section_page")
         self.setWidgetResizable(True)
         self.setFrameShape(QFrame.Shape.NoFrame)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         context.theme.changed.connect(self._style)
         context.editing.changed.connect(self._on_changed)
@@ -49,7 +49,7 @@ class SectionPage(QScrollArea):
         holder = QWidget()
         holder.setObjectName("section_holder")
         column = QVBoxLayout(holder)
-        column.setContentsMargins(24, 16, 24, 24)
+        column.setContentsMargins(_SIDE_PX, 16, _SIDE_PX, 24)
         column.setSpacing(20)
         self._title = QLabel(tr(self.section.title))
         self._words = QLabel(tr(self.section.words))
@@ -76,6 +76,17 @@ class SectionPage(QScrollArea):
         chain_focus(self.widget())
         if len(self.parts) < len(self.section.keys):
             self._next.start()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        if self._column is not None:
+            self._fit_words()
+
+    def _fit_words(self) -> None:
+        """What explains the section is read without scrolling aside, however wide its lists are."""
+        room_px = max(_LEAST_WORDS_PX, self.viewport().width() - 2 * _SIDE_PX)
+        self._words.setMaximumWidth(room_px)
+        self._words.setMinimumHeight(self._words.heightForWidth(room_px))
 
     def refresh(self) -> None:
         self._stale = False
@@ -112,3 +123,4 @@ class SectionPage(QScrollArea):
             self._title.setFont(theme.font(tokens.SPEECH_PX + 2, tokens.WEIGHT_SEMIBOLD))
             self._words.setFont(theme.font(tokens.BODY_PX))
             theme.color_text(self._words, "dim")
+            self._fit_words()

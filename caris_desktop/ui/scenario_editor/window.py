@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QSize, Qt, QUrl, Signal
-from PySide6.QtGui import QCloseEvent, QKeySequence, QPainter, QPaintEvent, QShortcut
+from PySide6.QtGui import QCloseEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent, QShortcut
 from PySide6.QtWidgets import (
     QHBoxLayout,
     QLineEdit,
@@ -47,7 +47,9 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
 
-_NAV_PX = 208
+_NAV_PX, _NARROW_NAV_PX = 208, 176
+_NARROW_PX, _LEAST_PX, _LEAST_TITLE_PX = 900, (560, 280), 140
+_FORM_AND_PREVIEW_PX = (880, 340)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +153,8 @@ class ScenarioEditor(QWidget):
         self._name_row.hide()
 
     def _button(self, name: str, text: str, icon_name: str, do: Callable[[], Any], **more: Any) -> ActionButton:
-        button = ActionButton(self._theme, text, icon=icon_name, **more)
+        button = ActionButton(self._theme, text, icon=icon_name, may_lose_words=True, **more)
+        button.setToolTip(text)
         button.setObjectName(name)
         button.clicked.connect(lambda _checked=False: do())
         return button
@@ -180,17 +183,19 @@ class ScenarioEditor(QWidget):
         titles.addWidget(self._title)
         titles.addWidget(self._state)
         head.addLayout(titles, 1)
+        for label in (self._title, self._state):
+            label.setMinimumWidth(_LEAST_TITLE_PX)
         for button in (
             self.undo_button, self.redo_button, self.revert_button, self.save_as_button, self.save_button,
         ):  # fmt: skip
             head.addWidget(button)
-        side = QSplitter(Qt.Orientation.Horizontal)
+        side = self._side = QSplitter(Qt.Orientation.Horizontal)
         side.setChildrenCollapsible(False)
         side.addWidget(self.stack)
         side.addWidget(self.preview)
         side.setStretchFactor(0, 5)
         side.setStretchFactor(1, 3)
-        side.setSizes([800, 420])
+        side.setSizes(list(_FORM_AND_PREVIEW_PX))
         self.preview.setMinimumWidth(280)
         body = QHBoxLayout()
         body.setContentsMargins(8, 0, 8, 8)
@@ -204,6 +209,27 @@ class ScenarioEditor(QWidget):
         column.addWidget(self._name_row)
         column.addWidget(self.notice)
         column.addLayout(body, 1)
+        # What gives way in a narrow window is told by resizeEvent, not by what everything needs beside one another.
+        column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
+        self.setMinimumSize(*_LEAST_PX)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """In a narrow window the preview is a part of its own instead of standing beside the others."""
+        super().resizeEvent(event)
+        narrow, is_page = self.width() < _NARROW_PX, self.stack.indexOf(self.preview) >= 0
+        self.nav.setFixedWidth(_NARROW_NAV_PX if narrow else _NAV_PX)
+        if narrow and not is_page:
+            self.stack.addWidget(self.preview)
+            item = QListWidgetItem(tr("Preview"))
+            item.setSizeHint(QSize(_NAV_PX, tokens.CONTROL_HEIGHT_PX))
+            self.nav.addItem(item)
+        elif is_page and not narrow:
+            if self.nav.currentRow() == self.nav.count() - 1:
+                self.nav.setCurrentRow(0)
+            self.nav.takeItem(self.nav.count() - 1)
+            self._side.addWidget(self.preview)
+            self._side.setSizes(list(_FORM_AND_PREVIEW_PX))
+            self._show_preview()
 
     def _make_keys(self) -> None:
         keys: dict[str, Callable[[], object]] = {
@@ -297,7 +323,8 @@ class ScenarioEditor(QWidget):
 
     def _show_preview(self) -> None:
         page = self.stack.currentWidget()
-        self.preview.setVisible(page is not self.compare_page)
+        if self.stack.indexOf(self.preview) < 0:
+            self.preview.setVisible(page is not self.compare_page)
         section = page.section.title if isinstance(page, SectionPage) else ""
         scrolled = self.preview.verticalScrollBar().value()
         self.preview.setHtml(preview_page(self.document, section, self._theme.colors))

@@ -21,6 +21,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 _WIDTH_PX = 1120
+_BESIDE_FROM_PX = 900
 
 
 @dataclass(slots=True)
@@ -46,6 +47,7 @@ class ShortcutSheet(Overlay):
         self._groups: list[ShortcutGroup] = []
         self._columns = QHBoxLayout()
         self._sides: tuple[QWidget, ...] = ()
+        self._turned = False
         self._ids: list[str] = []
         self._letters = actions.letters
         self._to_build: deque[tuple[QVBoxLayout, str, list[ActionSpec]]] = deque()
@@ -115,6 +117,10 @@ class ShortcutSheet(Overlay):
         self._building.stop()
         self._to_build.clear()
         super().close_overlay()
+
+    def _place(self) -> None:
+        super()._place()
+        self._arrange_sides()
 
     def card_height_px(self) -> int:
         return self._window.height()  # as much as there is: Overlay leaves a border
@@ -215,9 +221,17 @@ class ShortcutSheet(Overlay):
         found = sum([group.show_found(self.search.text()) for group in self._groups])
         # What is found stands where one looks for it, also where it is of the right side only.
         left = any(not group.isHidden() for group in self._groups if group.parentWidget() is self._sides[0])
-        in_order, turned = QHBoxLayout.Direction.LeftToRight, QHBoxLayout.Direction.RightToLeft
-        self._columns.setDirection(turned if found and not left else in_order)
+        self._turned = bool(found) and not left
+        self._arrange_sides()
         self._nothing.setVisible(not found and self.is_built)
+
+    def _arrange_sides(self) -> None:
+        """Beside one another, or one below the other where the window is too narrow for both."""
+        if self.card.width() < _BESIDE_FROM_PX:
+            self._columns.setDirection(QHBoxLayout.Direction.TopToBottom)
+        else:
+            beside = QHBoxLayout.Direction.RightToLeft if self._turned else QHBoxLayout.Direction.LeftToRight
+            self._columns.setDirection(beside)
 
     # ---- another key
 

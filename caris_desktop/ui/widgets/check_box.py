@@ -1,22 +1,31 @@
 """A check box that can be seen in both themes: a style sheet cannot draw the mark without a picture file."""
 
-from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtCore import QRect, QRectF, QSize, Qt
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QCheckBox
+from PySide6.QtWidgets import QCheckBox, QSizePolicy
 
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 
 BOX_PX = 18
 TEXT_LEFT_PX = BOX_PX + 10
+_LEAST_WRAPPED_PX = 200
 
 
 class CheckBox(QCheckBox):
-    """Takes no focus from a click, so that typing and driving go on."""
+    """Takes no focus from a click, so that typing and driving go on.
 
-    def __init__(self, theme: Theme, text: str = "") -> None:
+    One that ``wraps`` has as many lines as it takes.
+    """
+
+    def __init__(self, theme: Theme, text: str = "", *, wraps: bool = False) -> None:
         super().__init__(text)
         self._theme = theme
+        self._wraps = wraps
+        if wraps:
+            policy = QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Minimum)
+            policy.setHeightForWidth(True)
+            self.setSizePolicy(policy)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setMinimumHeight(BOX_PX + 6)
         theme.changed.connect(self.update)
@@ -26,7 +35,15 @@ class CheckBox(QCheckBox):
         return QSize(round(TEXT_LEFT_PX + width + 4), max(BOX_PX + 6, self.fontMetrics().height() + 4))
 
     def minimumSizeHint(self) -> QSize:
-        return self.sizeHint()
+        whole = self.sizeHint()
+        return QSize(min(whole.width(), _LEAST_WRAPPED_PX), whole.height()) if self._wraps else whole
+
+    def heightForWidth(self, width: int) -> int:
+        if not self._wraps:
+            return self.sizeHint().height()
+        room = QRect(0, 0, max(1, width - TEXT_LEFT_PX), 2000)
+        wrapped = self.fontMetrics().boundingRect(room, int(Qt.TextFlag.TextWordWrap), self.text())
+        return max(BOX_PX + 6, wrapped.height() + 4)
 
     def hitButton(self, _pos: object) -> bool:
         return True  # all of it
@@ -50,4 +67,5 @@ class CheckBox(QCheckBox):
         painter.setPen(theme.color("text"))
         painter.setFont(self.font())
         rect = QRectF(TEXT_LEFT_PX, 0, self.width() - TEXT_LEFT_PX, self.height())
-        painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), self.text())
+        flags = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
+        painter.drawText(rect, flags | int(Qt.TextFlag.TextWordWrap) if self._wraps else flags, self.text())

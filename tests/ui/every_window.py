@@ -1,0 +1,226 @@
+"""Each dialog, card and secondary window of the program, opened as the wizard opens it, to be looked over."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from PySide6.QtCore import QSize
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QListWidget, QWidget
+
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.live.gamepad import Gamepads
+from caris_desktop.live.state import LiveState, PresentClock
+from caris_desktop.robot.explore import Exploration
+from caris_desktop.robot.proposal import propose
+from caris_desktop.scenario.file import load_scenario
+from caris_desktop.ui.language import ENGLISH, Language
+from caris_desktop.ui.layout_menu import TitleDialog
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_place import WINDOW_FRAME
+from tests.support.window_check import flaws
+from tests.ui import samples, test_sessions
+from tests.ui.conftest import freshen
+from tests.ui.fake_console import FakeConsole, FakeLibrary
+from tests.ui.fake_replay import FakeReplay, sample_coding, sample_overview
+from tests.ui.preflight.test_preflight import CHECKS
+from tests.ui.test_robot_dialog import ADDRESS, OFFER, MemoryExplorer
+
+SMALLEST, USUAL = QSize(683, 384), QSize(1366, 768)
+"""What a screen of 1366x768 has room for at 200 and at 100 %."""
+
+SCENARIO = "tour-guide"
+_COMES_ROUND_MS = 400
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A part that was opened: an overlay of the main window, or a window of its own."""
+
+    name: str
+    part: QWidget
+    least: QSize = SMALLEST
+
+
+class EveryWindow:
+    """The windows of a session, and of a replay, in one language."""
+
+    def __init__(self, theme: Theme, language: str) -> None:
+        self.language = Language()
+        self.language.use(language)
+        self.console = FakeConsole(load_scenario(layouts_dir() / f"{SCENARIO}.yaml"))
+        samples.fill_console(self.console)
+        self.console.state.preflight.set(CHECKS)
+        self.explorer = MemoryExplorer()
+        self.window = MainWindow(
+            self.console,
+            theme=theme,
+            gamepads=Gamepads(self.console.state, lambda _event: None),
+            explorer=self.explorer,  # type: ignore[arg-type]
+        )
+        self.window.use_library(FakeLibrary(test_sessions.SESSIONS, test_sessions.HITS))
+        self.theme = theme
+        self._opened: dict[int, QSize] = {}
+        self.window.resize(USUAL)
+        self.window.show()
+        freshen(self.console)
+        self.console.state.close()
+
+    def close(self) -> None:
+        self.window.close()
+        self.language.use(ENGLISH)
+        self.window.deleteLater()
+
+    def seen(self) -> Iterator[Seen]:
+        """Each part in turn; the one before is closed."""
+        yield from self._cards()
+        yield from self._of_sessions()
+        yield from self._of_the_robot()
+        yield from self._of_the_scenario()
+        yield from self._shown_to_others()
+        yield from self._of_the_replay()
+
+    def _cards(self) -> Iterator[Seen]:
+        window = self.window
+        for name, open_card in (
+            ("palette", window.show_command_palette),
+            ("keys", window.show_shortcuts),
+            ("connection", window._connection.open),
+            ("preflight", window.show_preflight),
+            ("alarms", window._alarms.show_alarms),
+        ):
+            open_card()
+            yield Seen(name, self._card())
+            window.hold.escape_pressed.emit()
+        window.show_set_up()
+        page = self._card()
+        yield Seen("first use", page)
+        _press(page, "first_use_own")
+        for button in page.findChildren(QAbstractButton):
+            if button.objectName().startswith("first_use_to_"):
+                button.click()
+                yield Seen(f"first use, {button.objectName().removeprefix('first_use_to_')}", page)
+        window.hold.escape_pressed.emit()
+
+    def _card(self) -> QWidget:
+        return next(card for card in self.window.findChildren(Overlay) if card.isVisible())
+
+    def _of_sessions(self) -> Iterator[Seen]:
+        sessions = self.window.sessions
+        sessions.open_start_dialog()
+        yield self._own("start", "start_dialog")
+        sessions.open_sessions()
+        seen = self._own("sessions", "sessions_window")
+        yield seen
+        field = seen.part.findChild(QLineEdit, "sessions_search")
+        assert field is not None
+        field.setText("robot")
+        field.returnPressed.emit()
+        yield Seen("sessions found", seen.part)
+        seen.part.close()
+        sessions.open_export([test_sessions.SESSIONS[0].folder])
+        yield self._own("export", "export_dialog")
+
+    def _of_the_robot(self) -> Iterator[Seen]:
+        self.window.robots.open_dialog()
+        seen = self._own("robot", "robot_dialog")
+        yield seen
+        field = seen.part.findChild(QLineEdit, "robot_address")
+        assert field is not None
+        field.setText(ADDRESS)
+        _press(seen.part, "robot_security")
+        _press(seen.part, "robot_look")
+        self.explorer.done(Exploration(ADDRESS, OFFER, propose(OFFER), ()))
+        yield Seen("robot mapped", seen.part)
+        _press(seen.part, "robot_page_1")
+        yield Seen("robot offers", seen.part)
+        seen.part.close()
+        self.window.gamepad.open()
+        yield self._own("gamepad", "gamepad_dialog")
+        self.window.faces.edit()
+        yield self._own("face editor", "face_editor")
+
+    def _of_the_scenario(self) -> Iterator[Seen]:
+        dialog = TitleDialog(self.theme, self.window)
+        dialog.show()
+        yield self._own("layout title", "layout_title_dialog")
+        self.window.editor.open()
+        seen = self._own("scenario", "scenario_editor")
+        sections = seen.part.findChild(QListWidget, "editor_sections")
+        assert sections is not None
+        for row in range(sections.count()):
+            sections.setCurrentRow(row)
+            yield Seen(f"scenario, {row}", seen.part)
+        seen.part.close()
+
+    def _shown_to_others(self) -> Iterator[Seen]:
+        for sees in SEES_WORDS:
+            self.window.observers.open(sees)
+            shown = self.window.observers.shown
+            assert shown is not None
+            yield Seen(f"observer, {sees}", shown)
+        self.window.observers.close()
+        face = self.console.state.face
+        face.set(replace(face.value, window=True))
+        yield self._own("face", "face_window")
+        face.set(replace(face.value, window=False))
+
+    def _of_the_replay(self) -> Iterator[Seen]:
+        """Its dialogs. The window itself needs the room of a usual screen."""
+        console = FakeConsole(self.console.scenario)
+        console.state = LiveState(present=PresentClock(live=False))
+        samples.fill_console(console)
+        window = MainWindow(console, theme=self.theme)
+        window.use_replay(FakeReplay(overview=sample_overview(), coding=sample_coding(120_000)))
+        window.show()
+        console.state.close()
+        yield Seen("replay", window, least=USUAL)
+        assert window._replay_parts is not None
+        rows = window._replay_parts.timeline.rows
+        for name, opened in (
+            ("tier", rows.open_tier_dialog), ("agreement", rows.open_agreement), ("import", rows.open_import),
+        ):  # fmt: skip
+            opened()
+            seen = self._own(name, f"{name}_dialog")
+            yield seen
+            seen.part.close()
+        window.close()
+        window.deleteLater()
+
+    def _own(self, name: str, object_name: str) -> Seen:
+        found = [
+            widget for widget in QApplication.topLevelWidgets()
+            if widget.objectName() == object_name and widget.isVisible()
+        ]  # fmt: skip
+        assert found, f"no window {object_name}: {[one.objectName() for one in QApplication.topLevelWidgets()]}"
+        return Seen(name, found[0])
+
+    def flaws_in(self, seen: Seen, screen: QSize) -> list[str]:
+        """What can be found wrong with it on a screen of that size."""
+        part, room = seen.part, screen - WINDOW_FRAME
+        if part.isWindow() and part.objectName() != "main_window":
+            opened = self._opened.setdefault(id(part), part.size().expandedTo(part.sizeHint()))
+            part.resize(opened.boundedTo(room))
+        else:
+            part.window().resize(screen)
+        self.settle()
+        found = flaws(part)
+        if found:
+            QTest.qWait(_COMES_ROUND_MS)
+            found = flaws(part)
+        size, most = part.size(), screen if part.objectName() == "main_window" else room
+        if part.isWindow() and (size.width() > most.width() or size.height() > most.height()):
+            found.append(f"is {size.width()} x {size.height()} px at least, and the screen has less")
+        return [f"{seen.name} at {screen.width()}x{screen.height()}: {flaw}" for flaw in found]
+
+    def settle(self) -> None:
+        for _ in range(10):
+            QApplication.processEvents()
+
+
+def _press(part: QWidget, name: str) -> None:
+    button = part.findChild(QAbstractButton, name)
+    assert button is not None, name
+    button.click()

@@ -1,0 +1,62 @@
+"""No text of a dialog, card or secondary window is cut off or lies on another one, on small and usual screens."""
+
+import pytest
+from PySide6.QtCore import QSize
+from PySide6.QtWidgets import QLabel, QScrollArea, QWidget
+
+from caris_desktop.ui.language import ENGLISH, TRIAL
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.scrolled import Scrolled
+from tests.support.window_check import cut_off
+from tests.ui.every_window import SMALLEST, USUAL, EveryWindow
+
+
+def _found(theme: Theme, language: str, *screens: QSize) -> tuple[list[str], set[str]]:
+    """The flaws, and the names of what was looked at."""
+    opened, found, names = EveryWindow(theme, language), list[str](), set[str]()
+    try:
+        for seen in opened.seen():
+            names.add(seen.name.partition(",")[0])
+            for screen in screens:
+                if screen.width() >= seen.least.width():
+                    found += opened.flaws_in(seen, screen)
+    finally:
+        opened.close()
+    return found, names
+
+
+def test_every_window_can_be_read_where_there_is_least_room(theme: Theme) -> None:
+    theme.set_choice("dark")
+    found, names = _found(theme, TRIAL, SMALLEST)
+    assert found == []
+    assert names == {
+        "palette", "keys", "connection", "preflight", "alarms", "first use", "start", "sessions", "sessions found",
+        "export", "robot", "robot mapped", "robot offers", "gamepad", "face editor", "layout title", "scenario",
+        "observer", "face", "replay", "tier", "agreement", "import",
+    }  # fmt: skip
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("choice", ["dark", "light"])
+@pytest.mark.parametrize("language", [ENGLISH, TRIAL])
+def test_every_window_can_be_read_everywhere(theme: Theme, choice: str, language: str) -> None:
+    theme.set_choice("light" if choice == "light" else "dark")
+    assert _found(theme, language, USUAL, SMALLEST)[0] == []
+
+
+@pytest.mark.panels("video")
+def test_the_check_sees_what_cannot_be_scrolled_to(window: MainWindow) -> None:
+    """It would find it: something wider than an area that scrolls up and down only."""
+    wide = QLabel("Further than anybody can scroll")
+    wide.setMinimumWidth(400)
+    area: QScrollArea = Scrolled(wide)
+    area.setParent(window)
+    area.setGeometry(100, 200, 200, 80)
+    area.show()
+    holder: QWidget = window
+    found = cut_off(holder)
+    area.hide()
+    area.deleteLater()
+    assert any("cannot be scrolled to" in flaw for flaw in found), found
