@@ -3,8 +3,11 @@
 No thread and no clock: whoever has them gives the sound, asks which stretch is to be transcribed, and brings the words.
 """
 
+import itertools
 import secrets
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
@@ -17,7 +20,8 @@ from caris_desktop.conversation.listening.own_words import OwnWords
 from caris_desktop.conversation.listening.turn_words import with_words
 from caris_desktop.conversation.listening.turns import TurnTaking
 from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
-from caris_desktop.domain.events import UtteranceChanged, UtteranceState
+from caris_desktop.domain.actor import CONSOLE
+from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP
@@ -33,8 +37,19 @@ _SETTLED_NS = 500_000_000
 """After so long a silence the words before it are not going to be others."""
 _ROBOT_RINGS_NS = 200_000_000
 """For so long a room repeats what the robot has said; until then its words tell whose voice it is."""
+_LOOKED_BACK_TURNS = 4
+"""A sentence of the robot with pauses in it may have been told as so many turns."""
 _ONLY_ROBOT = 0.9
 _ROBOTS_WORDS = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class _Finished:
+    """A turn that was told as the participant's."""
+
+    turn_id: str
+    text: str
+    began_ns: int
 
 
 class Voices(Protocol):
@@ -56,7 +71,7 @@ class Ear:
         canceller: EchoCanceller,
         own_words: OwnWords,
         turn_over: Callable[[NDArray[np.float32]], float] | None,
-        tell: Callable[[Hearing | UtteranceChanged], None],
+        tell: Callable[[Hearing | UtteranceChanged | UtteranceCorrected], None],
     ) -> None:
         self.source = source
         self.canceller = canceller
@@ -75,6 +90,7 @@ class Ear:
         """So many were heard since the beginning."""
         self._turn: HeardTurn | None = None
         self._ending: list[HeardTurn] = []
+        self._finished: deque[_Finished] = deque(maxlen=_LOOKED_BACK_TURNS)
 
     @property
     def heard_until_ns(self) -> int:
@@ -133,6 +149,23 @@ class Ear:
     def another_ended(self, stamp_ns: int) -> None:
         """The robot has said it, or says it no more."""
         self._robot_speaks, self._robot_until_ns = False, stamp_ns
+
+    def look_back(self) -> None:
+        """More is known of what the robot says: turns that were its own are no longer taken for a participant's."""
+        finished = list(self._finished)
+        runs = [finished[first:last] for first, last in itertools.combinations(range(len(finished) + 1), 2)]
+        robots = max(runs, key=self._told_late, default=[])
+        if not self._told_late(robots):
+            return
+        for turn in robots:
+            self._finished.remove(turn)
+            self._tell(UtteranceCorrected(self._until_ns, turn.turn_id, speaker="robot", person_id="", actor=CONSOLE))
+
+    def _told_late(self, turns: Sequence[_Finished]) -> float:
+        if not turns:
+            return 0.0
+        text = " ".join(turn.text for turn in turns)
+        return self._own_words.told_late(text, turns[0].began_ns)
 
     def judge(self) -> None:
         """Judge by its sound whether the turn is over, where there is a new pause. That takes a tenth of a second, in
@@ -270,6 +303,7 @@ class Ear:
             self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("it was the robot's own voice"))
         else:
             self._tell_utterance(turn, "finished", turn.voice_ended_ns, text)
+            self._finished.append(_Finished(turn.turn_id, text, turn.voice_began_ns))
         if self._turn is None:
             self._tell(Hearing(self._until_ns, self.source, speaking=False, revision=turn.revision + 1))
 

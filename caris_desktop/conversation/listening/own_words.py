@@ -38,6 +38,8 @@ _WHOLE_LATE_S, _PART_LATE_S, _EARLY_S = 4.0, 1.5, 1.5
 """So much later than told the robot may be heard on a busy machine: a whole sentence, and some words of one. And
 earlier, where it is told late."""
 _WHOLE, _WHOLE_WORDS, _NOTHING_ELSE = 0.8, 3, 0.8
+_TOLD_LATE_S, _TOLD_LATE_ALIKE = 3.0, 0.72
+"""So long after the end of its sentence a robot that speaks unasked may tell of it."""
 _LEARNT_FROM_LETTERS = 12
 _HEARD_SHARE = 0.6
 _BREATH_NS = 150_000_000
@@ -198,6 +200,22 @@ class OwnWords:
         if not self._heard_until_ns and started_ns > sayings[-1].end_ns:
             return False
         return late_s <= max(_PART_LATE_S, self._late_s + 0.7)
+
+    def told_late(self, text: str, started_ns: int) -> float:
+        """How much a text that was made out from then on is a whole sentence of a robot that speaks unasked, and tells
+        of it only while or after it says it: 1 all of either, 0 where it is surely not.
+        """
+        heard = _without_loops(_words(text))
+        most = 0.0
+        for saying in self._sayings:
+            since_s = (saying.started_ns - started_ns) / 1e9
+            at_most_s = sum(len(word) + 1 for word in saying.words) * _SECONDS_A_LETTER + _TOLD_LATE_S
+            if saying.exactly or len(heard) < _WHOLE_WORDS or not -_RINGS_ABOUT_NS / 1e9 <= since_s <= at_most_s:
+                continue
+            # All of either: who only says some of the words asked for what the robot answers.
+            alike = _aligned(heard, saying.words).letters / max(sum(map(len, heard)), sum(map(len, saying.words)))
+            most = max(most, alike if alike >= _TOLD_LATE_ALIKE else 0.0)
+        return most
 
     def was_heard(self, text: str, started_ns: int, ended_ns: int) -> None:
         """These words, made out in that time, were the robot's: whoever says them once more is somebody else."""

@@ -109,6 +109,7 @@ class _Recogniser:
                         ear.another_spoke()
                     elif message.state != "requested":
                         ear.another_ended(message.stamp_ns)
+                    ear.look_back()
             case SpokenBy(utterance_id, person_id):
                 self._silence.spoken_by(utterance_id, person_id)
             case other:

@@ -17,7 +17,8 @@ from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
 from caris_desktop.conversation.listening.own_words import OwnWords
 from caris_desktop.conversation.listening.turn_words import with_words
 from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
-from caris_desktop.domain.events import UtteranceChanged, UtteranceState
+from caris_desktop.domain.actor import CONSOLE
+from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_MICROPHONE, WIZARD_MICROPHONE, Hearing
 
@@ -262,6 +263,57 @@ def test_the_robots_words_are_not_the_participants_however_late_they_are_heard(l
     bench.hear(between_s).hear(2.4, 9000).hear(3)
     finished = [each.text for each in bench.utterances if each.state == "finished"]
     assert finished == [PARTICIPANT_SAYS]
+
+
+def _unasked(own_words: OwnWords, at_s: float, text: str = ROBOT_SAYS, *, estimated: bool = True) -> None:
+    """A robot that speaks of its own accord tells of it, then."""
+    told = UtteranceChanged(round(at_s * 1e9), "r-1", "robot", text, "heard", "started", estimated=estimated)
+    own_words.robot_says(told)
+
+
+@pytest.mark.parametrize("pause_s", [0.0, 1.0], ids=["one turn", "two turns"])
+def test_a_robot_that_tells_of_its_sentence_afterwards_gets_its_turns_back(pause_s: float) -> None:
+    own_words = OwnWords()
+    bench = Bench(own_words=own_words)
+    first, rest = ROBOT_SAYS.split(maxsplit=1)
+    texts = {6000: "Yes.", 7000: "No.", 9000: ROBOT_SAYS} | ({8000: first, 9000: rest} if pause_s else {})
+    bench.answer = lambda stretch: _said(stretch.sound, texts)
+    bench.hear(1).hear(1.2, 7000).hear(2.5)
+    if pause_s:
+        bench.hear(0.8, 8000).hear(pause_s)
+    bench.hear(1.6, 9000).hear(1.5).hear(0.4, 6000).hear(1.5)
+    before, *robots, after = (each.utterance_id for each in bench.utterances if each.state == "finished")
+    assert len(robots) == (2 if pause_s else 1)
+    _unasked(own_words, bench.now_s - 2.5)
+    bench.ear.look_back()
+    corrected = [each for each in bench.told if isinstance(each, UtteranceCorrected)]
+    assert [(each.utterance_id, each.speaker, each.actor) for each in corrected] == [
+        (each, "robot", CONSOLE) for each in robots
+    ]
+    assert not {before, after} & {each.utterance_id for each in corrected}
+    bench.ear.look_back()
+    assert len([each for each in bench.told if isinstance(each, UtteranceCorrected)]) == len(corrected)
+
+
+@pytest.mark.parametrize(
+    ("says", "after_s", "estimated"),
+    [
+        ("Welcome to our lab. It is open until six o'clock today.", 0.2, True),
+        ("Please follow me to the kitchen.", 0.2, True),
+        (ROBOT_SAYS, 8.0, True),
+        (ROBOT_SAYS, 0.2, False),
+    ],
+    ids=["it answers with their words", "it says something else", "long after", "it tells exactly when"],
+)
+def test_what_a_robot_says_later_takes_no_turn_from_the_participant(says: str, after_s: float, estimated: bool) -> None:
+    own_words = OwnWords()
+    bench = Bench(own_words=own_words)
+    bench.answer = lambda stretch: _said(stretch.sound, {9000: ROBOT_SAYS})
+    bench.hear(1).hear(1.8, 9000).hear(1.5)
+    assert bench.utterances[-1].state == "finished"
+    _unasked(own_words, bench.now_s + after_s, says, estimated=estimated)
+    bench.ear.look_back()
+    assert not [each for each in bench.told if isinstance(each, UtteranceCorrected)]
 
 
 def test_who_speaks_over_the_robot_is_told_of_with_their_first_words_and_when_they_began() -> None:

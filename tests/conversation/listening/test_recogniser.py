@@ -23,7 +23,7 @@ from caris_desktop.conversation.listening.messages import (
 from caris_desktop.conversation.listening.onnx_session import file_in_package
 from caris_desktop.conversation.listening.recogniser import run_recogniser
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_MICROPHONE, WIZARD_MICROPHONE, Hearing
 from tests.conversation.listening.speech import RATE_HZ, room, spoken
@@ -93,6 +93,21 @@ def test_what_is_said_becomes_text_with_the_moments_of_its_voice(recogniser: Tal
     # The stamps are those of the sound, however long the words took.
     assert (started.stamp_ns - first_ns) / 1e9 == pytest.approx(before_s, abs=0.1)
     assert (finished.stamp_ns - first_ns) / 1e9 == pytest.approx(before_s + voice_s, abs=0.1)
+
+
+def test_a_robot_that_tells_of_what_it_said_afterwards_gets_it_back(recogniser: Talk) -> None:
+    says = "Welcome to the old museum, my name is Mira."
+    recogniser.hear(ROBOT_MICROPHONE, np.concatenate((room(1.0), spoken(says), room(3.5))))
+    taken = recogniser.wait_for(UtteranceChanged, state="finished", source=ROBOT_MICROPHONE)
+    now_ns = taken.stamp_ns + 500_000_000
+    recogniser.connection.send(
+        UtteranceChanged(now_ns, "r-1", "robot", says, "heard", "started", voice="robot", estimated=True)
+    )
+    corrected = recogniser.wait_for(UtteranceCorrected)
+    assert (corrected.utterance_id, corrected.speaker) == (taken.utterance_id, "robot")
+    recogniser.connection.send(
+        UtteranceChanged(now_ns + 1_000_000, "r-1", "robot", "", "heard", "failed", voice="robot", estimated=True)
+    )
 
 
 def test_noise_is_nobodys_turn(recogniser: Talk) -> None:
