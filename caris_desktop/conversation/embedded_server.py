@@ -16,7 +16,7 @@ from caris_desktop.conversation.embedded_messages import CloseEmbedded, Embedded
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.priority import step_back
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _log = logging.getLogger(__name__)
 
@@ -155,14 +155,13 @@ def _send(connection: Connection, message: EmbeddedReady | EmbeddedFailed) -> No
 
 
 def _problem(error: Exception) -> Problem:
-    what = str(error) if isinstance(error, FileNotFoundError) else f"The embedded language model failed ({error})."
+    missing = isinstance(error, FileNotFoundError)
+    failed = filled(QT_TR_NOOP("The embedded language model failed ({error})."), error=error)
     return Problem(
         clock.now_ns(),
         "warning",
-        what,
+        str(error) if missing else failed,
         QT_TR_NOOP("The assistant has no embedded model; everything else works."),
-        INSTALL_EMBEDDED
-        if isinstance(error, FileNotFoundError)
-        else QT_TR_NOOP("Choose another model in the scenario; the log has details."),
+        INSTALL_EMBEDDED if missing else QT_TR_NOOP("Choose another model in the scenario; the log has details."),
         until="assistant",
     )

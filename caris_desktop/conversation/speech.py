@@ -32,7 +32,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_VOICE, PlayedSound, PlayedSoundEnded
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _log = logging.getLogger(__name__)
 
@@ -420,7 +420,7 @@ class _SpeechDesk:
                 Problem(
                     clock.now_ns(),
                     "error",
-                    f"This computer has no voice ({detail}).",
+                    filled(QT_TR_NOOP("This computer has no voice ({detail})."), detail=detail),
                     QT_TR_NOOP("What is to be spoken on this computer stays unsaid."),
                     QT_TR_NOOP("Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say it again."),
                     until="voice",
@@ -435,8 +435,8 @@ class _SpeechDesk:
                 Problem(
                     clock.now_ns(),
                     "warning",
-                    f"This computer speaks with another voice: {why_not}.",
-                    f"What is said is heard, as {self._voice}.",
+                    filled(QT_TR_NOOP("This computer speaks with another voice: {why_not}."), why_not=why_not),
+                    filled(QT_TR_NOOP("What is said is heard, as {voice}."), voice=self._voice),
                     GET_PIPER_VOICES,
                 )
             )
@@ -450,7 +450,7 @@ class _SpeechDesk:
                 Problem(
                     clock.now_ns(),
                     "warning",
-                    f"This computer has no sound output ({detail}).",
+                    filled(QT_TR_NOOP("This computer has no sound output ({detail})."), detail=detail),
                     QT_TR_NOOP("Nobody hears what it says; utterances still take their time and are recorded."),
                     QT_TR_NOOP("Connect loudspeakers or start the sound server; the next utterance tries again."),
                     until="voice",

@@ -4,9 +4,16 @@ Qt's ``lupdate`` finds each text that is written as a literal in ``tr("...")``, 
 in a table at the top of a module, in ``QT_TR_NOOP("...")``. A text is one whole sentence or label: what varies in it
 stands as ``{name}`` and is filled with ``str.format`` after it was translated, and a number that decides between one
 and many as ``%n``.
+
+A process that speaks English, or a room that does not know who will read it, says ``filled(QT_TR_NOOP("..."),
+name=value)``: the English sentence, which still has its text and its values apart, so that ``tr`` can say it anew.
 """
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable, Mapping
+from typing import Self
+
+_PLACE = re.compile(r"\{(\w+)\}")
 
 Translator = Callable[[str, str, int], str]
 """Given a text, a word on how it is meant where that is needed, and the number for ``%n`` (-1: none)."""
@@ -27,9 +34,56 @@ def use_translator(translator: Translator | None) -> None:
 
 def tr(text: str, meant: str = "", number: int = -1) -> str:
     """``text`` in the wizard's language. ``meant`` tells apart two meanings of one English text."""
+    if isinstance(text, Filled):
+        return _fill(_Used.translator(text.template, meant, number), text.values, tr)
     return _Used.translator(text, meant, number) if text else ""
 
 
 def QT_TR_NOOP(text: str) -> str:  # noqa: N802 - by this name lupdate finds it
     """Marks a text that ``tr`` is given later."""
     return text
+
+
+class Filled(str):
+    """An English sentence with values in it, which keeps its text and the values for whoever translates it.
+
+    ``template`` is the text as it is looked up, ``values`` what stands in its ``{names}``: data, put in as it is. One
+    that is filled itself is translated too. It travels to other processes as these two, and is recorded as plain text.
+    """
+
+    template: str
+    values: Mapping[str, str]
+
+    def __new__(cls, template: str, values: Mapping[str, str]) -> Self:
+        self = super().__new__(cls, _fill(template, values, lambda one: one))
+        self.template, self.values = template, dict(values)
+        return self
+
+    def __str__(self) -> str:
+        return self  # and so does the error that it is the words of
+
+    def __reduce__(self) -> tuple[type["Filled"], tuple[str, dict[str, str]]]:
+        return Filled, (self.template, dict(self.values))
+
+
+def filled(text: str, **values: object) -> Filled:
+    """``text``, marked by ``QT_TR_NOOP``, with its ``{names}`` filled; those that are not given yet stay."""
+    before = text.values if isinstance(text, Filled) else {}
+    return Filled(
+        text.template if isinstance(text, Filled) else text,
+        {**before, **{name: str(value) for name, value in values.items()}},
+    )
+
+
+def joined(sentences: Iterable[str], between: str = " ") -> Filled:
+    """Several in a row, each of which keeps what it is filled with."""
+    values = {f"part_{number}": sentence for number, sentence in enumerate(sentences)}
+    return Filled(between.join(f"{{{name}}}" for name in values), values)
+
+
+def _fill(template: str, values: Mapping[str, str], say: Callable[[str], str]) -> str:
+    def one(place: re.Match[str]) -> str:
+        value = values.get(place[1])
+        return place[0] if value is None else say(value) if isinstance(value, Filled) else value
+
+    return _PLACE.sub(one, template)

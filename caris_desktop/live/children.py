@@ -86,6 +86,6 @@ class Children(QObject):
 
 
 def told_here(problem: Problem) -> Problem:
-    """What a child process tells, which speaks English, in the wizard's language as far as its sentences are fixed."""
+    """What a child process tells, which speaks English, in the wizard's language; its values come beside its texts."""
     what, meaning, advice = (tr(told) if told else "" for told in (problem.what, problem.meaning, problem.advice))
     return replace(problem, what=what, meaning=meaning, advice=advice)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.checked_file import WrongChecksum, read_checked
 
 log = logging.getLogger(__name__)
@@ -51,12 +52,18 @@ class AppearanceModel:
             raise AppearanceError(str(error)) from error
         except Exception as error:  # onnxruntime raises types of its own, which it does not name
             log.info("could not load %s", path, exc_info=True)
-            raise AppearanceError(f"The re-identification model {path.name} could not be loaded.") from error
+            raise AppearanceError(
+                filled(QT_TR_NOOP("The re-identification model {name} could not be loaded."), name=path.name)
+            ) from error
         self.name = f"{path.stem}-{digest[:8]}"
         first = self._session.get_inputs()[0]
         self._input = first.name
         if len(first.shape) != 4 or list(first.shape[1:]) != [3, HEIGHT_PX, WIDTH_PX]:
-            raise AppearanceError(f"{path.name} is no re-identification model: its input is not 3 x 256 x 128.")
+            raise AppearanceError(
+                filled(
+                    QT_TR_NOOP("{name} is no re-identification model: its input is not 3 x 256 x 128."), name=path.name
+                )
+            )
         self._one_by_one = first.shape[0] == 1
         self.look(np.zeros((4, 4, 3), np.uint8), [np.array([0.0, 0.0, 4.0, 4.0])])  # the first is the slowest
 

@@ -3,6 +3,8 @@
 import hashlib
 from pathlib import Path
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
+
 
 class WrongChecksum(Exception):  # noqa: N818 - says what is wrong with the file
     """It is another file than the one whose checksum lies beside it."""
@@ -23,5 +25,11 @@ def read_checked(path: Path) -> tuple[bytes, str]:
     digest = hashlib.sha256(content).hexdigest()
     expected = path.with_name(f"{path.name}.sha256")
     if expected.is_file() and expected.read_text("ascii", "replace").lower().split()[:1] != [digest]:
-        raise WrongChecksum(f"{path.name} is not the network whose checksum is in {expected.name}.")
+        raise WrongChecksum(
+            filled(
+                QT_TR_NOOP("{name} is not the network whose checksum is in {checksums}."),
+                name=path.name,
+                checksums=expected.name,
+            )
+        )
     return content, digest

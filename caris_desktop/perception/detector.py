@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.weights import Weights, WeightsError
 
 _COCO_CLASS_COUNT = 80
@@ -58,7 +59,7 @@ def person_classes(detector: Detector, weights: Weights) -> tuple[int, ...]:
     if unnamed and len(names) >= _COCO_CLASS_COUNT:
         return (0,)
     raise WeightsError(
-        f"The detector {weights.path.name} does not detect people",
+        filled(QT_TR_NOOP("The detector {name} does not detect people"), name=weights.path.name),
         searched=(str(weights.path),),
-        advice="Choose a detector with a class named person",
+        advice=filled(QT_TR_NOOP("Choose a detector with a class named person")),
     )

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.checked_file import WrongChecksum, read_checked
 from caris_desktop.perception.inference_messages import Look
 from caris_desktop.perception.tracker import TrackedBox
@@ -53,7 +54,9 @@ class FaceModel:
         try:
             content, digest = read_checked(path)
         except OSError as error:
-            raise FaceModelError(f"The network for faces, {path.name}, cannot be read.") from error
+            raise FaceModelError(
+                filled(QT_TR_NOOP("The network for faces, {name}, cannot be read."), name=path.name)
+            ) from error
         except WrongChecksum as error:
             raise FaceModelError(str(error)) from error
         prepare_runtimes(threads=threads)
@@ -65,12 +68,16 @@ class FaceModel:
             )
         except Exception as error:  # onnxruntime raises types of its own, which it does not name
             log.info("could not load %s", path, exc_info=True)
-            raise FaceModelError(f"The network for faces, {path.name}, could not be loaded.") from error
+            raise FaceModelError(
+                filled(QT_TR_NOOP("The network for faces, {name}, could not be loaded."), name=path.name)
+            ) from error
         self.name = f"{path.stem}-{digest[:8]}"
         first = self._session.get_inputs()[0]
         self._input = first.name
         if len(first.shape) != 4 or list(first.shape[1:]) != [3, SIDE_PX, SIDE_PX]:
-            raise FaceModelError(f"{path.name} is no network for faces: its input is not 3 x 112 x 112.")
+            raise FaceModelError(
+                filled(QT_TR_NOOP("{name} is no network for faces: its input is not 3 x 112 x 112."), name=path.name)
+            )
         self.look(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8))  # the first is the slowest
 
     def look(self, face_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -15,7 +15,7 @@ from caris_desktop.domain.people import LooksKind, PersonLooks
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.faces import FaceModelError, StudyFaces
 from caris_desktop.perception.inference_messages import (
@@ -209,13 +209,17 @@ def rest_s(work_s: float, settings: InferenceSettings) -> float:
 
 
 def _weights_problem(error: WeightsError) -> Problem:
-    searched = f" Searched: {'; '.join(error.searched)}." if error.searched else ""
     return Problem(
         clock.now_ns(),
         "error",
-        f"{error}.",
-        f"People are not recognised; everything else works.{searched}",
-        f"{error.advice}.",
+        filled(QT_TR_NOOP("{error}."), error=error),
+        filled(
+            QT_TR_NOOP("People are not recognised; everything else works. Searched: {places}."),
+            places="; ".join(error.searched),
+        )
+        if error.searched
+        else QT_TR_NOOP("People are not recognised; everything else works."),
+        filled(QT_TR_NOOP("{advice}."), advice=error.advice),
         until="people",
     )
 
@@ -235,7 +239,7 @@ def _away_problem(why: str) -> Problem:
     return Problem(
         clock.now_ns(),
         "warning",
-        f"{why}.",
+        filled(QT_TR_NOOP("{why}."), why=why),
         QT_TR_NOOP(
             "It looks for people in this computer's place: there are no boxes until it answers; everything else works."
         ),
@@ -251,9 +255,12 @@ def _things_problem(perceiver: Perceiver) -> Problem:
     return Problem(
         clock.now_ns(),
         "warning",
-        f"The detector does not know: {', '.join(perceiver.unknown_things)}.",
+        filled(
+            QT_TR_NOOP("The detector does not know: {unknown_things}."),
+            unknown_things=", ".join(perceiver.unknown_things),
+        ),
         QT_TR_NOOP("These things get no boxes and are not recorded; people do."),
-        f"Correct perception.classes in the scenario. The detector knows: {known}.",
+        filled(QT_TR_NOOP("Correct perception.classes in the scenario. The detector knows: {known}."), known=known),
     )
 
 

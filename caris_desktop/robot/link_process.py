@@ -15,7 +15,7 @@ from caris_desktop.domain import commands
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import LinkChanged, LinkState, Problem
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.outbox import Outbox, ProblemReporter
 
 logger = logging.getLogger(__name__)
@@ -119,7 +119,9 @@ class LinkReporter:
         self.problems.count(
             "refused",
             severity="warning",
-            what=f"The robot sent {{count}} message(s) that cannot be used: {detail[:200]}.",
+            what=filled(
+                QT_TR_NOOP("The robot sent {count} message(s) that cannot be used: {detail}."), detail=detail[:200]
+            ),
             meaning=QT_TR_NOOP("They were ignored; everything else goes on."),
             advice=QT_TR_NOOP("If something stays empty, check the topic names and types in the robot profile."),
         )

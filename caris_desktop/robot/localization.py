@@ -5,6 +5,7 @@ from collections.abc import Iterable
 
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.sensing import Odometry, RobotPose
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.profile import TransformFrames
 from caris_desktop.ros.messages import Transform
 
@@ -269,8 +270,14 @@ class PoseTracker:
         """Why nothing is known of ``frame``, for the wizard, and what it may have been meant to be. No full stop."""
         name = frame.lstrip("/")
         alike = [known for known in self.tree.frames if known.rsplit("/", 1)[-1] == name.rsplit("/", 1)[-1] != ""]
-        hint = f"; the robot has {', '.join(sorted(alike)[:3])}" if alike and name not in alike else ""
-        return f"The robot's transforms do not lead from {self._frames.base} to {name!r}{hint}"
+        values = {"base": self._frames.base, "frame": repr(name)}
+        if not alike or name in alike:
+            return filled(QT_TR_NOOP("The robot's transforms do not lead from {base} to {frame}"), **values)
+        return filled(
+            QT_TR_NOOP("The robot's transforms do not lead from {base} to {frame}; the robot has {alike}"),
+            **values,
+            alike=", ".join(sorted(alike)[:3]),
+        )
 
     def forget(self) -> None:
         """The link was lost: what was known of the robot's place is no longer."""

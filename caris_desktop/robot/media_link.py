@@ -15,7 +15,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.pictures import PictureError, fitted, unfolded
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import CameraLens, FrameRef
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.map_merger import MapMerger
@@ -176,9 +176,13 @@ class MediaLink:
         self._report.problems.count(
             f"image {camera.name}",
             severity="warning",
-            what=f"{{count}} picture(s) of the camera {camera.name} were dropped: {problem}.",
+            what=filled(
+                QT_TR_NOOP("{count} picture(s) of the camera {name} were dropped: {problem}."),
+                name=camera.name,
+                problem=problem,
+            ),
             meaning=QT_TR_NOOP("The video stands still or stutters."),
-            advice=f"Check what the robot publishes on {camera.topic}.",
+            advice=filled(QT_TR_NOOP("Check what the robot publishes on {topic}."), topic=camera.topic),
         )
 
     def _with_its_moment(self, ref: FrameRef) -> FrameRef:
@@ -208,9 +212,16 @@ class MediaLink:
             Problem(
                 clock.now_ns(),
                 "info",
-                f"The camera {camera.name} sends its pictures uncompressed, about {mb_per_s:.0f} MB a second.",
+                filled(
+                    QT_TR_NOOP("The camera {name} sends its pictures uncompressed, about {mb_per_s} MB a second."),
+                    name=camera.name,
+                    mb_per_s=f"{mb_per_s:.0f}",
+                ),
                 QT_TR_NOOP("Over a wireless link the picture may stutter, and everything else be late with it."),
-                f"Compress them on the robot: {republish_advice(camera.topic)}.",
+                filled(
+                    QT_TR_NOOP("Compress them on the robot: {republish_advice}."),
+                    republish_advice=republish_advice(camera.topic),
+                ),
             )
         )
 
@@ -249,7 +260,7 @@ class MediaLink:
             self._report.problems.count(
                 "map update",
                 severity="warning",
-                what=f"{{count}} update(s) of the robot's map were refused: {error}.",
+                what=filled(QT_TR_NOOP("{count} update(s) of the robot's map were refused: {error}."), error=error),
                 meaning=QT_TR_NOOP("The map may be older than the robot's own in some part."),
                 advice=QT_TR_NOOP(
                     "It is right again with the next whole map. Check that both topics are of the same map."

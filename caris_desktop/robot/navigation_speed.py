@@ -10,6 +10,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import LimitGoals
 from caris_desktop.domain.events import NavigationSpeedChanged, Problem
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.profile import NavigationServer
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
@@ -135,14 +136,25 @@ class NavigationSpeed:
         self._told_failure = True
         logger.warning("The navigation's speed: %s", reason)
         own = self._server.max_mps if self._server is not None else None
-        speed = "as fast as it is set up to" if own is None else f"at up to {own:.2f} m/s, as its profile says"
         self._emit(
             Problem(
                 now_ns(),
                 "warning",
-                f"The robot's navigation could not be told how fast to drive: {reason}.",
-                f"To places and points on the map it drives {speed}, whatever Drive says.",
-                "Watch the robot; Esc stops it. Correct 'speed_limit' under 'navigation' in the robot profile.",
+                filled(
+                    QT_TR_NOOP("The robot's navigation could not be told how fast to drive: {reason}."), reason=reason
+                ),
+                QT_TR_NOOP("To places and points on the map it drives as fast as it is set up to, whatever Drive says.")
+                if own is None
+                else filled(
+                    QT_TR_NOOP(
+                        "To places and points on the map it drives at up to {speed} m/s, as its profile says, whatever"
+                        " Drive says."
+                    ),
+                    speed=f"{own:.2f}",
+                ),
+                QT_TR_NOOP(
+                    "Watch the robot; Esc stops it. Correct 'speed_limit' under 'navigation' in the robot profile."
+                ),
                 cause="robot_speed",
             )
         )

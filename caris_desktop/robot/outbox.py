@@ -11,6 +11,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Gap, Problem, Severity
 from caris_desktop.domain.sensing import AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, Delivery
+from caris_desktop.domain.translation import filled
 
 logger = logging.getLogger(__name__)
 
@@ -113,4 +114,4 @@ class ProblemReporter:
             return
         self._last_ns[key] = now
         number = self._count.pop(key)
-        self._put(Problem(now, severity, what.replace("{count}", str(number)), meaning, advice, "quiet", cause or key))
+        self._put(Problem(now, severity, filled(what, count=number), meaning, advice, "quiet", cause or key))

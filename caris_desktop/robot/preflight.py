@@ -7,6 +7,7 @@ from typing import Any
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.controls import CallService, PublishMessage, SendActionGoal
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
@@ -106,12 +107,18 @@ async def _action_servers(ros: SafeRos) -> frozenset[str] | None:
 def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
     """One sentence for each thing that the profile names and the robot lacks or has with another type."""
     dialect = Dialect(profile.ros)
-    sentences = []
+    sentences: list[str] = []
     if inventory.dialect not in (None, dialect):
         ros = 3 - profile.ros
         sentences.append(
-            f"The robot runs ROS {ros}, but the profile says ROS {profile.ros}. "
-            f"Choose a profile with 'ros: {ros}', or add ?ros={ros} to the address."
+            filled(
+                QT_TR_NOOP(
+                    "The robot runs ROS {ros}, but the profile says ROS {said}. Choose a profile with 'ros: {ros}', or"
+                    " add ?ros={ros} to the address."
+                ),
+                ros=ros,
+                said=profile.ros,
+            )
         )
     useless: dict[str, None] = {}
 
@@ -120,35 +127,43 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
         if field.startswith("controls."):
             useless[label.removeprefix(_CONTROL)] = None
         else:
-            sentences.append(f"{label}: {sentence}")
+            sentences.append(filled("{label}: {sentence}", label=label, sentence=sentence))
 
     for named in named_in(profile):
         kind = inventory.topics.get(_absolute(named.topic))
         otherwise = picture_advice(named, inventory)
         if otherwise:
-            sentences.append(f"{named.label}: {otherwise}")
+            sentences.append(filled("{label}: {sentence}", label=named.label, sentence=otherwise))
             continue
         wanted = " or ".join(in_dialect(dialect, one) for one in named.types)
         if kind is None:
             if named.needed:
-                words = "the robot has no topic" if named.published else "nothing on the robot listens to"
-                lacks(named.field, named.label, f"{words} {named.topic}.")
+                words = (
+                    QT_TR_NOOP("the robot has no topic {topic}.")
+                    if named.published
+                    else QT_TR_NOOP("nothing on the robot listens to {topic}.")
+                )
+                lacks(named.field, named.label, filled(words, topic=named.topic))
         elif kind and not any(same_type(kind, one) for one in named.types):
-            lacks(named.field, named.label, f"{named.topic} carries {kind}, but {wanted} was expected.")
+            carries = QT_TR_NOOP("{topic} carries {kind}, but {wanted} was expected.")
+            lacks(named.field, named.label, filled(carries, topic=named.topic, kind=kind, wanted=wanted))
     for field, label, action in actions_of(profile):
         if inventory.has_action(action) is False:
-            lacks(field, label, f"the robot has no action {action}.")
+            lacks(field, label, filled(QT_TR_NOOP("the robot has no action {action}."), action=action))
     for field, label, service in services_of(profile):
         if not inventory.has_service(service):
-            lacks(field, label, f"the robot has no service {service}.")
+            lacks(field, label, filled(QT_TR_NOOP("the robot has no service {service}."), service=service))
     if useless:
         sentences.append(
-            f"Without effect in the Robot panel, because the robot lacks what they use: {', '.join(useless)}."
+            filled(
+                QT_TR_NOOP("Without effect in the Robot panel, because the robot lacks what they use: {useless}."),
+                useless=", ".join(useless),
+            )
         )
     nodes = map_services_of(profile)
     # Which of them runs depends on whether the robot builds its map or only finds its place in it.
     if nodes and not any(inventory.has_service(service) for service in nodes):
-        sentences.append(f"Maps: the robot has none of {', '.join(nodes)}.")
+        sentences.append(filled(QT_TR_NOOP("Maps: the robot has none of {nodes}."), nodes=", ".join(nodes)))
     return sentences
 
 
@@ -159,11 +174,16 @@ def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:
     kind = inventory.topics.get(named.topic)
     if named.types == ("sensor_msgs/Image",):
         compressed = same_type(kind or "", "sensor_msgs/CompressedImage")
-        return f"{named.topic} is compressed: leave out 'type: Image'." if compressed else ""
+        told = filled(QT_TR_NOOP("{topic} is compressed: leave out 'type: Image'."), topic=named.topic)
+        return told if compressed else ""
     raw = named.topic if kind is not None else named.topic.removesuffix("/compressed")
     if not same_type(inventory.topics.get(raw, ""), "sensor_msgs/Image"):
         return ""
-    return f"{raw} is there uncompressed only. Write 'type: Image' for it; better, {republish_advice(raw)}."
+    return filled(
+        QT_TR_NOOP("{topic} is there uncompressed only. Write 'type: Image' for it; better, {advice}."),
+        topic=raw,
+        advice=republish_advice(raw),
+    )
 
 
 def map_services_of(profile: RobotProfile) -> tuple[str, ...]:

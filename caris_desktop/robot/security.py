@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.profile import SecuritySettings
 
 _AUTHORIZED_FOR_S = 3600
@@ -46,8 +46,12 @@ def tls_context(settings: SecuritySettings) -> ssl.SSLContext:
         except (OSError, ssl.SSLError) as error:
             reason = error.strerror if isinstance(error, OSError) and error.strerror else "no certificate is in it"
             raise SecurityError(
-                f"The file with trusted certificates cannot be used: {settings.ca_file} ({reason}).",
-                "Correct 'ca_file' under 'security' in the robot profile; it is a PEM file.",
+                filled(
+                    QT_TR_NOOP("The file with trusted certificates cannot be used: {ca_file} ({reason})."),
+                    ca_file=settings.ca_file,
+                    reason=reason,
+                ),
+                QT_TR_NOOP("Correct 'ca_file' under 'security' in the robot profile; it is a PEM file."),
             ) from error
     return context
 
@@ -74,8 +78,11 @@ def auth_operation(settings: SecuritySettings, *, client: str, server: str) -> d
         return None
     if secret_is_missing(settings):
         raise SecurityError(
-            f"The robot demands a secret, and the environment variable {settings.rosauth_secret_env} is not set.",
-            "Set it to the robot's rosauth secret before the console is started.",
+            filled(
+                QT_TR_NOOP("The robot demands a secret, and the environment variable {rosauth_secret_env} is not set."),
+                rosauth_secret_env=settings.rosauth_secret_env,
+            ),
+            QT_TR_NOOP("Set it to the robot's rosauth secret before the console is started."),
         )
     begin_s = int(time.time())
     end_s = begin_s + _AUTHORIZED_FOR_S
@@ -96,7 +103,7 @@ def auth_operation(settings: SecuritySettings, *, client: str, server: str) -> d
 def no_tls(address: str) -> tuple[str, str]:
     """What to tell of a server that does not understand the offer of a secured connection."""
     return (
-        f"What answers at {address} does not speak TLS.",
+        filled(QT_TR_NOOP("What answers at {address} does not speak TLS."), address=address),
         "If the robot's rosbridge is not secured, its address begins with ws:// instead of wss://.",
     )
 
@@ -107,23 +114,31 @@ def explain_tls_failure(error: ssl.SSLError, name: str, address: str) -> tuple[s
         if error.reason in ("WRONG_VERSION_NUMBER", "HTTP_REQUEST", "PACKET_LENGTH_TOO_LONG"):
             return no_tls(address)
         return (
-            f"No secured connection to {name} came about ({error.reason or error}).",
+            filled(
+                QT_TR_NOOP("No secured connection to {name} came about ({error})."),
+                name=name,
+                error=error.reason or error,
+            ),
             QT_TR_NOOP("Check the TLS settings of the robot's rosbridge (certfile, keyfile)."),
         )
     code = error.verify_code
     if code == _EXPIRED:
         return (
-            f"The certificate of {name} has expired.",
+            filled(QT_TR_NOOP("The certificate of {name} has expired."), name=name),
             QT_TR_NOOP("Renew it on the robot. If it is still valid, check this computer's date."),
         )
     if code == _NOT_YET_VALID:
         return (
-            f"The certificate of {name} is not valid yet.",
+            filled(QT_TR_NOOP("The certificate of {name} is not valid yet."), name=name),
             QT_TR_NOOP("Check the date of this computer and of the robot."),
         )
     if code in (_WRONG_NAME, _WRONG_IP):
         return (
-            f"The certificate of what answers at {address} is for another name than {name}.",
+            filled(
+                QT_TR_NOOP("The certificate of what answers at {address} is for another name than {name}."),
+                address=address,
+                name=name,
+            ),
             QT_TR_NOOP(
                 "Use the name that stands in the certificate as the address, or give the robot a certificate for"
                 " this one."
@@ -131,10 +146,17 @@ def explain_tls_failure(error: ssl.SSLError, name: str, address: str) -> tuple[s
         )
     if code in _UNTRUSTED:
         return (
-            f"The certificate of {name} is not trusted: nobody known to this computer signed it.",
+            filled(
+                QT_TR_NOOP("The certificate of {name} is not trusted: nobody known to this computer signed it."),
+                name=name,
+            ),
             QT_TR_NOOP("If it is the robot's own, name its file as 'ca_file' under 'security' in the robot profile."),
         )
     return (
-        f"The certificate of {name} was not accepted ({error.verify_message}).",
+        filled(
+            QT_TR_NOOP("The certificate of {name} was not accepted ({verify_message})."),
+            name=name,
+            verify_message=error.verify_message,
+        ),
         QT_TR_NOOP("Check the certificate on the robot."),
     )

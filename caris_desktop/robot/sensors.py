@@ -13,7 +13,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import LinkReporter
 from caris_desktop.robot.localization import PoseTracker
@@ -201,14 +201,22 @@ class Sensors:
             Problem(
                 now_ns(),
                 "warning",
-                "The robot does not tell where it is: its transforms do not lead from "
-                f"{frames.map!r} to {frames.base!r}.",
+                filled(
+                    QT_TR_NOOP("The robot does not tell where it is: its transforms do not lead from {map} to {base}."),
+                    map=f"{frames.map!r}",
+                    base=f"{frames.base!r}",
+                ),
                 QT_TR_NOOP(
                     "It is shown by its odometry where it sends no map, and not at all on one; goals and places cannot"
                     " be used, and the distance to goals is not known."
                 ),
-                "Set where it is on the map. If that does not help, compare 'frames' in the robot profile with the "
-                f"robot's own: {', '.join(sorted(self._poses.tree.frames)[:8])}.",
+                filled(
+                    QT_TR_NOOP(
+                        "Set where it is on the map. If that does not help, compare 'frames' in the robot "
+                        "profile with the robot's own: {frames}."
+                    ),
+                    frames=", ".join(sorted(self._poses.tree.frames)[:8]),
+                ),
                 until="pose",
             )
         )
@@ -223,7 +231,7 @@ class Sensors:
         self._report.problems.count(
             f"frame {frame}",
             severity="warning",
-            what=f"{self._poses.unknown_frame(frame[:100])}.",
+            what=filled(QT_TR_NOOP("{unknown_frame}."), unknown_frame=self._poses.unknown_frame(frame[:100])),
             meaning=meaning,
             advice=QT_TR_NOOP("Check 'frames' in the robot profile, and what the robot publishes on tf and tf_static."),
         )

@@ -12,7 +12,7 @@ from caris_desktop.domain.commands import PlayOnRobot
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
 from caris_desktop.domain.sound_clock import SoundClock
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.clock_offset import OffsetEstimate
 from caris_desktop.robot.outbox import ProblemReporter
 from caris_desktop.robot.profile import AudioInterface
@@ -104,9 +104,12 @@ class RobotSound:
             self._problems.count(
                 "sound",
                 severity="warning",
-                what=f"{{count}} piece(s) of the robot's sound were dropped: {error}.",
+                what=filled(QT_TR_NOOP("{count} piece(s) of the robot's sound were dropped: {error}."), error=error),
                 meaning=QT_TR_NOOP("What was said then is neither heard nor recorded."),
-                advice=f"Check 'audio' in the robot profile against what the robot publishes on {self._told.topic}.",
+                advice=filled(
+                    QT_TR_NOOP("Check 'audio' in the robot profile against what the robot publishes on {topic}."),
+                    topic=self._told.topic,
+                ),
             )
             return
         if not len(samples):
@@ -118,7 +121,10 @@ class RobotSound:
             self._problems.count(
                 "missing sound",
                 severity="info",
-                what=f"The robot's sound broke off for {missing_ns / 1e9:.1f} s ({{count}} time(s) lately).",
+                what=filled(
+                    QT_TR_NOOP("The robot's sound broke off for {missing_ns} s ({count} time(s) lately)."),
+                    missing_ns=f"{missing_ns / 1000000000.0:.1f}",
+                ),
                 meaning=QT_TR_NOOP("What was said then is neither heard nor recorded."),
                 advice=QT_TR_NOOP("If it happens often, look at the robot's network."),
             )

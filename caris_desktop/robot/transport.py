@@ -49,7 +49,7 @@ from roslibpy.core import GoalStatus
 from websockets.exceptions import InvalidHandshake, InvalidURI
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.profile import SecuritySettings
 from caris_desktop.robot.security import SecurityError, auth_operation
 from caris_desktop.robot.traffic import TrafficMeter
@@ -176,7 +176,12 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         factory = self.factory
         if len(payload) > factory.sizes.message_bytes:
             if not self._take_large_answer(payload):
-                factory.refuse(f"a message of {len(payload) / 2**20:.0f} MB, larger than is accepted")
+                factory.refuse(
+                    filled(
+                        QT_TR_NOOP("a message of {payload} MB, larger than is accepted"),
+                        payload=f"{len(payload) / 2**20:.0f}",
+                    )
+                )
             return
         # Some servers send either in either kind of frame. A CBOR map begins above 0x80, and JSON never does.
         binary = payload[:1] >= b"\x80"
@@ -208,13 +213,22 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
     def _handle(self, operation: Operation) -> None:
         handler = self._message_handlers.get(operation["op"])
         if handler is None:
-            self.factory.refuse(f"an unknown operation {operation['op']!r}")
+            self.factory.refuse(
+                filled(QT_TR_NOOP("an unknown operation {operation}"), operation=f"{operation['op']!r}")
+            )
             return
         try:
             handler(operation)
         except Exception as error:
             # Callbacks are guarded one by one, so what fails here is the operation's own form.
-            self.factory.refuse(f"a malformed {operation['op']}: {type(error).__name__}: {error}")
+            self.factory.refuse(
+                filled(
+                    QT_TR_NOOP("a malformed {operation}: {name}: {error}"),
+                    operation=operation["op"],
+                    name=type(error).__name__,
+                    error=error,
+                )
+            )
 
     def send_message(self, payload: bytes) -> bool:
         """Hand one encoded operation to the socket. Any thread; False when it was not sent by this very call."""
@@ -263,7 +277,9 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
 
     def _time_out(self, request_id: str, waited_s: float) -> None:
         _, errback = self._pending_service_requests.pop(request_id, (None, None))
-        self.factory.run_safely(errback, NoAnswer(f"no answer within {waited_s:g} s"))
+        self.factory.run_safely(
+            errback, NoAnswer(filled(QT_TR_NOOP("no answer within {waited_s} s"), waited_s=f"{waited_s:g}"))
+        )
 
     def _handle_publish(self, message: Operation) -> None:
         if not isinstance(message["topic"], str):
@@ -456,7 +472,7 @@ class SafeFactory:
         if self._lost is not None and not self._lost.done():
             await asyncio.wait([self._lost], timeout=timeout_s)
         if self._proto is not None:
-            self._proto.wire.abort(QT_TR_NOOP("closed by this program"))
+            self._proto.wire.abort(filled(QT_TR_NOOP("closed by this program")))
 
     def on_ready(self, callback: Callback) -> None:
         """Call ``callback`` with the protocol now, or at the next connection."""
@@ -621,20 +637,28 @@ class SafeFactory:
         finally:
             admission, self._admission = self._admission, None
             if not admission.done() or admission.cancelled() or admission.exception() is not None:
-                wire.abort(QT_TR_NOOP("not admitted"))
+                wire.abort(filled(QT_TR_NOOP("not admitted")))
 
     def _refusal(self) -> SecurityError:
         name = self._security.rosauth_secret_env
         if name is None:
             return SecurityError(
-                "The robot's rosbridge closes each connection at once.",
-                "If it demands a secret (rosauth), put the secret into an environment variable and name that as "
-                "'rosauth_secret_env' under 'security' in the robot profile. The log of rosbridge tells more.",
+                QT_TR_NOOP("The robot's rosbridge closes each connection at once."),
+                QT_TR_NOOP(
+                    "If it demands a secret (rosauth), put the secret into an environment variable and name that as "
+                    "'rosauth_secret_env' under 'security' in the robot profile. The log of rosbridge tells more."
+                ),
             )
         return SecurityError(
-            "The robot's rosbridge refused this console: the secret was not accepted.",
-            f"Check that the environment variable {name} holds the robot's rosauth secret, that the clocks of this "
-            "computer and the robot differ by less than 5 s, and that rosauth runs on the robot.",
+            QT_TR_NOOP("The robot's rosbridge refused this console: the secret was not accepted."),
+            filled(
+                QT_TR_NOOP(
+                    "Check that the environment variable {name} holds the robot's rosauth secret, that the "
+                    "clocks of this computer and the robot differ by less than 5 s, and that rosauth runs on "
+                    "the robot."
+                ),
+                name=name,
+            ),
         )
 
     def _begin(self, wire: Wire) -> None:
@@ -658,7 +682,7 @@ class SafeFactory:
                 self._admission.set_result(None)
             return
         if len(self._arrived) >= _MOST_WAITING:
-            self.refuse(QT_TR_NOOP("more messages at once than can be handled"))
+            self.refuse(filled(QT_TR_NOOP("more messages at once than can be handled")))
             return
         stamp_ns = now_ns()
         found = topic_of_publish(payload)
@@ -733,10 +757,15 @@ class SafeFactory:
         if proto is None:
             return
         if proto.wire.broken_by_size:
-            self.refuse(f"a message of more than {self.sizes.frame_bytes / 2**20:.0f} MB, which ended the connection")
+            self.refuse(
+                filled(
+                    QT_TR_NOOP("a message of more than {frame_bytes} MB, which ended the connection"),
+                    frame_bytes=f"{self.sizes.frame_bytes / 2**20:.0f}",
+                )
+            )
         self._left_open = [wire for wire in (*self._left_open, proto.wire) if wire.left_open]
         self._established.clear()
-        proto.fail_everything(NoAnswer(QT_TR_NOOP("the link to the robot was lost")))
+        proto.fail_everything(NoAnswer(filled(QT_TR_NOOP("the link to the robot was lost"))))
         self.emit("close", proto)
         self.run_safely(self._observer.link_lost, reason)
         if self._lost is not None and not self._lost.done():
@@ -845,7 +874,7 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         protocol = self.factory.protocol
         if protocol is None:
             self.factory.dropped += 1
-            self.factory.run_safely(errback, NoAnswer(QT_TR_NOOP("the robot is not connected")))
+            self.factory.run_safely(errback, NoAnswer(filled(QT_TR_NOOP("the robot is not connected"))))
         else:
             protocol.send_ros_service_request(message, callback, errback, timeout_s)
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect
 
@@ -170,7 +170,12 @@ class WatchedTopics:
             Problem(
                 now_ns(),
                 "info",
-                f"The robot sent nothing on {name} in {_ENCODINGS[before]}; in {_ENCODINGS[encoding]} it does.",
+                filled(
+                    QT_TR_NOOP("The robot sent nothing on {name} in {before}; in {now} it does."),
+                    name=name,
+                    before=_ENCODINGS[before],
+                    now=_ENCODINGS[encoding],
+                ),
                 QT_TR_NOOP("It is received now. What it told before is missing."),
                 QT_TR_NOOP("There is nothing to do; the log of rosbridge on the robot may tell why."),
             )

@@ -27,7 +27,7 @@ from websockets.protocol import State
 from websockets.uri import parse_uri
 
 from caris_desktop.domain.address import without_credentials
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.profile import SecuritySettings
 from caris_desktop.robot.security import SecurityError, explain_tls_failure, no_tls, tls_context
 
@@ -300,7 +300,7 @@ class Wire(asyncio.Protocol):
             plain, ended = self._tls.decrypt(data)
         except ssl.SSLError as error:
             self._fail_opening(error)
-            self.abort(f"the secured connection broke ({error.reason or error})")
+            self.abort(filled(QT_TR_NOOP("the secured connection broke ({error})"), error=error.reason or error))
             return
         if plain:
             self._take_bytes(plain)
@@ -384,11 +384,13 @@ class Wire(asyncio.Protocol):
             }
         silent_s = now_s - self._heard_s
         if silent_s >= self._timings.dead_after_s:
-            self.give_up(f"nothing came from it for {silent_s:.1f} s")
+            self.give_up(filled(QT_TR_NOOP("nothing came from it for {silent_s} s"), silent_s=f"{silent_s:.1f}"))
             return
         unanswered_s = self._unanswered_s(now_s)
         if unanswered_s >= self._timings.unanswered_dead_after_s:
-            self.give_up(f"it did not answer for {unanswered_s:.1f} s")
+            self.give_up(
+                filled(QT_TR_NOOP("it did not answer for {unanswered_s} s"), unanswered_s=f"{unanswered_s:.1f}")
+            )
             return
         if not self._silent and (silent_s >= self._timings.trouble_after_s or self._unanswered(now_s)):
             self._silent = True
@@ -537,7 +539,7 @@ async def open_wire(
             await made[-1].opened
     except BaseException:
         for wire in made:
-            wire.abort(QT_TR_NOOP("the handshake did not complete"))
+            wire.abort(filled(QT_TR_NOOP("the handshake did not complete")))
         raise
     return made[-1]
 
@@ -552,27 +554,37 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
         return explain_tls_failure(error, name, address)
     if isinstance(error, TimeoutError):
         return (
-            f"Nothing answers at {address}.",
+            filled(QT_TR_NOOP("Nothing answers at {address}."), address=address),
             QT_TR_NOOP("Check that the robot is on and in the same network, and that no firewall is in the way."),
         )
     if isinstance(error, socket.gaierror):
-        return (f"No computer named {name} is known.", QT_TR_NOOP("Check the address, or use the robot's IP address."))
+        return (
+            filled(QT_TR_NOOP("No computer named {name} is known."), name=name),
+            QT_TR_NOOP("Check the address, or use the robot's IP address."),
+        )
     if isinstance(error, ConnectionRefusedError):
         return (
-            f"{name} is there, but no rosbridge listens at {address}.",
+            filled(QT_TR_NOOP("{name} is there, but no rosbridge listens at {address}."), name=name, address=address),
             QT_TR_NOOP("Start rosbridge on the robot (rosbridge_websocket), or correct the port."),
         )
     if isinstance(error, InvalidURI):
         return (
-            f"{address} is not an address that can be used: {error.msg}.",
+            filled(QT_TR_NOOP("{address} is not an address that can be used: {msg}."), address=address, msg=error.msg),
             QT_TR_NOOP("Correct the robot's address."),
         )
     if isinstance(error, (InvalidHandshake, ConnectionError)):
         return (
-            f"What answers at {address} is not a rosbridge server ({error}).",
+            filled(
+                QT_TR_NOOP("What answers at {address} is not a rosbridge server ({error})."),
+                address=address,
+                error=error,
+            ),
             "Check the port; rosbridge uses 9090 unless set otherwise. A secured one has an address with wss://.",
         )
-    return (f"{address} cannot be reached ({error}).", QT_TR_NOOP("Check the network and the robot's address."))
+    return (
+        filled(QT_TR_NOOP("{address} cannot be reached ({error})."), address=address, error=error),
+        QT_TR_NOOP("Check the network and the robot's address."),
+    )
 
 
 def _quiet_logger() -> logging.Logger:

@@ -12,7 +12,7 @@ from caris_desktop.conversation.listening.engine import HeardText, NoEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.plausible import is_nothing
 from caris_desktop.conversation.listening.recogniser_files import OFFLINE_PACKAGE, find_recogniser
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _RATE_HZ = 16_000
 _FRAMES_PER_S = 100
@@ -40,7 +40,11 @@ class LocalEngine:
             ) from error
         except (RuntimeError, ValueError, OSError) as error:
             raise NoEngine(
-                f"The speech recogniser {folder.name} cannot be loaded ({error}).",
+                filled(
+                    QT_TR_NOOP("The speech recogniser {name} cannot be loaded ({error})."),
+                    name=folder.name,
+                    error=error,
+                ),
                 QT_TR_NOOP("What is said is not turned into text; all else goes on."),
                 QT_TR_NOOP("Get the model anew, or correct listening.model."),
             ) from error
@@ -50,7 +54,12 @@ class LocalEngine:
         self.model = f"{OFFLINE_PACKAGE} (tiny.en)" if usual else folder.name
         if settings.language not in (self.language, ""):
             raise NoEngine(
-                f"The speech recogniser {self.model} knows English only, and the scenario's language is another.",
+                filled(
+                    QT_TR_NOOP(
+                        "The speech recogniser {model} knows English only, and the scenario's language is another."
+                    ),
+                    model=self.model,
+                ),
                 QT_TR_NOOP("What is said is not turned into text; all else goes on."),
                 QT_TR_NOOP("Set listening.model to a model that knows the language, or listening.language to en."),
             )

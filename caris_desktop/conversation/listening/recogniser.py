@@ -32,7 +32,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _log = logging.getLogger(__name__)
 _LOOK_EVERY_S = 0.02
@@ -77,7 +77,9 @@ class _Recogniser:
         except NoVoiceActivity as error:
             self._fail(
                 NoEngine(
-                    f"{error}.", QT_TR_NOOP("What is said is not turned into text."), QT_TR_NOOP("Install it with pip.")
+                    filled(QT_TR_NOOP("{error}."), error=error),
+                    QT_TR_NOOP("What is said is not turned into text."),
+                    QT_TR_NOOP("Install it with pip."),
                 )
             )
         try:
@@ -208,7 +210,7 @@ def _silent(source: str) -> Problem:
     return Problem(
         clock.now_ns(),
         "warning",
-        f"Nothing at all is heard from the {source}.",
+        filled(QT_TR_NOOP("Nothing at all is heard from the {source}."), source=source),
         QT_TR_NOOP("What the participant says there is neither heard nor turned into text."),
         QT_TR_NOOP("Look whether it is muted or switched off, or choose another one."),
         until="quiet",

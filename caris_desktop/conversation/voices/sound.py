@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.translation import Filled
+
 Samples = NDArray[np.int16]
 """Signed 16 bit, one channel."""
 
@@ -18,7 +20,8 @@ _SILENCE_KEPT_S = 0.005
 
 def words_of(error: Exception) -> str:
     """What it says, in one line."""
-    return " ".join(str(error).split()) or type(error).__name__
+    told = str(error)
+    return told if isinstance(told, Filled) else " ".join(told.split()) or type(error).__name__
 
 
 class RenderingStoppedError(Exception):

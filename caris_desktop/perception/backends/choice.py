@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.backends import openvino
 from caris_desktop.perception.backends.network import NetworkDetector
 from caris_desktop.perception.backends.opening import open_detector
@@ -112,7 +113,7 @@ def _openers(
             try:
                 export_onnx(weights, export, threads=threads)
             except ExportError as error:
-                raise WeightsError(f"it cannot be exported ({error})") from error
+                raise WeightsError(filled(QT_TR_NOOP("it cannot be exported ({error})"), error=error)) from error
         return export
 
     suffix = weights.path.suffix.lower()

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.backends.choice import open_fastest
 from caris_desktop.perception.detector import Detector, person_classes
 from caris_desktop.perception.inference_settings import DetectorSettings
@@ -39,8 +40,8 @@ def open_chosen(
         remote = RemoteDetector(settings.server, confidence=confidence)
         if not remote.people:
             raise WeightsError(
-                f"The detector at {settings.server} does not detect people",
-                advice="Start the server there with a detector that has a class named person",
+                filled(QT_TR_NOOP("The detector at {server} does not detect people"), server=settings.server),
+                advice=filled(QT_TR_NOOP("Start the server there with a detector that has a class named person")),
             )
         return Chosen(remote, remote.people, None)
     weights = find_weights(own or settings.model, allow_download=allow_download)

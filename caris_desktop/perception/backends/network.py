@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.backends.outputs import BINS, Form, form_of, person_groups, reader, suppress
 from caris_desktop.perception.backends.pictures import fit, input_size, pixels_rgb, planes_bgr, planes_rgb
 from caris_desktop.perception.coco import COCO_NAMES
@@ -98,7 +99,7 @@ class NetworkDetector:
         self._longest_px = weights.input_px
         facts = network.facts
         if not facts.detects:
-            raise UnknownFormError("it is no detector of boxes")
+            raise UnknownFormError(filled(QT_TR_NOOP("it is no detector of boxes")))
         size = network.fixed_size or input_size((480, 640), weights.input_px)
         self._to_input: Callable[[NDArray[np.uint8]], NDArray[np.float32]] = (
             pixels_rgb if network.channels_last else planes_rgb
@@ -108,10 +109,14 @@ class NetworkDetector:
         class_count = len(facts.class_names) or None
         form: Form | None = "undecoded" if facts.undecoded else None
         if facts.undecoded and (class_count is None or output.shape[1:2] != (4 * BINS + class_count,)):
-            raise UnknownFormError(f"its output of shape {output.shape} does not fit its classes")
+            raise UnknownFormError(
+                filled(QT_TR_NOOP("its output of shape {shape} does not fit its classes"), shape=output.shape)
+            )
         form = form or form_of(output.shape, size, class_count=class_count, keypoint_values=facts.keypoint_values)
         if form is None:
-            raise UnknownFormError(f"its output of shape {output.shape} is not that of a known detector")
+            raise UnknownFormError(
+                filled(QT_TR_NOOP("its output of shape {shape} is not that of a known detector"), shape=output.shape)
+            )
         self._read = reader(form, keypoint_values=facts.keypoint_values)
         self._centred = form != "yolox"
         if form == "yolox":

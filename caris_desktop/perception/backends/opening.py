@@ -2,6 +2,7 @@
 
 import logging
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.backends.network import Network, NetworkDetector, UnknownFormError
 from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
 from caris_desktop.perception.detector import Detector
@@ -28,9 +29,13 @@ def open_detector(weights: Weights, *, confidence: float, threads: int, device: 
     except UnknownFormError as error:
         if network is None or not network.facts.class_names:
             raise WeightsError(
-                f"The file {weights.path.name} is no detector that the console understands: {error}",
+                filled(
+                    QT_TR_NOOP("The file {name} is no detector that the console understands: {error}"),
+                    name=weights.path.name,
+                    error=error,
+                ),
                 searched=(str(weights.path),),
-                advice="Choose a YOLO detector that was exported by ultralytics, or YOLOX",
+                advice=filled(QT_TR_NOOP("Choose a YOLO detector that was exported by ultralytics, or YOLOX")),
             ) from error
         # Ultralytics made it, so it can read it.
         log.info("%s is left to ultralytics: %s", weights.path, error)
@@ -56,9 +61,11 @@ def _network(weights: Weights, *, confidence: float, threads: int, device: Devic
 
         if not openvino.is_installed():
             raise WeightsError(
-                f"The detector {weights.path.name} needs OpenVINO, which is not installed",
+                filled(
+                    QT_TR_NOOP("The detector {name} needs OpenVINO, which is not installed"), name=weights.path.name
+                ),
                 searched=(str(weights.path),),
-                advice="Run: pip install openvino, or choose an .onnx file",
+                advice=filled(QT_TR_NOOP("Run: pip install openvino, or choose an .onnx file")),
             )
         return openvino.OpenvinoNetwork(weights.path, threads=threads)
     return None
@@ -76,7 +83,7 @@ def _by_ultralytics(weights: Weights, *, confidence: float, threads: int, device
 def _unreadable(weights: Weights) -> WeightsError:
     log.exception("could not load %s", weights.path)
     return WeightsError(
-        f"The detector {weights.path.name} could not be loaded",
+        filled(QT_TR_NOOP("The detector {name} could not be loaded"), name=weights.path.name),
         searched=(str(weights.path),),
-        advice="Replace the file by an intact YOLO detector; the log has the details",
+        advice=filled(QT_TR_NOOP("Replace the file by an intact YOLO detector; the log has the details")),
     )

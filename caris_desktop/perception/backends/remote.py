@@ -21,6 +21,7 @@ from websockets.exceptions import InvalidHandshake, InvalidStatus, InvalidURI, W
 from websockets.sync.client import ClientConnection, connect
 
 from caris_desktop.domain.address import is_loopback, without_credentials
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.detector import Detections, DetectorAwayError
 
 log = logging.getLogger(__name__)
@@ -82,7 +83,9 @@ class RemoteDetector:
             found = _read(answer, scale)
         except (KeyError, TypeError, ValueError, RecursionError) as error:
             self.close()
-            raise DetectorAwayError(f"What {self._shown} answers cannot be understood") from error
+            raise DetectorAwayError(
+                filled(QT_TR_NOOP("What {shown} answers cannot be understood"), shown=self._shown)
+            ) from error
         known = (found.classes >= 0) & (found.classes < len(self.class_names)) & (found.confidences > self._confidence)
         limits = [image_bgr.shape[1], image_bgr.shape[0]] * 2
         return Detections(
@@ -103,7 +106,10 @@ class RemoteDetector:
         address = urlsplit(self._address)
         if address.scheme == "ws" and not is_loopback(self._address):
             raise DetectorAwayError(
-                f"Pictures are not sent to {self._shown} where anybody can read them: it needs wss://"
+                filled(
+                    QT_TR_NOOP("Pictures are not sent to {shown} where anybody can read them: it needs wss://"),
+                    shown=self._shown,
+                )
             )
         token = os.environ.get(TOKEN_VARIABLE, "")
         try:
@@ -124,25 +130,29 @@ class RemoteDetector:
             words = f"{self._shown} refuses the token" if refused else f"{self._shown} is no server of perception"
             raise DetectorAwayError(words) from error
         except ssl.SSLError as error:
-            raise DetectorAwayError(f"{self._shown} cannot prove who it is ({error.reason})") from error
+            raise DetectorAwayError(
+                filled(QT_TR_NOOP("{shown} cannot prove who it is ({reason})"), shown=self._shown, reason=error.reason)
+            ) from error
         except (OSError, TimeoutError, socket.gaierror, InvalidHandshake, InvalidURI, WebSocketException) as error:
             self.close()
-            raise DetectorAwayError(f"{self._shown} does not answer") from error
+            raise DetectorAwayError(filled(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
         except (KeyError, TypeError, ValueError) as error:
             self.close()
-            raise DetectorAwayError(f"{self._shown} is no server of perception, or one of another version") from error
+            raise DetectorAwayError(
+                filled(QT_TR_NOOP("{shown} is no server of perception, or one of another version"), shown=self._shown)
+            ) from error
         log.info("people are looked for by %s at %s", hello["label"], self._shown)
         return hello
 
     def _connect_again(self) -> None:
         now_s = self._monotonic_s()
         if now_s - self._tried_s < _TRY_AGAIN_AFTER_S:
-            raise DetectorAwayError(f"{self._shown} does not answer")
+            raise DetectorAwayError(filled(QT_TR_NOOP("{shown} does not answer"), shown=self._shown))
         self._tried_s = now_s
         hello = self._connect()
         if tuple(hello["class_names"]) != self.class_names:
             self.close()
-            raise DetectorAwayError(f"{self._shown} has another detector by now")
+            raise DetectorAwayError(filled(QT_TR_NOOP("{shown} has another detector by now"), shown=self._shown))
 
     def _ask(self, jpeg: bytes) -> dict[str, Any]:
         connection = self._connection
@@ -154,7 +164,7 @@ class RemoteDetector:
             # A late answer would be taken for that to the next picture.
             self.close()
             self._tried_s = self._monotonic_s()
-            raise DetectorAwayError(f"{self._shown} does not answer") from error
+            raise DetectorAwayError(filled(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
         return dict(answer)
 
 

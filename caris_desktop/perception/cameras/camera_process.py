@@ -16,7 +16,7 @@ from caris_desktop.domain.pictures import PictureError, fitted
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import (
     SOUND_RATE_HZ,
     CameraError,
@@ -144,7 +144,8 @@ class _Running:
             except PictureError as refused:
                 self._tell_refused(refused)
         raise CameraError(
-            f"The camera {self._chosen.name} sends only pictures that cannot be shown.", "Check its settings."
+            filled(QT_TR_NOOP("The camera {name} sends only pictures that cannot be shown."), name=self._chosen.name),
+            QT_TR_NOOP("Check its settings."),
         )
 
     def _play(self, camera: CameraSource, first: Picture | None) -> None:
@@ -198,7 +199,11 @@ class _Running:
             Problem(
                 clock.now_ns(),
                 "warning",
-                f"A picture of the camera {self._chosen.name} was left out: it {refused}.",
+                filled(
+                    QT_TR_NOOP("A picture of the camera {name} was left out: it {refused}."),
+                    name=self._chosen.name,
+                    refused=refused,
+                ),
                 QT_TR_NOOP("The video stands still while no better one comes."),
                 QT_TR_NOOP("If it stays so, check the camera's settings and its cable or network."),
                 until="picture",

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 OPEN_TIMEOUT_S = 5.0
 SILENCE_S = 3.0
@@ -30,8 +31,8 @@ class CameraError(Exception):
 def cannot_be_reached(name: str) -> CameraError:
     """Of a camera in the network."""
     return CameraError(
-        f"The camera at {name} cannot be reached.",
-        "Check its address, its password and that it is on the same network.",
+        filled(QT_TR_NOOP("The camera at {name} cannot be reached."), name=name),
+        QT_TR_NOOP("Check its address, its password and that it is on the same network."),
     )
 
 

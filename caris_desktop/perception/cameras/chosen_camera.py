@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import CameraError
 
 Kind = Literal["robot", "simulated", "file", "device", "oak", "stream", "http", "whep", "webrtc"]
@@ -78,9 +79,14 @@ def camera_token(chosen: ChosenCamera) -> str:
     token = os.environ.get(chosen.token_env, "").strip()
     if not token:
         raise CameraError(
-            f"The environment variable {chosen.token_env}, which holds the token of the camera at {chosen.name}, "
-            "is not set.",
-            "Set it before the program starts.",
+            filled(
+                QT_TR_NOOP(
+                    "The environment variable {token_env}, which holds the token of the camera at {name}, is not set."
+                ),
+                token_env=chosen.token_env,
+                name=chosen.name,
+            ),
+            QT_TR_NOOP("Set it before the program starts."),
         )
     return token
 
@@ -99,7 +105,7 @@ def _parsed(text: str) -> ChosenCamera:
     if "://" in text:
         return _address(text)
     if not text:
-        raise CameraError("The camera source is empty.", f"Give {FORMS}.")
+        raise CameraError(QT_TR_NOOP("The camera source is empty."), filled(QT_TR_NOOP("Give {forms}."), forms=FORMS))
     path, _, words = text.rpartition("?")
     asked = frozenset(words.split("&"))
     if not path or not asked <= _PLAY_WORDS:
@@ -112,18 +118,30 @@ def _address(text: str) -> ChosenCamera:
         parts = urllib.parse.urlsplit(text)
         host, _port = parts.hostname, parts.port
     except ValueError as error:
-        raise CameraError(f"The camera address cannot be read: {error}.", f"Give {FORMS}.") from error
+        raise CameraError(
+            filled(QT_TR_NOOP("The camera address cannot be read: {error}."), error=error),
+            filled(QT_TR_NOOP("Give {forms}."), forms=FORMS),
+        ) from error
     if parts.scheme not in _SCHEMES or not host:
         raise CameraError(
-            f"The camera address starts with {parts.scheme}://, which is not understood.",
-            f"Use an address that starts with one of {', '.join(f'{scheme}://' for scheme in _SCHEMES)}.",
+            filled(
+                QT_TR_NOOP("The camera address starts with {scheme}://, which is not understood."), scheme=parts.scheme
+            ),
+            filled(
+                QT_TR_NOOP("Use an address that starts with one of {schemes}."),
+                schemes=", ".join(f"{scheme}://" for scheme in _SCHEMES),
+            ),
         )
     # What stands behind the # is for us and never sent.
     token_env = urllib.parse.parse_qs(parts.fragment).get("token-env", [""])[0]
     if token_env and not _TOKEN_ENV.fullmatch(token_env):
         raise CameraError(
-            f"The camera at {host} asks for the environment variable {token_env[:40]}.",
-            "Only those with CAMERA in their name are told to a camera: call it CAMERA_TOKEN.",
+            filled(
+                QT_TR_NOOP("The camera at {host} asks for the environment variable {token_env}."),
+                host=host,
+                token_env=token_env[:40],
+            ),
+            QT_TR_NOOP("Only those with CAMERA in their name are told to a camera: call it CAMERA_TOKEN."),
         )
     target = text.removesuffix(f"#{parts.fragment}").removeprefix("whep+").removeprefix("webrtc+")
     return ChosenCamera(_SCHEMES[parts.scheme], target, safe_name(host), token_env=token_env)

@@ -1,5 +1,6 @@
 """A camera of this computer."""
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import DEVICE_FPS, DEVICE_SIZE_PX, CameraError, Picture, picture_of
 
 
@@ -15,8 +16,8 @@ class DeviceCamera:
         self._capture = cv2.VideoCapture(int(target) if target.isdecimal() else target)
         if not self._capture.isOpened():
             raise CameraError(
-                f"Camera {target} cannot be opened.",
-                "Check that it is plugged in, that no other program uses it, and that you may use cameras.",
+                filled(QT_TR_NOOP("Camera {target} cannot be opened."), target=target),
+                QT_TR_NOOP("Check that it is plugged in, that no other program uses it, and that you may use cameras."),
             )
         # Motion-JPEG, since uncompressed pictures of this size come slowly over USB 2.
         self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
@@ -32,7 +33,10 @@ class DeviceCamera:
     def read(self) -> Picture | None:
         delivered, image = self._capture.read()
         if not delivered:
-            raise CameraError(f"Camera {self._target} stopped delivering pictures.", "Check its cable.")
+            raise CameraError(
+                filled(QT_TR_NOOP("Camera {target} stopped delivering pictures."), target=self._target),
+                QT_TR_NOOP("Check its cable."),
+            )
         # Of Video4Linux this is when the driver had the picture; of others, as of a file, another time altogether.
         return picture_of(image, device_ns=round(self._capture.get(self._moment) * 1e6))
 

@@ -6,6 +6,7 @@ import select
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.pictures import picture_size, unfolded
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import CameraError, Picture
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 from caris_desktop.perception.cameras.far_clock import ServedClock
@@ -42,8 +43,11 @@ class HttpCamera:
             self._connection.close()
             if response.status in (401, 403) and chosen.token_env:
                 raise CameraError(
-                    f"The camera at {chosen.name} refuses the token.",
-                    f"Put the token that it was started with into the environment variable {chosen.token_env}.",
+                    filled(QT_TR_NOOP("The camera at {name} refuses the token."), name=chosen.name),
+                    filled(
+                        QT_TR_NOOP("Put the token that it was started with into the environment variable {token_env}."),
+                        token_env=chosen.token_env,
+                    ),
                 )
             raise NotMultipartError(f"{response.status} {response.headers.get('Content-Type')}")
         self._response = response
@@ -94,7 +98,10 @@ class HttpCamera:
         return bool(select.select([self._response.fileno()], [], [], 0)[0])
 
     def _lost(self) -> CameraError:
-        return CameraError(f"The camera at {self._chosen.name} stopped sending pictures.", "Check it and its network.")
+        return CameraError(
+            filled(QT_TR_NOOP("The camera at {name} stopped sending pictures."), name=self._chosen.name),
+            QT_TR_NOOP("Check it and its network."),
+        )
 
     def _taken(self, head: dict[str, str]) -> tuple[int, int] | None:
         stamp = head.get(CAPTURED_HEADER, "")

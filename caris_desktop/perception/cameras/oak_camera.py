@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from caris_desktop.domain.pictures import fitted
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.perception.cameras.camera_source import (
     DEVICE_FPS,
     DEVICE_SIZE_PX,
@@ -44,10 +45,14 @@ class OakCamera:
         try:
             import depthai
         except ImportError as error:
-            raise CameraError("OAK cameras need the package depthai.", "Install it: pip install depthai") from error
+            raise CameraError(
+                QT_TR_NOOP("OAK cameras need the package depthai."), QT_TR_NOOP("Install it: pip install depthai")
+            ) from error
         # Looking costs nothing; connecting to a device that is not there waits for twelve seconds.
         if not device_id and not depthai.Device.getAllAvailableDevices():
-            raise CameraError("No OAK camera was found.", "Check its cable, and that USB devices may be used.")
+            raise CameraError(
+                QT_TR_NOOP("No OAK camera was found."), QT_TR_NOOP("Check its cable, and that USB devices may be used.")
+            )
         self._depths: Any = None
         self._depth: Any = None
         try:
@@ -63,7 +68,7 @@ class OakCamera:
         except RuntimeError as error:
             raise CameraError(
                 f"The OAK camera {device_id or ''} cannot be opened.".replace("  ", " "),
-                "Check its cable, and that no other program uses it.",
+                QT_TR_NOOP("Check its cable, and that no other program uses it."),
             ) from error
         self.width_px, self.height_px = DEVICE_SIZE_PX
         self.fps: float | None = float(DEVICE_FPS)
@@ -104,7 +109,7 @@ class OakCamera:
             _log.info("the OAK camera was gone before it was closed", exc_info=True)
 
     def _lost(self) -> CameraError:
-        return CameraError("The OAK camera stopped delivering pictures.", "Check its cable.")
+        return CameraError(QT_TR_NOOP("The OAK camera stopped delivering pictures."), QT_TR_NOOP("Check its cable."))
 
 
 def _sees_depth(device: Any) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 
@@ -31,7 +32,8 @@ def open_camera(chosen: ChosenCamera) -> CameraSource:
             return WebRtcCamera(chosen)
         case "robot" | "simulated":
             raise CameraError(
-                f"{chosen.kind} is not a camera that can be opened here.", "Choose it in the console, with --camera."
+                filled(QT_TR_NOOP("{kind} is not a camera that can be opened here."), kind=chosen.kind),
+                QT_TR_NOOP("Choose it in the console, with --camera."),
             )
 
 

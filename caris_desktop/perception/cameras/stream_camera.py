@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.pictures import PictureError, check_size, fitting_size
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import (
     OPEN_TIMEOUT_S,
     SILENCE_S,
@@ -66,14 +67,15 @@ class StreamCamera:
                 self._frames = iter(self._container.decode(self._stream))
                 raise PictureError("is torn") from error
             raise CameraError(
-                f"The video {self._chosen.name} broke off.", "Check the file, or the camera's network connection."
+                filled(QT_TR_NOOP("The video {name} broke off."), name=self._chosen.name),
+                QT_TR_NOOP("Check the file, or the camera's network connection."),
             ) from error
         if frame is None:
             if self._recorded and self._pictures_in_round:
                 return None
             raise CameraError(
-                f"The video {self._chosen.name} has no pictures (any more).",
-                "Check the file, or the camera's network connection.",
+                filled(QT_TR_NOOP("The video {name} has no pictures (any more)."), name=self._chosen.name),
+                QT_TR_NOOP("Check the file, or the camera's network connection."),
             )
         self._pictures_in_round += 1
         self._broken = 0
@@ -104,8 +106,13 @@ class StreamCamera:
             return cannot_be_reached(self._chosen.name)
         path = Path(self._chosen.target)
         if not path.exists():
-            return CameraError(f"The video file {path} does not exist.", "Check its path.")
-        return CameraError(f"{path} is not a video file that can be played.", "Choose another file.")
+            return CameraError(
+                filled(QT_TR_NOOP("The video file {path} does not exist."), path=path), QT_TR_NOOP("Check its path.")
+            )
+        return CameraError(
+            filled(QT_TR_NOOP("{path} is not a video file that can be played."), path=path),
+            QT_TR_NOOP("Choose another file."),
+        )
 
 
 def bgr_of(frame: Any) -> NDArray[np.uint8]:

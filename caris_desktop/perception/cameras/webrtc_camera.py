@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.sound_clock import SoundClock
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import SILENCE_S, SOUND_RATE_HZ, CameraError, Picture
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 from caris_desktop.perception.cameras.far_clock import ServedClock
@@ -40,7 +41,9 @@ class WebRtcCamera:
         try:
             import aiortc
         except ImportError as error:
-            raise CameraError("Cameras over WebRTC need the package aiortc.", "pip install aiortc") from error
+            raise CameraError(
+                QT_TR_NOOP("Cameras over WebRTC need the package aiortc."), QT_TR_NOOP("pip install aiortc")
+            ) from error
         logging.getLogger("aioice").setLevel(logging.WARNING)  # it tells of each of its packets
         self._chosen = chosen
         self._parts = urllib.parse.urlsplit(chosen.target)
@@ -109,8 +112,8 @@ class WebRtcCamera:
         except Exception as error:
             # What aiortc raises for an answer that it cannot use is of many kinds.
             raise CameraError(
-                f"The camera at {self._chosen.name} gives an answer that is not WebRTC.",
-                "Check the address: it has to be the one for WHEP, or for offers.",
+                filled(QT_TR_NOOP("The camera at {name} gives an answer that is not WebRTC."), name=self._chosen.name),
+                QT_TR_NOOP("Check the address: it has to be the one for WHEP, or for offers."),
             ) from error
         location = urllib.parse.urljoin(self._chosen.target, response.headers.get("Location", ""))
         if response.headers.get("Location") and urllib.parse.urlsplit(location).netloc == self._parts.netloc:
@@ -122,13 +125,21 @@ class WebRtcCamera:
     def _refused(self, status: int, content: bytes) -> CameraError:
         if status in (401, 403):
             return CameraError(
-                f"The camera at {self._chosen.name} refuses the token.",
-                "Put the token that it was started with into the environment variable that its address names "
-                "(#token-env=NAME).",
+                filled(QT_TR_NOOP("The camera at {name} refuses the token."), name=self._chosen.name),
+                QT_TR_NOOP(
+                    "Put the token that it was started with into the environment variable that its address names "
+                    "(#token-env=NAME)."
+                ),
             )
         said = content[:200].decode("utf-8", "replace").strip()
         return CameraError(
-            f"The camera at {self._chosen.name} refuses the connection ({status} {said}).", "Check its address."
+            filled(
+                QT_TR_NOOP("The camera at {name} refuses the connection ({status} {said})."),
+                name=self._chosen.name,
+                status=status,
+                said=said,
+            ),
+            QT_TR_NOOP("Check its address."),
         )
 
     def _on_track(self, track: Any) -> None:
@@ -177,7 +188,8 @@ class WebRtcCamera:
             frame = None
         if frame is None:
             raise CameraError(
-                f"The camera at {self._chosen.name} stopped sending pictures.", "Check it and its network."
+                filled(QT_TR_NOOP("The camera at {name} stopped sending pictures."), name=self._chosen.name),
+                QT_TR_NOOP("Check it and its network."),
             )
         return frame
 

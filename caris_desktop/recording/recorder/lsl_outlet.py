@@ -7,6 +7,7 @@ from typing import Any
 from caris_desktop.domain import clock, events
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import Delivery, StreamSpec
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _log = logging.getLogger(__name__)
 STREAM_NAME, STREAM_TYPE = "CARIS markers", "Markers"
@@ -51,8 +52,8 @@ class MarkerOutlet:
             # Without its native library the package raises RuntimeError, or OSError for one that does not load.
             _log.warning("pylsl: %s", error)
             raise OutletUnavailableError(
-                "No markers go out: Lab Streaming Layer is not installed.",
-                "Install it (pip install pylsl), then start the recording again.",
+                QT_TR_NOOP("No markers go out: Lab Streaming Layer is not installed."),
+                QT_TR_NOOP("Install it (pip install pylsl), then start the recording again."),
             ) from error
         try:
             info = pylsl.StreamInfo(STREAM_NAME, STREAM_TYPE, 1, pylsl.IRREGULAR_RATE, pylsl.cf_string, _SOURCE_ID)
@@ -62,8 +63,11 @@ class MarkerOutlet:
         except (RuntimeError, OSError) as error:
             _log.exception("the outlet does not open")
             raise OutletUnavailableError(
-                f"No markers go out: the Lab Streaming Layer outlet does not open ({error}).",
-                "Check the network of this computer, then start the recording again.",
+                filled(
+                    QT_TR_NOOP("No markers go out: the Lab Streaming Layer outlet does not open ({error})."),
+                    error=error,
+                ),
+                QT_TR_NOOP("Check the network of this computer, then start the recording again."),
             ) from error
         self._lsl_clock = pylsl.local_clock
         self.words = False
@@ -87,8 +91,8 @@ class MarkerOutlet:
             _log.exception("%s is not sent", spec.name)
             self.close()
             raise OutletUnavailableError(
-                f"No markers go out any more: Lab Streaming Layer failed ({error}).",
-                "Check the network of this computer, then start the recording again.",
+                filled(QT_TR_NOOP("No markers go out any more: Lab Streaming Layer failed ({error})."), error=error),
+                QT_TR_NOOP("Check the network of this computer, then start the recording again."),
             ) from error
 
     def _send(self, spec: StreamSpec, value: Any) -> None:

@@ -34,7 +34,7 @@ from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.disk_file import DiskFile, Reserve
 from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.blurring import Blurring
@@ -567,18 +567,22 @@ class SessionRecorder:
                 "error",
                 QT_TR_NOOP("The photo could not be kept."),
                 QT_TR_NOOP("The session goes on without it."),
-                QT_TR_NOOP("Free some room on the disk.") if failure.disk_full else f"Try again. ({failure.detail})",
+                QT_TR_NOOP("Free some room on the disk.")
+                if failure.disk_full
+                else filled(QT_TR_NOOP("Try again. ({detail})"), detail=failure.detail),
                 cause=ANSWER,
             )
             return
         if failure.lost:
             self._miss("frame", f"{failure.camera}: {failure.detail}"[:200], failure.lost)
         if failure.disk_full:
-            self._end_video(QT_TR_NOOP("The disk is full."))
+            self._end_video(filled(QT_TR_NOOP("The disk is full.")))
         elif failure.kind == "video" and failure.detail != "the video has ended":
             self.problem(
                 "error",
-                f"The video of {failure.camera} ended: {failure.detail}.",
+                filled(
+                    QT_TR_NOOP("The video of {camera} ended: {detail}."), camera=failure.camera, detail=failure.detail
+                ),
                 QT_TR_NOOP("What was recorded up to now is kept. Events and robot data go on."),
                 QT_TR_NOOP("Stop and start the recording to have video again."),
             )
@@ -591,7 +595,7 @@ class SessionRecorder:
             self._told_lowered = True
             self.problem(
                 "warning",
-                f"This computer cannot keep up with the video of {change.camera}.",
+                filled(QT_TR_NOOP("This computer cannot keep up with the video of {camera}."), camera=change.camera),
                 QT_TR_NOOP(
                     "Frames are left out evenly and counted, until there is time for all of them again. Nothing else is"
                     " missing."
@@ -611,7 +615,7 @@ class SessionRecorder:
             self._told_covered_whole = True
             self.problem(
                 "warning",
-                f"The whole picture of {camera} is pixelated.",
+                filled(QT_TR_NOOP("The whole picture of {camera} is pixelated."), camera=camera),
                 QT_TR_NOOP(
                     "People have to be covered in what is kept, and where they are is not known in time. The recording "
                     "goes on, and shows everything again but them as soon as they are found in time."
@@ -678,7 +682,7 @@ class SessionRecorder:
         self._told_behind = True
         self.problem(
             "warning",
-            f"The recording is {behind_s:.1f} s behind.",
+            filled(QT_TR_NOOP("The recording is {behind_s} s behind."), behind_s=f"{behind_s:.1f}"),
             QT_TR_NOOP("What happens waits in memory and keeps its times; only pictures are left out, and counted."),
             QT_TR_NOOP("Close other programs. If it lasts, record with fewer or smaller cameras."),
             until="quiet",
@@ -688,28 +692,39 @@ class SessionRecorder:
     def _live_on_reserve(self) -> None:
         """Events only, from now on."""
         self._told_reserve = True
-        self._end_video(QT_TR_NOOP("The disk is full."))
+        self._end_video(filled(QT_TR_NOOP("The disk is full.")))
         self._end_audio(None)
         self.problem(
             "error",
             QT_TR_NOOP("The disk is full: from here on only events and robot data are recorded."),
-            f"They have {_megabytes(self._reserve.left_bytes)} that were kept for them; then the recording ends.",
+            filled(
+                QT_TR_NOOP("They have {megabytes} that were kept for them; then the recording ends."),
+                megabytes=_megabytes(self._reserve.left_bytes),
+            ),
             QT_TR_NOOP("Free some room on the disk now, or stop the recording."),
             cause="disk",
         )
 
     def _tell_disk(self, disk: DiskState) -> None:
         free = _megabytes(disk.free_bytes or 0)
-        left = "" if disk.room_s is None else f", at this rate for {_minutes(disk.room_s)}"
         if disk.stage == "out" and self._video_permitted:
-            self._end_video(f"The disk is nearly full: {free} are left.")
+            self._end_video(filled(QT_TR_NOOP("The disk is nearly full: {free} are left."), free=free))
         elif disk.stage != "ample" and not self._told_scarce:
             self._told_scarce = True
             self.problem(
                 "warning",
-                f"The disk is filling up: {free} are left{left}.",
-                f"The video gets fewer frames when {_megabytes(self._limits.lower_video_free_bytes)} are left, and "
-                f"ends at {_megabytes(self._limits.end_video_free_bytes)}.",
+                filled(QT_TR_NOOP("The disk is filling up: {free} are left."), free=free)
+                if disk.room_s is None
+                else filled(
+                    QT_TR_NOOP("The disk is filling up: {free} are left, at this rate for {time}."),
+                    free=free,
+                    time=_minutes(disk.room_s),
+                ),
+                filled(
+                    QT_TR_NOOP("The video gets fewer frames when {lower} are left, and ends at {end}."),
+                    lower=_megabytes(self._limits.lower_video_free_bytes),
+                    end=_megabytes(self._limits.end_video_free_bytes),
+                ),
                 QT_TR_NOOP("Delete or move files that you do not need."),
                 cause="disk",
             )
@@ -717,9 +732,17 @@ class SessionRecorder:
             self._told_slow = True
             self.problem(
                 "warning",
-                f"The disk is slow: it took {disk.delay_s:.1f} s to write what was recorded.",
-                "Every second frame of the videos is left out meanwhile. A power cut now could cost the last "
-                f"{disk.delay_s + 1:.0f} s.",
+                filled(
+                    QT_TR_NOOP("The disk is slow: it took {delay_s} s to write what was recorded."),
+                    delay_s=f"{disk.delay_s:.1f}",
+                ),
+                filled(
+                    QT_TR_NOOP(
+                        "Every second frame of the videos is left out meanwhile. A power cut now could cost the "
+                        "last {delay_s} s."
+                    ),
+                    delay_s=f"{disk.delay_s + 1:.0f}",
+                ),
                 QT_TR_NOOP(
                     "Close programs that use this disk, or choose a study folder on another one for the next session."
                 ),
@@ -751,7 +774,7 @@ class SessionRecorder:
         if error is not None and not no_room(error):
             self.problem(
                 "error",
-                f"Sound is no longer recorded: {error.strerror or error}.",
+                filled(QT_TR_NOOP("Sound is no longer recorded: {error}."), error=error.strerror or error),
                 QT_TR_NOOP("What was recorded up to now is kept. Events and robot data go on."),
                 QT_TR_NOOP("Stop and start the recording to have sound again."),
             )
@@ -853,12 +876,12 @@ def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:
         )
     if isinstance(error, FileExistsError):
         return (
-            f"{folder} holds files already.",
+            filled(QT_TR_NOOP("{folder} holds files already."), folder=folder),
             meaning,
             QT_TR_NOOP("Record again: the next session gets a folder of its own."),
         )
     return (
-        f"{folder} cannot be written: {error.strerror or error}.",
+        filled(QT_TR_NOOP("{folder} cannot be written: {error}."), folder=folder, error=error.strerror or error),
         meaning,
         QT_TR_NOOP("Choose a study folder that you may write to, then record again."),
     )
@@ -877,7 +900,7 @@ def _megabytes(count: int) -> str:
 
 
 def _minutes(room_s: float) -> str:
-    return f"{room_s / 60:.0f} minutes" if room_s >= 120 else f"{room_s:.0f} s"
+    return f"{room_s / 60:.0f} min" if room_s >= 120 else f"{room_s:.0f} s"
 
 
 def _since(chunk: AudioChunk, from_ns: int) -> AudioChunk:
