@@ -13,6 +13,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.app import composition
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, MODEL, SCRIPT, WIZARD, Actor
 from caris_desktop.domain.events import ChatMessage, GoalChanged, Problem, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, People, ThingBox
@@ -77,8 +78,34 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
     asked.console._bus.publish(said)
     qtbot.waitUntil(lambda: bool(asked.console.state.transcript.value))
     assert "I sleep badly." in asked.ask(qtbot, "What now?")
-    asked.console.do(intents.StartRecording(TrialDetails(participant="P2")))
+    asked.console.do(intents.StartRecording(TrialDetails(participant="P2"), anyway=True))
     assert "I sleep badly." not in asked.ask(qtbot, "What now?")
+
+
+@pytest.mark.logs(r"live\.bus: ", r"live\.recorder_feed: ")
+@pytest.mark.parametrize("actor", [WIZARD, "wizard:Ada", SCRIPT, MODEL, CONSOLE])
+def test_whoever_asks_no_recording_begins_without_the_required_checks(qtbot: QtBot, asked: Asked, actor: Actor) -> None:
+    """A key of the gamepad and the palette ask as this wizard does."""
+    console, told = asked.console, list[Problem]()
+    said = UtteranceChanged(clock.now_ns(), "u-1", "participant", "I sleep badly.", "heard", "finished")
+    console._bus.publish(said)
+    qtbot.waitUntil(lambda: bool(console.state.transcript.value))
+    console.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
+    start = intents.StartRecording(TrialDetails(participant="P2"), actor=actor)
+    refusal = console.do(start)
+    waits = [check.title for check in console.state.preflight.value if check.asks_first]
+    if actor == MODEL:
+        assert refusal, "a model starts none at all"
+    else:
+        assert waits
+        assert refusal == f"The recording did not start. Not ready: {', '.join(waits)}."
+    assert console.state.recording.value.state == "idle"
+    qtbot.waitUntil(lambda: [problem.what for problem in told] == [refusal])
+    assert "I sleep badly." in asked.ask(qtbot, "What now?"), "nothing was put away for a session that is none"
+    if actor == MODEL:
+        return
+    assert console.do(replace(start, anyway=True)) == "", "who was told of it may begin in spite of it"
+    assert console.state.recording.value.state == "starting"
 
 
 @pytest.mark.logs(r"live\.bus: ")
@@ -157,7 +184,7 @@ def test_a_recording_begins_with_what_goes_on_and_tells_what_the_closing_of_the_
                 PersonRow("p-4", 6, "Person 4", True, 10, 20, number=4),
             )
         )
-        console.do(intents.StartRecording(TrialDetails(participant="P1")))
+        console.do(intents.StartRecording(TrialDetails(participant="P1"), anyway=True))
         qtbot.waitUntil(lambda: state.recording.value.state == "recording", timeout=60_000)
         folder = Path(state.recording.value.folder)
         console.do(intents.PauseRecording(paused=True))

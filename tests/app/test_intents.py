@@ -98,7 +98,7 @@ SAMPLES: tuple[Intent, ...] = (
     intents.UndoPeople(),
     intents.LookUpPerson("p-1", "arm"),
     intents.ForgetPerson("p-1"),
-    intents.StartRecording(TrialDetails()),
+    intents.StartRecording(TrialDetails(), anyway=True),
     intents.StopRecording(),
     intents.PauseRecording(paused=True),
     intents.TakePhoto(),

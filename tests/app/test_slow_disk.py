@@ -135,12 +135,12 @@ def _close_as_the_disk_answers(bench: Bench) -> list[str]:
 def test_what_happens_while_the_session_folder_is_made_is_in_the_recording(bench: Bench, qtbot: QtBot) -> None:
     console, state = bench.console, bench.state
     console.start()
-    console.do(intents.StartRecording(TrialDetails(participant="P1")))
+    console.do(intents.StartRecording(TrialDetails(participant="P1"), anyway=True))
     assert (state.recording.value.state, state.recording.value.folder) == ("starting", None)
     qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
     before_ns = clock.now_ns()
     console.do(intents.Mark("meanwhile"))
-    console.do(intents.StartRecording(TrialDetails(participant="P2")))
+    console.do(intents.StartRecording(TrialDetails(participant="P2"), anyway=True))
     bench.goes_on(qtbot)
     assert (state.recording.value.state, state.recording.value.folder) == ("starting", None)
     bench.disk.answer()
@@ -162,7 +162,7 @@ def test_a_recording_that_is_ended_while_its_folder_is_made_holds_what_was_until
 ) -> None:
     console, state = bench.console, bench.state
     console.start()
-    console.do(intents.StartRecording(TrialDetails(participant="P3")))
+    console.do(intents.StartRecording(TrialDetails(participant="P3"), anyway=True))
     console.do(intents.Mark("inside"))
     console.do(intents.StopRecording())
     console._bus.publish(Marked(clock.now_ns(), "outside"))
@@ -178,7 +178,7 @@ def test_a_recording_that_is_ended_while_its_folder_is_made_holds_what_was_until
 def test_that_there_is_no_folder_is_told_and_nothing_is_recorded(bench: Bench, qtbot: QtBot) -> None:
     console, state = bench.console, bench.state
     bench.disk.refuse = FULL
-    console.do(intents.StartRecording(TrialDetails()))
+    console.do(intents.StartRecording(TrialDetails(), anyway=True))
     assert state.recording.value.state == "starting"
     bench.disk.answer()
     qtbot.waitUntil(lambda: state.recording.value.state == "failed", timeout=20_000)
@@ -252,7 +252,7 @@ def test_a_robot_that_cannot_be_read_leaves_the_present_one(bench: Bench, qtbot:
 
 def test_a_session_whose_folder_is_made_while_the_window_closes_is_kept(bench: Bench, qtbot: QtBot) -> None:
     bench.console.start()
-    bench.console.do(intents.StartRecording(TrialDetails(participant="P4")))
+    bench.console.do(intents.StartRecording(TrialDetails(participant="P4"), anyway=True))
     bench.console.do(intents.Mark("last"))
     named = _close_as_the_disk_answers(bench)
     assert "What was asked last is being written to disk." in named

@@ -73,7 +73,7 @@ def test_the_participant_is_recorded_and_the_wizard_is_heard_by_the_robot(
             console.connect_robot(composition.robot_connection("simulated", address=robot.address))
             console.start()
             _until(lambda: state.link.value.state == "connected" and state.map.value, "the robot")
-            assert console.do(intents.StartRecording(TrialDetails(participant="P1"))) == ""
+            assert console.do(intents.StartRecording(TrialDetails(participant="P1"), anyway=True)) == ""
             _until(lambda: state.recording.value.state == "recording", "the recording")
             folder = Path(state.recording.value.folder)
             assert state.microphone.value.source == "robot microphone"

@@ -100,7 +100,7 @@ def measure(seconds: float) -> dict[str, object]:
     load = ConsoleUnderLoad(record=False)
     load.let_qt_run(_SETTLED_S)
     idle = percent_by_process(load, 2 * seconds)
-    load.console.do(intents.StartRecording(TrialDetails(participant="benchmark")))
+    load.console.do(intents.StartRecording(TrialDetails(participant="benchmark"), anyway=True))
     load.wait_for(lambda: load.state.recording.value.state == "recording", "recording", 60.0)
     load.let_qt_run(_SETTLED_S)
     recording = percent_by_process(load, 2 * seconds)

@@ -67,7 +67,7 @@ class ConsoleUnderLoad:
             self.wait_for(lambda: self.state.perception.value.state == "ready", "perception", perception_timeout_s)
             self.wait_for(lambda: self.state.people.value is not None, "people", 60.0)
         if record:
-            self.console.do(intents.StartRecording(TrialDetails(participant="benchmark")))
+            self.console.do(intents.StartRecording(TrialDetails(participant="benchmark"), anyway=True))
             self.wait_for(lambda: self.state.recording.value.state == "recording", "recording", 60.0)
         self._answers = self._answered_characters = 0
         self._asking.timeout.connect(self._keep_asking)

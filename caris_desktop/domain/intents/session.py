@@ -11,7 +11,10 @@ from caris_desktop.domain.trial import TrialDetails
 
 @dataclass(frozen=True, slots=True)
 class StartRecording(Intent):
-    """Begin a session. ``anyway``: the wizard was asked about what is not as it should be, and begins nevertheless."""
+    """Begin a session. ``anyway``: the wizard was asked about what is not as it should be, and begins nevertheless.
+
+    Without it a recording is refused while a required check is open, whoever asks.
+    """
 
     details: TrialDetails
     anyway: bool = False

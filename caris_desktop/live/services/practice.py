@@ -123,7 +123,9 @@ class PracticeService(Service):
         if not here or scenario.path.resolve() != self._parts.scenario.resolve() or not state.drive.value.allowed:
             return
         if recording in ("idle", "failed"):
-            self._do(intents.StartRecording(TrialDetails(wizard=self._wizard, purpose=PURPOSE), actor=CONSOLE))
+            # No trial depends on it: what is not ready is kept with the recording, and keeps nobody from practising.
+            details = TrialDetails(wizard=self._wizard, purpose=PURPOSE)
+            self._do(intents.StartRecording(details, anyway=True, actor=CONSOLE))
         elif recording == "recording":
             self._stage.stop()
             self._practice = Practice(self._now_s())

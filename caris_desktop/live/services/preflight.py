@@ -92,6 +92,11 @@ class PreflightService(Service):
         self._timer.stop()
         self._disk_timer.stop()
 
+    def waits_for(self) -> tuple[PreflightCheck, ...]:
+        """What a recording should not begin without, as it stands now."""
+        self.look()
+        return tuple(check for check in self._state.preflight.value if check.asks_first)
+
     def standing(self, *, accepted: bool) -> list[Event]:
         """How every check stands now that a recording begins. ``accepted``: the wizard begins in spite of it."""
         self.look()

@@ -9,6 +9,8 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged, LinkChanged, PersonAppeared
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant import AssistantService
@@ -90,6 +92,8 @@ class SessionService(Service):
         concerned = self._with
         if not concerned.recording.idle:
             return
+        if not asked.anyway:
+            self._refuse_unready()
         # What was said with one participant is neither told to the model about the next nor in the next one's record.
         concerned.marks.forget()
         concerned.assistant.forget(conversation=True)
@@ -103,6 +107,19 @@ class SessionService(Service):
             concerned.microphone.open_and_then(lambda: self._begin(asked))
         else:
             self._begin(asked)
+
+    def _refuse_unready(self) -> None:
+        """Whoever asks, by whatever key: the required checks are passed, or somebody was told of them before."""
+        waits = self._with.preflight.waits_for()
+        if waits:
+            raise ToldFailure(
+                tr("The recording did not start. Not ready: {checks}.").format(
+                    checks=", ".join(check.title for check in waits)
+                ),
+                tr("Nothing is recorded."),
+                tr("See to it in the checks before a recording, or choose Record anyway in Start recording."),
+                severity="warning",
+            )
 
     def _begin(self, asked: intents.StartRecording) -> None:
         concerned = self._with

@@ -89,6 +89,7 @@ def test_it_begins_once_the_stage_is_set(stage: Stage) -> None:
     recorded = stage.asked[-1]
     assert isinstance(recorded, intents.StartRecording)
     assert (recorded.details.wizard, recorded.details.purpose) == ("Ana", "practice")
+    assert recorded.anyway, "a check that is open keeps nobody from practising"
     stage.service._begin_when_ready()
     status = stage.state.practice.value
     assert status.state == "running" and [step.step_id for step in status.steps] == [step.id for step in STEPS]
