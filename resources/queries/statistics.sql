@@ -239,6 +239,10 @@ link AS (
 ),
 lost AS (SELECT session, sum(count) AS n FROM event_gap GROUP BY session),
 problem AS (SELECT session, count(*) AS n FROM event_problem GROUP BY session),
+alarm AS (
+    SELECT session, count(*) AS n, sum(stood_s) AS seconds, count(*) FILTER (seen_to_by != '') AS seen_to
+    FROM alarms GROUP BY session
+),
 person AS (SELECT session, count(DISTINCT person_id) AS n FROM visits GROUP BY session),
 crowd AS (SELECT session, max(n) AS n FROM crowds GROUP BY session)
 SELECT
@@ -290,6 +294,9 @@ SELECT
     coalesce(lost.n, 0) AS lost_values,
     missing_values,
     coalesce(problem.n, 0) AS problems,
+    coalesce(alarm.n, 0) AS alarms,
+    coalesce(alarm.seconds, 0) AS alarms_s,
+    coalesce(alarm.seen_to, 0) AS alarms_seen_to,
     -- Nobody stayed for so long, but somebody was there.
     coalesce(crowd.n, CASE WHEN person.n > 0 THEN 1 END, 0) AS people,
     coalesce(person.n, 0) AS identities
@@ -312,6 +319,7 @@ LEFT JOIN marked USING (session)
 LEFT JOIN link USING (session)
 LEFT JOIN lost USING (session)
 LEFT JOIN problem USING (session)
+LEFT JOIN alarm USING (session)
 LEFT JOIN person USING (session)
 LEFT JOIN crowd USING (session)
 ORDER BY session;
@@ -394,6 +402,24 @@ FROM (SELECT * EXCLUDE (participant, condition, trial) FROM protocol) JOIN sessi
 WHERE lower(purpose) != 'practice'
 GROUP BY GROUPING SETS ((scenario, step_id), (scenario, step_id, condition))
 ORDER BY of DESC, condition, scenario, step_number, step_id;
+
+-- What was wrong, by its cause: of the whole study (condition is NULL) and of each condition.
+CREATE VIEW alarm_causes AS
+SELECT
+    CASE WHEN grouping(condition) = 1 THEN 'study' ELSE 'condition' END AS of,
+    condition,
+    cause,
+    min(what) AS what,
+    count(DISTINCT session) AS sessions,
+    count(*) AS alarms,
+    CAST(sum(times) AS BIGINT) AS times,
+    sum(stood_s ORDER BY stood_s) AS stood_s,
+    max(stood_s) AS longest_s,
+    count(*) FILTER (seen_to_by != '') AS seen_to
+FROM (SELECT * EXCLUDE (participant, condition, trial) FROM alarms) JOIN sessions USING (session)
+WHERE lower(purpose) != 'practice'
+GROUP BY GROUPING SETS ((cause), (cause, condition))
+ORDER BY of DESC, condition, alarms DESC, cause;
 
 -- How often which label was marked, in which session.
 CREATE VIEW labels AS

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import Event, Problem, ProblemEnd, RobotChosen, SessionStarted
+from caris_desktop.domain.events import Event, Problem, ProblemEnd, RecordingPaused, RobotChosen, SessionStarted
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.alarm_causes import AlarmBook, Condition
@@ -45,7 +45,12 @@ class AlarmsService(Service):
         self.look()
 
     def follows(self) -> Follows:
-        return {Problem: self.take, RobotChosen: self._on_robot_chosen, SessionStarted: self._on_session_started}
+        return {
+            Problem: self.take,
+            RobotChosen: self._on_robot_chosen,
+            SessionStarted: self._on_session_started,
+            RecordingPaused: self._on_recording_paused,
+        }
 
     def handlers(self) -> Handlers:
         return {intents.DismissAlarm: self.dismiss}
@@ -78,6 +83,12 @@ class AlarmsService(Service):
     def _on_session_started(self, _session: SessionStarted) -> None:
         self._book.tell_all(self._now_ns())
         self._tell()
+
+    def _on_recording_paused(self, event: RecordingPaused) -> None:
+        """What is wrong still when it goes on is in the record again; what was over meanwhile is not."""
+        if not event.paused:
+            self._book.tell_all(self._now_ns())
+            self._tell()
 
     def _on_changed(self, _value: object) -> None:
         self.look()

@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from caris_desktop.domain.actor import in_words
 from caris_desktop.domain.events import (
     LATE_FROM_S,
     AnswerUsed,
@@ -144,6 +145,7 @@ def _report(facts: SessionFacts, measures: Measures, grid: OccupancyGrid | None)
         **_photos(facts),
         **_transcript(facts, measures),
         **_problems(facts),
+        **_alarms(facts, measures),
         "footer": (
             f"Made by CARIS Desktop from the session {session.folder.name}. Times are minutes and seconds since the"
             " recording began."
@@ -792,6 +794,29 @@ def _asides(facts: SessionFacts) -> Iterator[dict[str, Any]]:
         yield aside(mark.start_ns, f"{mark_words(mark)}{lasted}{note}", kind)
     for pause in facts.pauses:
         yield aside(pause.start_ns, f"The recording was paused for {duration_text(pause.duration_s)}.", "pause")
+
+
+def _alarms(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
+    """What was wrong, for how long, and how it ended."""
+    when = facts.session.clock.session_s
+    alarms = measures.alarms
+    ended = {True: "stood to the end", False: "ended by itself"}
+    return {
+        "alarms_fact": f"{counted(len(alarms), 'alarm')}, {duration_text(sum(alarm.stood_s for alarm in alarms))}",
+        "alarms": [
+            {
+                "time": clock_text(when(alarm.start_ns)),
+                "severity": alarm.severity,
+                "look": _SEVERITIES[alarm.severity],
+                "text": alarm.what + ("" if alarm.times == 1 else f" ({alarm.times} times)"),
+                "stood": duration_text(alarm.stood_s),
+                "ended": f"seen to by {in_words(alarm.seen_to_by)}"
+                if alarm.seen_to_by
+                else ended[alarm.end_ns is None],
+            }
+            for alarm in alarms
+        ],
+    }
 
 
 def _problems(facts: SessionFacts) -> dict[str, Any]:

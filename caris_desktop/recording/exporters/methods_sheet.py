@@ -18,6 +18,7 @@ from typing import Any
 from caris_desktop.domain.actor import WIZARD, in_words
 from caris_desktop.domain.events import (
     LATE_FROM_S,
+    AlarmChanged,
     LlmExchange,
     PreflightChecked,
     ProtocolEnded,
@@ -56,6 +57,7 @@ from caris_desktop.recording.exporters.methods_words import (
     times_word,
     was_or_were,
 )
+from caris_desktop.recording.session.alarms import AlarmRecord
 from caris_desktop.recording.session.preflight import open_words
 from caris_desktop.recording.session.scenario_text import ScenarioText
 from caris_desktop.recording.session.session_reader import Session
@@ -337,6 +339,7 @@ class _Answers:
                 *self._protocol_item(),
                 SheetItem("When, and how long?", f"{self._dates()}: {length}.", ("session.json",)),
                 *self._checked(),
+                *self._went_wrong(),
                 SheetItem("Where did it take place?", by_hand="Place, room, number of locations, who else was there."),
                 SheetItem(
                     "Was the robot's behaviour developed in several rounds?",
@@ -368,6 +371,31 @@ class _Answers:
         if still_open:
             parts.append(f"Not so: {listing_counts(still_open)}.")
         return [SheetItem("What was checked before each session?", " ".join(parts), events_named(PreflightChecked))]
+
+    def _went_wrong(self) -> list[SheetItem]:
+        """Which alarms there were; not asked where no record tells of alarms."""
+        sources = events_named(AlarmChanged)
+        if not any(stream == sources[0] for one in self._of.known for stream in one.streams):
+            return []
+        alarms = [alarm for one in self._of.known for alarm in one.measures.alarms]
+        by_cause: dict[str, list[AlarmRecord]] = {}
+        for alarm in alarms:
+            by_cause.setdefault(alarm.cause, []).append(alarm)
+        told = [
+            f"{group[0].what.rstrip('.')}: {number_of(len(group), 'alarm')},"
+            f" {duration_text(sum(one.stood_s for one in group))} in all."
+            for group in sorted(by_cause.values(), key=len, reverse=True)
+        ]
+        concerned = sum(bool(one.measures.alarms) for one in self._of.known)
+        seen_to = sum(bool(alarm.seen_to_by) for alarm in alarms)
+        stood_on = sum(alarm.end_ns is None for alarm in alarms)
+        whole = len(self._of.known)
+        answer = (
+            f"{number_of(len(alarms), 'alarm').capitalize()} in"
+            f" {'the session' if whole == 1 else f'{concerned} of {whole} sessions'}; somebody saw to {seen_to},"
+            f" {len(alarms) - seen_to - stood_on} ended by themselves, {stood_on} stood when a session ended."
+        )
+        return [SheetItem("What went wrong during the sessions?", " ".join((answer, *told)), sources)]
 
     def _language_model(self) -> SheetSection:
         if not self._of.models:

@@ -25,6 +25,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.session.alarms import alarms_of
 from caris_desktop.recording.session.answers import answer_uses, questions_of
 from caris_desktop.recording.session.goals import navigation_goals
 from caris_desktop.recording.session.marks import FinalMark, final_marks
@@ -215,6 +216,8 @@ def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Tab
         yield from _rows_of(MARKS_TABLE, _MarkRow.of(mark), times)
     for goal in _goal_rows(session):
         yield from _rows_of(GOALS_TABLE, goal, times)
+    for alarm in _alarm_rows(session):
+        yield from _rows_of(ALARMS_TABLE, alarm, times)
     for answer in _answer_rows(session):
         yield from _rows_of(ANSWERS_TABLE, answer, times)
     for step in _step_rows(session):
@@ -406,6 +409,25 @@ class _GoalRow:
 
 
 @dataclass(frozen=True, slots=True)
+class _AlarmRow:
+    """One alarm: something that was wrong and needed somebody. The time columns tell when it was first raised, or when
+    the recording began; ``end_ns`` when it was last over, empty where it stood to the end. ``stood_s`` is for how long
+    it was there, without pauses, ``times`` how often it was raised, ``seen_to_by`` who saw to it, empty where it ended
+    by itself.
+    """
+
+    stamp_ns: int
+    alarm_id: str
+    cause: str
+    severity: str
+    what: str
+    end_ns: int | None
+    stood_s: float
+    times: int
+    seen_to_by: Actor
+
+
+@dataclass(frozen=True, slots=True)
 class _AnswerRow:
     """What became of one question to a language model. The time columns tell when the exchange was over. ``use`` is
     said, edited (and said), dismissed or unused; what was silenced before anybody heard it is unused.
@@ -500,6 +522,15 @@ def _goal_rows(session: Session) -> Iterator[_GoalRow]:
         yield _GoalRow(
             goal.start_ns, goal.goal_id, goal.place, goal.target_in_map, goal.state, goal.end_ns, duration_s, goal.actor
         )
+
+
+def _alarm_rows(session: Session) -> Iterator[_AlarmRow]:
+    events = [value for _, value in session.values("event/alarm_changed")]
+    for one in alarms_of(events, ended_ns=session.ended_ns, pauses=_pauses(session)):
+        yield _AlarmRow(
+            one.start_ns, one.alarm_id, one.cause, one.severity, one.what, one.end_ns, round(one.stood_s, 6), one.times,
+            one.seen_to_by,
+        )  # fmt: skip
 
 
 def _answer_rows(session: Session) -> Iterator[_AnswerRow]:
@@ -817,6 +848,7 @@ UTTERANCES_TABLE = _described(_UtteranceRow, "utterances")
 RESPONSES_TABLE = _described(_ResponseRow, "responses")
 MARKS_TABLE = _described(_MarkRow, "marks")
 GOALS_TABLE = _described(_GoalRow, "goals")
+ALARMS_TABLE = _described(_AlarmRow, "alarms")
 ANSWERS_TABLE = _described(_AnswerRow, "answers")
 PROTOCOL_TABLE = _described(_StepRow, "protocol")
 STEP_VISITS_TABLE = _described(_StepVisitRow, "step_visits")

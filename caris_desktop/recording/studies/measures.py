@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import (
     LATE_FROM_S,
+    AlarmChanged,
     AnswerUsed,
     CommandSent,
     DriveEnded,
@@ -48,6 +49,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.recording.session.alarms import AlarmRecord, alarms_of
 from caris_desktop.recording.session.answers import answer_uses, questions_of
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.losses import lost_values
@@ -74,9 +76,10 @@ PLAUSIBLE_SPEED_MPS = 5.0
 """A faster step of the odometry is a jump of its origin, not a way that was driven."""
 
 _EVENTS = (
-    AnswerUsed, DriveEnded, EmergencyStopChanged, Gap, GoalChanged, GuardChanged, LinkChanged, LinkQuality, LlmExchange,
-    Marked, *VISIT_EVENTS, *PROTOCOL_EVENTS, PhotoDeleted, PhotoTaken, PreflightChecked, Problem, RecordingPaused,
-    RobotChosen, ScenarioOpened, ResponseTimed, StopRequested, UtteranceChanged, UtteranceCorrected,
+    AlarmChanged, AnswerUsed, DriveEnded, EmergencyStopChanged, Gap, GoalChanged, GuardChanged, LinkChanged,
+    LinkQuality, LlmExchange, Marked, *VISIT_EVENTS, *PROTOCOL_EVENTS, PhotoDeleted, PhotoTaken, PreflightChecked,
+    Problem, RecordingPaused, RobotChosen, ScenarioOpened, ResponseTimed, StopRequested, UtteranceChanged,
+    UtteranceCorrected,
 )  # fmt: skip
 
 
@@ -317,6 +320,7 @@ class Measures:
     lost: dict[str, int]
     missing: dict[str, int]
     problems: dict[str, int]
+    alarms: tuple[AlarmRecord, ...]
     people: int
     identities: int
     photos: int
@@ -375,6 +379,7 @@ def measure(facts: SessionFacts) -> Measures:
         lost=dict(lost),
         missing=lost_values(session.header),
         problems=dict(Counter(problem.severity for problem in facts.of(Problem))),
+        alarms=alarms_of(facts.of(AlarmChanged), ended_ns=session.ended_ns, pauses=_spans(facts.pauses)),
         people=most_at_once(seen),
         identities=len({visit.person_id for visit in seen}),
         photos=len(facts.photos),
@@ -770,6 +775,11 @@ FIGURES: tuple[Figure, ...] = (
         lambda m: sum(m.missing.values()),
     ),
     Figure("problems", "", "Problems told to the wizard.", lambda m: sum(m.problems.values())),
+    Figure("alarms", "", "What came to be wrong and needed somebody, or was when the recording began.",
+           lambda m: len(m.alarms)),
+    Figure("alarms_s", "s", "How long these alarms stood, added up.", lambda m: sum(one.stood_s for one in m.alarms)),
+    Figure("alarms_seen_to", "", "Of these, how many somebody saw to; the others ended by themselves, or stood on.",
+           lambda m: sum(bool(one.seen_to_by) for one in m.alarms)),
     Figure("people", "", "The most people who were there at once, as the screen counted them, for 2 s or longer.",
            lambda m: m.people),
     Figure("identities", "", "Identities that detector and tracker told apart; one person may get several.",

@@ -28,7 +28,7 @@ from caris_desktop.recording.studies.study_index import (
 )
 
 _log = logging.getLogger(__name__)
-_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 4
+_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 5
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
 # Which columns of which tables the queries need, so that a table that no session has is empty rather than absent.
@@ -60,6 +60,10 @@ _TABLES: dict[str, dict[str, str]] = {
     "event_stop_requested": {"stamp_ns": "BIGINT"},
     "event_emergency_stop_changed": {"stamp_ns": "BIGINT", "latched": "BOOLEAN"},
     "goals": {"goal_id": "VARCHAR", "state": "VARCHAR"},
+    "alarms": {
+        "alarm_id": "VARCHAR", "cause": "VARCHAR", "what": "VARCHAR", "stood_s": "DOUBLE", "times": "BIGINT",
+        "seen_to_by": "VARCHAR",
+    },
     "protocol": {
         "step_id": "VARCHAR", "title": "VARCHAR", "step_number": "BIGINT", "visits": "BIGINT", "expected_s": "DOUBLE",
         "time_s": "DOUBLE", "late_s": "DOUBLE", "skipped": "BIGINT",
@@ -293,6 +297,7 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
             models = _rows(database, "SELECT * FROM models")
             gaps = _rows(database, "SELECT * FROM gaps_by_means")
             steps = _rows(database, "SELECT * FROM steps")
+            alarms = _rows(database, "SELECT * FROM alarm_causes")
     except duckdb.Error as error:
         _log.exception("the statistics of %s", out)
         raise StatisticsError(f"The tables in {out} cannot be computed with: {error}") from error
@@ -321,6 +326,7 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
     _write_csv(out / "models.csv", models)
     _write_csv(out / "gaps.csv", gaps)
     _write_csv(out / "steps.csv", steps)
+    _write_csv(out / "alarms.csv", alarms)
     _write_csv(
         out / "summary.csv",
         [

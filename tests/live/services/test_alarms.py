@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import AlarmChanged, Problem, RobotChosen, SessionStarted
+from caris_desktop.domain.events import AlarmChanged, Problem, RecordingPaused, RobotChosen, SessionStarted
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import BatteryState, FrameRef
 from caris_desktop.live.services.alarms import AlarmsService
@@ -97,6 +97,15 @@ def test_what_was_wrong_with_one_robot_is_not_wrong_with_the_next(desk: Desk) ->
 def test_a_record_begins_with_what_is_wrong_already(desk: Desk) -> None:
     desk.state.link.set(LinkStatus("lost"))
     desk.happens(SessionStarted(1, "session"))
+    first, again = desk.told
+    assert (again.state, again.alarm_id, again.times) == ("raised", first.alarm_id, 1)
+
+
+def test_after_a_pause_the_record_has_what_is_wrong_still(desk: Desk) -> None:
+    desk.state.link.set(LinkStatus("lost"))
+    desk.happens(RecordingPaused(1, paused=True))
+    assert len(desk.told) == 1
+    desk.happens(RecordingPaused(2, paused=False))
     first, again = desk.told
     assert (again.state, again.alarm_id, again.times) == ("raised", first.alarm_id, 1)
 

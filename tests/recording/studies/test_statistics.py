@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.events import (
+    AlarmChanged,
     AnswerUsed,
     GoalChanged,
     PersonAppeared,
@@ -64,6 +65,20 @@ def hard_to_count() -> list[Any]:
     ]
 
 
+def wrong(number: int) -> list[Any]:
+    """The link twice, which is one alarm, a full disk that somebody saw to, and what stood at the end."""
+
+    def alarm(s: float, name: str, state: str, times: int = 1, actor: str = "") -> AlarmChanged:
+        return AlarmChanged(at(s), name, name, state, "error", f"{name} {s:.0f}", "", "", times, actor=actor)  # type: ignore[arg-type]
+
+    return [
+        alarm(2.0, "link", "raised"), alarm(5.0 + number, "link", "ended", actor="console"),
+        alarm(20.0, "link", "raised", 2), alarm(21.0, "link", "ended", 2, "console"),
+        alarm(30.0, "disk", "raised"), alarm(34.5, "disk", "ended", actor="wizard:Ada"),
+        alarm(80.0, "battery", "raised"),
+    ]  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = tmp_path_factory.mktemp("study")
@@ -74,6 +89,8 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
             values += hard_to_count()
         if number == 1:
             values = interrupted_turns()
+        if number != 1:
+            values += wrong(number)
         if number != 2:
             values += stepped((0.0, "greet", "started"), (12.0 + number, "ask", "next"), (15.0, "close", "skipped"))
         tell(study / "sessions" / f"it's s{number}", values, lasts_s=90 + number * 15, trial=trial)
@@ -278,3 +295,16 @@ def test_each_step_is_told_planned_against_actual_over_the_sessions_that_count(m
     assert made.summary and {row.measure: row.mean for row in made.summary if row.condition is None} | {
         "protocol_steps": 4.0, "steps_visited": 3.0, "steps_skipped": 1.0, "steps_late": 2.0,
     } == {row.measure: row.mean for row in made.summary if row.condition is None}  # fmt: skip
+
+
+def test_what_went_wrong_is_told_by_its_cause_over_the_sessions_that_count(made: StudyStatistics) -> None:
+    with (made.out / "alarms.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    study = {row["cause"]: row for row in rows if row["of"] == "study"}
+    assert {cause: (row["sessions"], row["alarms"], row["times"], row["seen_to"]) for cause, row in study.items()} == {
+        "link": ("2", "2", "4", "0"), "disk": ("2", "2", "2", "2"), "battery": ("2", "2", "2", "0"),
+    }  # fmt: skip
+    assert [float(study["link"][name]) for name in ("stood_s", "longest_s")] == [4.0 + 6.0, 6.0]
+    assert float(study["disk"]["stood_s"]) == 9.0
+    means = {row.measure: row.mean for row in made.summary if row.condition == "A"}
+    assert (means["alarms"], means["alarms_seen_to"]) == (3.0, 1.0)
