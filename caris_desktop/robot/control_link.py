@@ -20,7 +20,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, RobotPose
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.controls import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
@@ -32,7 +32,7 @@ from caris_desktop.robot.maps import RobotMaps
 from caris_desktop.robot.navigation import Navigator
 from caris_desktop.robot.navigation_speed import NavigationSpeed
 from caris_desktop.robot.outbox import Outbox
-from caris_desktop.robot.preflight import missing_from, take_inventory
+from caris_desktop.robot.preflight import missing_from, problem_of_missing, take_inventory
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.traffic import TrafficMeter
@@ -256,7 +256,7 @@ class ControlLink:
         if refusal:
             self._report.problems.count(
                 what, severity="warning", cause=ANSWER,
-                what=filled(QT_TR_NOOP("{what}: {refusal}."), what=what, refusal=refusal),
+                what=filled("{what}: {refusal}.", what=filled(what), refusal=filled(refusal)),
                 meaning=QT_TR_NOOP("Nothing was sent to the robot."),
                 advice=QT_TR_NOOP("Try again when that has changed.")
                 if self._connected
@@ -557,19 +557,7 @@ class ControlLink:
         missing = [] if self._told_missing else missing_from(self._profile, inventory)
         self._told_missing = True
         if missing:
-            self._put(
-                Problem(
-                    now_ns(),
-                    "warning",
-                    filled(
-                        QT_TR_NOOP("The robot lacks something that its profile names: {missing}"),
-                        missing=joined(missing),
-                    ),
-                    QT_TR_NOOP("What is missing stays empty or does nothing."),
-                    QT_TR_NOOP("Start it on the robot, or correct the names in the robot profile."),
-                    cause="robot_lacks",
-                )
-            )
+            self._put(problem_of_missing(missing))
 
     def _report_unusable_reading(self, title: str, reason: str) -> None:
         self._report.problems.count(

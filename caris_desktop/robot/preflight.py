@@ -1,13 +1,15 @@
 """What of a robot profile the robot itself has, as its rosapi tells."""
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.controls import CallService, PublishMessage, SendActionGoal
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
@@ -165,6 +167,18 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
     if nodes and not any(inventory.has_service(service) for service in nodes):
         sentences.append(filled(QT_TR_NOOP("Maps: the robot has none of {nodes}."), nodes=", ".join(nodes)))
     return sentences
+
+
+def problem_of_missing(missing: Sequence[str]) -> Problem:
+    """What :func:`missing_from` found, told to the wizard."""
+    return Problem(
+        now_ns(),
+        "warning",
+        filled(QT_TR_NOOP("The robot lacks something that its profile names: {missing}"), missing=joined(missing)),
+        QT_TR_NOOP("What is missing stays empty or does nothing."),
+        QT_TR_NOOP("Start it on the robot, or correct the names in the robot profile."),
+        cause="robot_lacks",
+    )
 
 
 def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:
