@@ -1,7 +1,7 @@
 """What needs somebody, as cards in a corner: what happened, what it means, what to do. Never a box in the way."""
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import ANSWER, Problem, Severity
@@ -11,11 +11,13 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import Alarm
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.layout.card_place import card_place, in_the_corner
+from caris_desktop.ui.layout.dock_area import DockArea
+from caris_desktop.ui.layout.rect import Rect
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 SHOWN_AT_ONCE = 3
-WIDTH_PX = 400
 _GOES_AWAY_AFTER_MS = {"info": 8_000, "warning": 20_000}
 LOOKS: dict[Severity, tuple[str, str, str]] = {
     "info": ("info", "blue", QT_TR_NOOP("Note")),
@@ -26,24 +28,26 @@ LOOKS: dict[Severity, tuple[str, str, str]] = {
 
 
 class ProblemCards(QWidget):
-    """Alarms, and answers to what was asked, the newest few over the lower right of the dock area.
+    """Alarms, and answers to what was asked, the newest few over the picture or another panel that is only looked at.
 
     The card of an alarm goes with it; dismissed, or a warning after a while, it is in the list of what is wrong all
     the same, and comes back when something is asked for that it stands in the way of. Of answers only serious ones
     stay until they are dismissed.
     """
 
-    def __init__(self, theme: Theme, over: QWidget, state: LiveState) -> None:
+    def __init__(self, theme: Theme, over: DockArea, state: LiveState) -> None:
         super().__init__(over)
         self.setObjectName("problem_cards")
         self._theme = theme
         self._over = over
         self._cards: list[ProblemCard] = []
+        self._opened: ProblemCard | None = None
         self._seen: dict[str, tuple[int, Severity, int]] = {}
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(0, 0, 0, 0)
         self._column.setSpacing(tokens.GRID_PX)
         over.installEventFilter(self)
+        over.laid_out.connect(self._on_laid_out)
         self._state = state
         state.alarms.changed.connect(self._on_alarms_changed)
         self.hide()
@@ -84,6 +88,8 @@ class ProblemCards(QWidget):
 
     def _add(self, card: "ProblemCard") -> None:
         card.dismissed.connect(self._dismiss)
+        card.opened.connect(self._open_whole)
+        self._opened = None
         card.start_going_away()
         self._cards.append(card)
         self._column.addWidget(card)
@@ -95,6 +101,7 @@ class ProblemCards(QWidget):
     def _dismiss(self, card: "ProblemCard") -> None:
         if card in self._cards:
             self._cards.remove(card)
+            self._opened = None if self._opened is card else self._opened
             self._column.removeWidget(card)
             card.hide()
             card.deleteLater()
@@ -102,19 +109,40 @@ class ProblemCards(QWidget):
 
     def _place(self) -> None:
         self.setVisible(bool(self._cards))
-        width = min(WIDTH_PX, self._over.width() - 32)
-        self.setFixedWidth(max(200, width))
-        height = (
-            self._column.heightForWidth(self.width()) if self._column.hasHeightForWidth() else self.sizeHint().height()
-        )
-        self.resize(self.width(), height)
+        if not self._cards:
+            return
+        place = self._free_place()
+        self.setFixedWidth(place.width)
+        self.resize(place.width, place.height)
         self._column.activate()
-        self.move(QPoint(self._over.width() - self.width() - 20, self._over.height() - height - 20))
+        self.move(QPoint(place.left, place.top))
         self.raise_()
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self._over and event.type() == QEvent.Type.Resize and self._cards:
+    def _free_place(self) -> Rect:
+        """One is whole, the newest of the most serious or the one that was clicked; the others only say what it is."""
+        rank = {"info": 0, "warning": 1, "error": 2}
+        whole = self._opened or max(reversed(self._cards), key=lambda card: rank[card.problem.severity])
+        for card in self._cards:
+            card.fold(card is not whole)
+        place = card_place(self._over.placing.groups, self._height_for)
+        area = Rect(0, 0, self._over.width(), self._over.height())
+        return in_the_corner(area, self._height_for) if place is None else place
+
+    def _open_whole(self, card: "ProblemCard") -> None:
+        self._opened = card
+        self._place()
+
+    def _height_for(self, width_px: int) -> int:
+        self._column.invalidate()
+        return self._column.heightForWidth(width_px) if self._column.hasHeightForWidth() else self.sizeHint().height()
+
+    def _on_laid_out(self) -> None:
+        if self._cards:
             self._place()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self._over and event.type() == QEvent.Type.Resize:
+            self._on_laid_out()
         return False
 
 
@@ -122,12 +150,14 @@ class ProblemCard(QWidget):
     """One problem, which ``alarm`` made of it, or somebody's answer."""
 
     dismissed = Signal(object)  # the card itself
+    opened = Signal(object)
 
     def __init__(self, theme: Theme, problem: Problem, parent: QWidget, alarm: Alarm | None = None) -> None:
         super().__init__(parent)
         self.problem = problem
         self.alarm_id = "" if alarm is None else alarm.alarm_id
         self._theme = theme
+        self._only_called = False
         self._count = 1 if alarm is None else alarm.times
         self._folded = () if alarm is None else alarm.folded
         self._what = QLabel()
@@ -147,7 +177,7 @@ class ProblemCard(QWidget):
         column.setSpacing(3)
         for label in self._labels:
             column.addWidget(label)
-        row = QHBoxLayout(self)
+        row = self._row = QHBoxLayout(self)
         row.setContentsMargins(48, 12, 8, 14)
         row.addLayout(column, 1)
         row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
@@ -161,6 +191,19 @@ class ProblemCard(QWidget):
         self._count += again
         self._style()
         self.start_going_away()
+
+    def fold(self, folded: bool) -> None:
+        """Only what it is called; the rest is in its tip, and a click shows it."""
+        if folded != self._only_called:
+            self._only_called = folded
+            self._style()
+            self._row.invalidate()
+            self.updateGeometry()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if self._only_called:
+            self.opened.emit(self)
+        event.accept()
 
     def show_alarm(self, alarm: Alarm) -> None:
         problem = _as_problem(alarm)
@@ -189,9 +232,10 @@ class ProblemCard(QWidget):
         large = self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
         for label, text, role in zip(self._labels, texts, ("text", "dim", "text", "dim"), strict=True):
             label.setText(text)
-            label.setVisible(bool(text))
+            label.setVisible(bool(text) and (label is self._what or not self._only_called))
             label.setFont(large if label is self._what else small)
             self._theme.color_text(label, role)
+        self.setToolTip("\n".join(text for text in texts if text) if self._only_called else "")
         self.setAccessibleName(f"{word}: {' '.join(text for text in texts if text)}")
         self.update()
 

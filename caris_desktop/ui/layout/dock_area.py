@@ -23,6 +23,7 @@ _DRAG_PX_FACTOR = 2  # a click on a tab that slips is no drag
 class DockArea(QWidget):
     """Lays ``docks`` out; what the wizard does with them is told, and done by whoever knows the whole arrangement."""
 
+    laid_out = Signal()
     tab_chosen = Signal(object)  # PanelName
     tab_drag_moved = Signal(object, object)  # PanelName, QPoint on the desktop
     tab_drag_dropped = Signal(object, object)
@@ -82,6 +83,7 @@ class DockArea(QWidget):
                     dock.setGeometry(qrect(body))
                     dock.set_drawer(name == self._drawer)
                 dock.set_shown(name == group.current)
+        self.laid_out.emit()
 
     def _least(self, name: PanelName) -> tuple[int, int]:
         return self.docks[name].least()
