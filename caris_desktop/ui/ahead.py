@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.robot.profile import RobotProfile
 
 CLOSE_M = 0.6
@@ -79,6 +79,45 @@ def ahead_words(ahead: Ahead, looks_away: str = "") -> tuple[str, bool]:
     else:
         line = tr("Nothing in reach ahead of the base") if looks_away else tr("Nothing in reach ahead")
     return " · ".join(filter(None, (line, looks_away))), close
+
+
+_SIDES = (
+    QT_TR_NOOP("Nearest obstacle {distance} m ahead"),
+    QT_TR_NOOP("Nearest obstacle {distance} m ahead on the left"),
+    QT_TR_NOOP("Nearest obstacle {distance} m to the left"),
+    QT_TR_NOOP("Nearest obstacle {distance} m behind on the left"),
+    QT_TR_NOOP("Nearest obstacle {distance} m behind"),
+    QT_TR_NOOP("Nearest obstacle {distance} m behind on the right"),
+    QT_TR_NOOP("Nearest obstacle {distance} m to the right"),
+    QT_TR_NOOP("Nearest obstacle {distance} m ahead on the right"),
+)
+
+
+def nearest_of(scan: LaserScan) -> tuple[float, float] | None:
+    """Distance in metres and bearing in radians, counter-clockwise from ahead, of what returned nearest to the middle
+    of the robot; None where nothing returned, or nobody told how the laser is mounted.
+    """
+    mount, ranges = scan.robot_from_laser, scan.ranges_m
+    valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
+    if mount is None or not bool(valid.any()):
+        return None
+    angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + mount.heading_rad
+    x_m = mount.x_m + ranges[valid] * np.cos(angles)
+    y_m = mount.y_m + ranges[valid] * np.sin(angles)
+    nearest = int(np.argmin(np.hypot(x_m, y_m)))
+    return math.hypot(x_m[nearest], y_m[nearest]), math.atan2(y_m[nearest], x_m[nearest])
+
+
+def nearest_words(scan: LaserScan) -> str:
+    """The same in words, to a tenth of a metre and an eighth of a turn."""
+    if scan.robot_from_laser is None:
+        return tr("Where the LIDAR looks is not known")
+    nearest = nearest_of(scan)
+    if nearest is None:
+        return tr("No obstacle in reach of the LIDAR")
+    distance_m, bearing_rad = nearest
+    side = round(bearing_rad / (math.pi / 4)) % len(_SIDES)
+    return tr(_SIDES[side]).format(distance=f"{distance_m:.1f}")
 
 
 def looks_away(robot: RobotProfile | None, frame: FrameRef | None, head: HeadState | None) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import shiboken6
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QShowEvent
+from PySide6.QtGui import QAccessible, QShowEvent
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
@@ -87,6 +87,15 @@ def theme(qapp: QApplication) -> Theme:
 def window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: Theme) -> Iterator[MainWindow]:
     theme.set_choice("dark")
     yield open_window(qtbot, console, settings, theme)
+
+
+@pytest.fixture
+def screen_reader() -> Iterator[None]:
+    """As if one asked: what is only told to a screen reader is kept up to date."""
+    before = QAccessible.isActive()
+    QAccessible.setActive(True)
+    yield
+    QAccessible.setActive(before)
 
 
 def open_window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: Theme) -> MainWindow:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
@@ -85,6 +86,7 @@ def test_the_rows_of_people_say_it_until_each_is_confirmed(
     assert "not confirmed" not in told(1)
 
 
+@pytest.mark.usefixtures("screen_reader")
 def test_the_map_says_it_in_words_and_look_until_it_is_confirmed(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
@@ -93,7 +95,7 @@ def test_the_map_says_it_in_words_and_look_until_it_is_confirmed(
     before = panel.view.grab().toImage()
     console.state.going_on.set(replace(OFFERED, state="unconfirmed", unconfirmed=("map",)))
     assert ("Position not confirmed", "warning") in panel.view.shown.chips
-    assert "Position not confirmed" in panel.view.accessibleDescription()
+    qtbot.waitUntil(lambda: "Position not confirmed" in panel.view.accessibleDescription())
     confirm = find(panel, "map_confirm")
     confirm.hide()
     without = panel.view.shown.chips

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAccessible, QAccessibleInterface
 from PySide6.QtWidgets import QWidget
@@ -120,6 +121,7 @@ def test_the_turns_are_found_whole_and_can_be_chosen(window: MainWindow, console
     qtbot.waitUntil(lambda: transcript.writing)
 
 
+@pytest.mark.usefixtures("screen_reader")
 def test_video_and_map_say_what_is_there(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     video, plan = find(window, "video_view"), find(window, "map_view")
     qtbot.waitUntil(lambda: "The robot is at 6.5 m, 3.5 m." in plan.accessibleDescription())

@@ -16,12 +16,14 @@ from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui import event_words, words
+from caris_desktop.ui.ahead import nearest_words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.map_tools import MapTools, icon_button
 from caris_desktop.ui.widgets.map_view import MapView
-from caris_desktop.ui.widgets.told_pictures import describe, map_told
+from caris_desktop.ui.widgets.told_pictures import map_told
+from caris_desktop.ui.widgets.told_state import ToldState
 
 GOAL_ENDED_SHOWN_S = 8.0
 _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal's own event may come a little after its first path
@@ -53,6 +55,7 @@ class MapPanel(Panel):
         self._odometry_since_ns: int | None = None
         self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
+        self._told = ToldState(self.view, self._told_words)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.view)
@@ -397,12 +400,16 @@ class MapPanel(Panel):
             chips.append(self._ended[:2])
         return chips
 
+    def _told_words(self) -> str:
+        scan = self.state.scan
+        return map_told(self.view, nearest_words(scan.value) if scan.freshness == "fresh" else "")
+
     def _refresh(self) -> None:
         if not self.in_view:
             return
         state = self.state
         self.view.show_chips(self._chips())
-        describe(self.view, map_told(self.view))
+        self._told.changed()
         reachable = state.link.value.state in ("connected", "trouble")
         waiting = tr("Waiting for the map") if reachable else tr("No map: the robot is out of reach")
         if not state.present.live:

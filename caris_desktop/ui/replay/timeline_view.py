@@ -40,6 +40,7 @@ from caris_desktop.ui.replay.timeline_rows import TimelineRows
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.told_state import ToldState
 
 _LOW_PX = 168
 # These go on while their key is held.
@@ -63,6 +64,7 @@ class TimelineView(QWidget):
         self._record_tracks: dict[str, Track] = {}
         self.canvas = TimelineCanvas(theme, Thumbnails(replay, self), replay.with_names)
         self.canvas.installEventFilter(self)
+        self._told = ToldState(self.canvas, self._told_words)
         self.acts = TimelineActs(theme, replay, self.canvas, self)
         self.acts.open_changed.connect(self._on_selection_changed)
         actions.add_rows(TIMELINE_ACTIONS, self.acts)
@@ -232,6 +234,7 @@ class TimelineView(QWidget):
         if playback.end_ns != self._shown_end_ns:
             self._show_session()
         self.canvas.show_position(self.acts.ms_of(playback.position_ns), playing=playback.playing)
+        self._told.changed()
 
     def _on_selection_changed(self) -> None:
         active = self.canvas.active
@@ -242,8 +245,26 @@ class TimelineView(QWidget):
         self.strip.show_tier(active, vocabulary, stretch, tiers=tiers)
         self._fact.setText(self._fact_text())
         self._fact.setToolTip(plain_tip(self._fact.text()))
-        self.canvas.setAccessibleDescription(self._fact.text())
+        self._told.changed()
         self.update()
+
+    def _told_words(self) -> str:
+        """Where it stands, which part of the session is on show, how many marks there are, and what is selected."""
+        scale, overview = self.canvas.scale, self._replay.overview.value
+        start_ms, end_ms = scale.start_ms, scale.start_ms + self.canvas.room_px / scale.px_per_ms
+        total_ms = self.acts.duration_ms()
+        said = [
+            tr("At {now} of {total}.").format(
+                now=exact_text(self.canvas.shown.position_ms), total=exact_text(total_ms)
+            ),
+            tr("Shown from {start} to {end}.").format(
+                start=exact_text(max(0.0, start_ms)), end=exact_text(min(total_ms, end_ms))
+            ),
+        ]
+        if overview is not None:
+            marks = sum(moment.kind == "mark" for moment in overview.moments)
+            said.append(tr("1 mark.") if marks == 1 else tr("%n marks.", "", marks))
+        return " ".join([*said, self._fact.text()]).strip()
 
     def _open_on(self, row: Row) -> OpenStretch | None:
         """The label that goes on, on this row."""
@@ -284,6 +305,7 @@ class TimelineView(QWidget):
             bar.setSingleStep(max(1, round(page / 10)))
             bar.setValue(round(value))
             bar.blockSignals(False)
+        self._told.changed()
 
     def _on_scrolled_across(self, start_ms: int) -> None:
         self.canvas.scroll_across_to(float(start_ms))

@@ -7,11 +7,12 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QTouchEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.motion_wish import AT_REST, MotionWish
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.told_state import ToldState
 
 StickUse = Literal["base", "head"]
 
@@ -55,6 +56,27 @@ class Joystick(QWidget):
         self.setAccessibleName(tr("Driving stick") if use == "base" else tr("Head stick"))
         self.setToolTip(tr("Drag to drive, let go to stop") if use == "base" else tr("Drag to turn the head"))
         theme.changed.connect(self.update)
+        self._told = ToldState(self, self.told)
+
+    def told(self) -> str:
+        """What it asks for now, in words."""
+        if not self.isEnabled():
+            return tr("Off")
+        forward, left, turn = self._wish.base
+        pan, tilt = self._wish.head
+        asked = (
+            (forward, QT_TR_NOOP("{percent} % forward"), QT_TR_NOOP("{percent} % backward")),
+            (left, QT_TR_NOOP("{percent} % sideways to the left"), QT_TR_NOOP("{percent} % sideways to the right")),
+            (turn, QT_TR_NOOP("turning left at {percent} %"), QT_TR_NOOP("turning right at {percent} %")),
+            (pan, QT_TR_NOOP("head to the left at {percent} %"), QT_TR_NOOP("head to the right at {percent} %")),
+            (tilt, QT_TR_NOOP("head down at {percent} %"), QT_TR_NOOP("head up at {percent} %")),
+        )  # fmt: skip
+        parts = [
+            tr(one if share > 0 else other).format(percent=f"{abs(share) * 100:.0f}")
+            for share, one, other in asked
+            if share
+        ]
+        return ", ".join(parts) or tr("At rest")
 
     @property
     def wish(self) -> MotionWish:
@@ -90,6 +112,8 @@ class Joystick(QWidget):
         # A disabled widget is not told that the mouse button went up.
         if event.type() == QEvent.Type.EnabledChange and not self.isEnabled():
             self.let_go()
+        if event.type() == QEvent.Type.EnabledChange:
+            self._told.changed()
         super().changeEvent(event)
 
     def hideEvent(self, event: QHideEvent) -> None:
@@ -157,6 +181,7 @@ class Joystick(QWidget):
         if wish != self._wish:
             self._wish = wish
             self.moved.emit(wish)
+            self._told.changed()
 
     def _center(self) -> QPointF:
         return QRectF(self.rect()).center()

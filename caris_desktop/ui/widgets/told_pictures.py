@@ -23,8 +23,10 @@ def video_told(view: FrameView) -> str:
     return _sentences((people if view.visible_boxes() else tr("Nobody in the picture"), *_chips(view.chips)))
 
 
-def map_told(view: MapView) -> str:
-    """Where the robot is and goes, who and what is drawn, and what the chips say. Metres on the map."""
+def map_told(view: MapView, lidar: str = "") -> str:
+    """Where the robot is and goes, what the ``lidar`` finds, who and what is drawn, and what the chips say. Metres on
+    the map.
+    """
     shown, said = view.shown, list[str]()
     if shown.pose is not None:
         # To half a metre: what changes with each step is noise to whoever listens.
@@ -34,6 +36,8 @@ def map_told(view: MapView) -> str:
         said.append(tr("Where the robot is, is not known"))
     if shown.goal is not None:
         said.append(tr("It goes to {place}").format(place=shown.goal.place or tr("a point")))
+    if lidar:
+        said.append(lidar)
     if shown.people:
         said.append(tr("People: {names}").format(names=", ".join(name for _place, name, _named in shown.people)))
     if shown.places:
