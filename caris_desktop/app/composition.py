@@ -14,7 +14,7 @@ import platformdirs
 
 from caris_desktop import __version__
 from caris_desktop.app import bodies
-from caris_desktop.app.scenario_bundles import import_scenario, share_scenario
+from caris_desktop.app.scenario_bundles import import_conflicts, import_scenario, share_scenario
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
@@ -146,6 +146,7 @@ def parts(
             save_text=_save_text,
             share=share_scenario,
             unpack=import_scenario,
+            conflicts=import_conflicts,
         ),
         robots=RobotParts(
             choices=_robots,

@@ -1,11 +1,15 @@
 """Scenarios that are handed on as one file: with the user's own robot profile and face, unpacked beside these."""
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from caris_desktop.conversation.face.file import FaceError, parse_face, user_faces_dir
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import tr
+from caris_desktop.live.services.scenario import Imported
 from caris_desktop.robot.profile import (
     ProfileError,
     load_profile,
@@ -17,9 +21,11 @@ from caris_desktop.robot.profile import (
 from caris_desktop.scenario.bundle import (
     Bundle,
     BundleError,
+    NameConflict,
     Part,
     PartKind,
     bundle_name,
+    conflicts_of,
     names_of,
     read_bundle,
     unpack,
@@ -42,16 +48,35 @@ def share_scenario(scenario: Scenario, path: Path) -> None:
         ) from error
 
 
-def import_scenario(path: Path) -> tuple[Path, str]:
-    """Where the scenario of this file lies now, and what got another name, in words. Raises ToldFailure."""
-    folders: dict[PartKind, Path] = {
-        "scenario": user_scenarios_dir(), "robot": user_robots_dir(), "face": user_faces_dir()
-    }  # fmt: skip
+def import_conflicts(path: Path) -> tuple[NameConflict, ...]:
+    """What in this file has the name of something else. Raises ToldFailure."""
+    with _told():
+        return conflicts_of(_checked(path), _folders(), _known)
+
+
+def import_scenario(path: Path, decided: Sequence[SameName] = ()) -> Imported:
+    """Put it among the user's own, as was ``decided`` of names that something else has. Raises ToldFailure."""
+    with _told():
+        unpacked = unpack(_checked(path), _folders(), _known, decided)
+    aside = ", ".join(str(place) for place in unpacked.put_aside)
+    return Imported(unpacked.path, names_of(unpacked.renamed), aside)
+
+
+def _folders() -> dict[PartKind, Path]:
+    return {"scenario": user_scenarios_dir(), "robot": user_robots_dir(), "face": user_faces_dir()}
+
+
+def _checked(path: Path) -> Bundle:
+    bundle = read_bundle(path)
+    for part in bundle.beside:
+        _check(part, path)
+    return bundle
+
+
+@contextmanager
+def _told() -> Iterator[None]:
     try:
-        bundle = read_bundle(path)
-        for part in bundle.beside:
-            _check(part, path)
-        unpacked = unpack(bundle, folders, _known)
+        yield
     except (BundleError, ProfileError, FaceError) as error:
         why = error.what if isinstance(error, FaceError) else str(error)
         raise ToldFailure(
@@ -59,7 +84,6 @@ def import_scenario(path: Path) -> tuple[Path, str]:
             why,
             tr("Nothing was changed. Ask whoever sent it for the file again."),
         ) from error
-    return unpacked.path, names_of(unpacked.renamed)
 
 
 def _beside(scenario: Scenario) -> list[Part]:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.intents import SameName
 from caris_desktop.scenario.file import MAX_FILE_BYTES, ScenarioError, parse_scenario, scenario_data
 from caris_desktop.scenario.text_editing import edited
 
@@ -23,6 +24,9 @@ BUNDLE_VERSION = 1
 MOST_PARTS = 12
 MAX_BUNDLE_BYTES = MOST_PARTS * MAX_FILE_BYTES
 PartKind = Literal["scenario", "robot", "face"]
+REPLACED = "replaced"
+"""The folder, beside the user's own files, of those that an imported one took the place of."""
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 _ABOUT = "about.json"
 _PART = re.compile(r"(scenario|robot|face)/([A-Za-z0-9][A-Za-z0-9_-]{0,59})\.yaml")
 _AT_FIRST = (1980, 1, 1, 0, 0, 0)  # the same content gives the same file
@@ -49,10 +53,38 @@ class Bundle:
 
 @dataclass(frozen=True, slots=True)
 class Unpacked:
-    """Where the scenario lies now, and what got another name as there was something else under its own."""
+    """Where the scenario lies now; what got another name, though nobody chose one, as there was something else under
+    its own; and where what was replaced lies now.
+    """
 
     path: Path
     renamed: tuple[tuple[Part, str], ...] = ()
+    put_aside: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class NameConflict:
+    """``part`` has the name of something else, which lies at ``there`` and says ``text``. ``own``: it is the user's and
+    may be replaced; what comes with the program is not. ``free`` is a name that nothing has.
+    """
+
+    part: Part
+    there: Path
+    text: str
+    own: bool
+    free: str
+
+
+@dataclass(frozen=True, slots=True)
+class ImportQuestion:
+    """A scenario that came as one file, in which names are those of something else: what is to become of them?"""
+
+    path: Path
+    conflicts: tuple[NameConflict, ...]
+
+
+Known = Callable[[PartKind, str], tuple[Path, str] | None]
+"""Gives the file that goes by a name already, of the user's own and of what comes with the program, and its text."""
 
 
 def bundle_name(stem: str) -> str:
@@ -97,30 +129,63 @@ def read_bundle(path: Path) -> Bundle:
     return Bundle(scenarios[0], tuple(part for part in parts if part.kind != "scenario"))
 
 
-def unpack(
-    bundle: Bundle, folders: Mapping[PartKind, Path], known: Callable[[PartKind, str], tuple[Path, str] | None]
-) -> Unpacked:
-    """Put the files where they belong, none over another one.
+def conflicts_of(bundle: Bundle, folders: Mapping[PartKind, Path], known: Known) -> tuple[NameConflict, ...]:
+    """What has the name of something else, the scenario first."""
+    found = []
+    for part in (bundle.scenario, *bundle.beside):
+        there = known(part.kind, part.name)
+        if there is not None and there[1].strip() != part.text.strip():
+            own = there[0].parent == folders[part.kind]
+            found.append(NameConflict(part, *there, own, _free(part, known)))
+    return tuple(found)
 
-    ``known`` gives the file that goes by a name already, of the user's own and of what comes with the program, and its
-    text. What is the same is used as it is; what differs gets another name, by which the scenario then refers to it.
-    Raises BundleError, and leaves nothing behind then.
+
+def unpack(
+    bundle: Bundle, folders: Mapping[PartKind, Path], known: Known, decided: Iterable[SameName] = ()
+) -> Unpacked:
+    """Put the files where they belong, none over another one unless that was ``decided``.
+
+    What is the same is used as it is; what differs gets another name, by which the scenario then refers to it, or takes
+    the place of what is put aside. Raises BundleError, and leaves everything as it was then.
     """
     renamed: list[tuple[Part, str]] = []
     written: list[Path] = []
+    aside: dict[Path, Path] = {}
+    choices = {(one.kind, one.name): one for one in decided}
+
+    def name_for(part: Part) -> str:
+        if known(part.kind, part.name) is None:
+            return part.name
+        choice = choices.get((part.kind, part.name))
+        if choice is None:
+            return _free(part, known)
+        if choice.new_name and not NAME.fullmatch(choice.new_name):
+            raise BundleError(f"'{choice.new_name}' cannot be a name. Allowed: letters, digits, - and _.")
+        if choice.new_name and known(part.kind, choice.new_name) is not None:
+            raise BundleError(f"There is a {part.kind} called '{choice.new_name}' already. Choose another name.")
+        return choice.new_name or part.name
+
+    def put_aside(path: Path) -> None:
+        if path.exists():
+            folder = path.parent / REPLACED
+            folder.mkdir(exist_ok=True)
+            places = (folder / f"{path.stem}-{number}{path.suffix}" for number in range(1, 1000))
+            aside[path] = next(place for place in places if not place.exists())
+            path.rename(aside[path])
 
     def put(part: Part) -> Path:
         there = known(part.kind, part.name)
         if there is not None and there[1].strip() == part.text.strip():
             return there[0]
-        names = (part.name, *(f"{part.name[:56]}-{number}" for number in range(2, 1000)))
-        name = next(name for name in names if known(part.kind, name) is None)
+        name = name_for(part)
         path = folders[part.kind] / f"{name}.yaml"
         path.parent.mkdir(parents=True, exist_ok=True)
+        if there is not None and there[0] == path:
+            put_aside(path)
         with path.open("x", encoding="utf-8") as file:
             written.append(path)
             file.write(part.text)
-        if name != part.name:
+        if name != part.name and (part.kind, part.name) not in choices:
             renamed.append((part, name))
         return path
 
@@ -128,11 +193,20 @@ def unpack(
         names = {(part.kind, part.name): put(part).stem for part in bundle.beside}
         scenario = replace(bundle.scenario, text=_referring(bundle.scenario.text, names))
         path = put(scenario)
-    except OSError as error:
+    except (OSError, BundleError) as error:
         for path in written:
             path.unlink(missing_ok=True)
+        for path, place in aside.items():
+            place.rename(path)
+        if isinstance(error, BundleError):
+            raise
         raise BundleError(f"Nothing was imported ({error.strerror or error}).") from error
-    return Unpacked(path, tuple(renamed))
+    return Unpacked(path, tuple(renamed), tuple(aside.values()))
+
+
+def _free(part: Part, known: Known) -> str:
+    names = (part.name, *(f"{part.name[:56]}-{number}" for number in range(2, 1000)))
+    return next(name for name in names if known(part.kind, name) is None)
 
 
 def _texts(archive: zipfile.ZipFile) -> Iterator[tuple[str, str]]:

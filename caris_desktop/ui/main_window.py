@@ -163,7 +163,7 @@ class MainWindow(QWidget):
         parts = WindowParts(
             console, self.theme, self.actions_table, self.board, self.layout_keeper, self.sessions, self.robots,
             self.gamepad, self.editor, self.wizards, scenarios, self._open_scenario, self.appearance,
-            self.practice.begin, ScenarioFiles(console, self), self.observers,
+            self.practice.begin, ScenarioFiles(console, self, self.theme), self.observers,
         )  # fmt: skip
         self.menus = WindowMenus(parts, self._top_bar, self.show_shortcuts, self)
         self._entries = PaletteEntries(parts, self._question, self._connection.open)

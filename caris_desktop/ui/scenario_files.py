@@ -8,21 +8,35 @@ from PySide6.QtWidgets import QFileDialog, QWidget
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.bundle import SUFFIX, bundle_name
+from caris_desktop.scenario.bundle import SUFFIX, ImportQuestion, bundle_name
+from caris_desktop.ui.theme import Theme
 
 
 class ScenarioFiles:
     """Its dialogs are not modal and our own: a system's file dialog would take the keys that stop the robot."""
 
-    def __init__(self, console: WizardConsole, window: QWidget) -> None:
+    def __init__(self, console: WizardConsole, window: QWidget, theme: Theme) -> None:
         self._console = console
         self._window = window
+        self._theme = theme
+        console.state.import_question.changed.connect(self._ask)
 
     def choose_import(self) -> None:
         dialog = self._dialog(tr("Import a scenario"), Path.home())
         dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
         dialog.fileSelected.connect(lambda chosen: self._console.do(intents.ImportScenario(Path(chosen))))
         dialog.show()
+
+    def _ask(self, question: ImportQuestion | None) -> None:
+        """Names are taken: what is to become of each? Cancel changes nothing."""
+        if question is None:
+            return
+        from caris_desktop.ui.same_names_dialog import SameNamesDialog  # which the first window does without
+
+        def decide(decided: tuple[intents.SameName, ...]) -> None:
+            self._console.do(intents.ImportScenario(question.path, decided))
+
+        SameNamesDialog(self._theme, self._window, question, decide).show()
 
     def choose_share(self) -> None:
         scenario = self._console.scenario

@@ -27,6 +27,7 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.practice import PracticeParts
+from caris_desktop.live.services.scenario import Imported
 from caris_desktop.live.state import LiveValue
 from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.session.protocol import read_protocol
@@ -354,7 +355,8 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
                 load=lambda _path: replace(scenario, title="Another tour"),
                 save_places=lambda changed: changed,
                 save_text=lambda text, *_where: text,
-                unpack=lambda path: (path, ""),
+                unpack=lambda path, _decided: Imported(path),
+                conflicts=lambda _path: (),
             ),
             practice=PracticeParts(scenario.path, lambda: None, lambda _seconds: None),
             robots=replace(

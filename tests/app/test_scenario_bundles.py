@@ -6,10 +6,12 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.app import composition
-from caris_desktop.app.scenario_bundles import import_scenario, share_scenario
+from caris_desktop.app.scenario_bundles import import_conflicts, import_scenario, share_scenario
 from caris_desktop.conversation.face.file import load_face, save_face
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.live.services.scenario import Imported
 from caris_desktop.robot.profile import load_profile, save_profile, user_robots_dir
 from caris_desktop.scenario.bundle import read_bundle, write_bundle
 from caris_desktop.scenario.file import load_scenario, save_scenario
@@ -38,8 +40,10 @@ def test_who_gets_it_has_the_same_scenario_robot_and_face(tmp_path: Path, monkey
 
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "receiver"))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "receiver"))
-    path, renamed = import_scenario(tmp_path / "visit.caris")
-    assert renamed == ""
+    assert import_conflicts(tmp_path / "visit.caris") == ()
+    imported = import_scenario(tmp_path / "visit.caris")
+    path = imported.path
+    assert imported == Imported(path)
     got = load_scenario(path)
     assert (got.title, got.protocol, got.phrases) == ("Visit", sent.protocol, sent.phrases)
     assert load_profile(got.robot).title == "Ours" and load_face(got.face.face).title == "Round"
@@ -49,13 +53,52 @@ def test_who_gets_it_has_the_same_scenario_robot_and_face(tmp_path: Path, monkey
 def test_a_shipped_scenario_that_was_changed_does_not_hide_the_shipped_one(tmp_path: Path) -> None:
     tour = composition.find_scenario("tour-guide")
     share_scenario(tour, tmp_path / "same.caris")
-    assert import_scenario(tmp_path / "same.caris") == (tour.path, ""), "it is here already"
+    assert import_scenario(tmp_path / "same.caris") == Imported(tour.path or Path()), "it is here already"
     assert list_own() == []
     changed = save_scenario(replace(tour, title="My tour"), tmp_path / "tour-guide.yaml")
     share_scenario(changed, tmp_path / "tour.caris")
-    path, renamed = import_scenario(tmp_path / "tour.caris")
-    assert (path.stem, renamed) == ("tour-guide-2", "tour-guide → tour-guide-2")
+    [conflict] = import_conflicts(tmp_path / "tour.caris")
+    assert (conflict.there, conflict.own, conflict.free) == (tour.path, False, "tour-guide-2")
+    assert "My tour" in conflict.part.text and "My tour" not in conflict.text
+    imported = import_scenario(tmp_path / "tour.caris")
+    assert (imported.path.stem, imported.renamed) == ("tour-guide-2", "tour-guide → tour-guide-2")
     assert composition.find_scenario("tour-guide").title == "Tour guide"
+
+
+def test_what_was_chosen_for_each_name_is_done_and_nothing_is_lost(tmp_path: Path) -> None:
+    tour = composition.find_scenario("tour-guide")
+    save_profile(replace(load_profile("simulated"), title="Theirs"), user_robots_dir() / "ours.yaml")
+    theirs = save_scenario(replace(tour, title="Theirs", robot="ours"), tmp_path / "visit.yaml")
+    share_scenario(theirs, tmp_path / "v.caris")
+    mine = save_scenario(replace(tour, title="Mine"), user_scenarios_dir() / "visit.yaml")
+    robot = user_robots_dir() / "ours.yaml"
+    save_profile(replace(load_profile("simulated"), title="Mine"), robot)
+    before = robot.read_text()
+    conflicts = import_conflicts(tmp_path / "v.caris")
+    assert [(one.part.kind, one.part.name, one.own, one.free) for one in conflicts] == [
+        ("scenario", "visit", True, "visit-2"), ("robot", "ours", True, "ours-2"),
+    ]  # fmt: skip
+    decided = (SameName("scenario", "visit", "their-visit"), SameName("robot", "ours"))
+    imported = import_scenario(tmp_path / "v.caris", decided)
+    assert (imported.path.name, imported.renamed) == ("their-visit.yaml", "")
+    assert load_scenario(imported.path).title == "Theirs" and load_profile("ours").title == "Theirs"
+    assert load_scenario(mine.path or Path()).title == "Mine", "kept beside it"
+    assert Path(imported.put_aside).read_text() == before, "what was replaced is put aside"
+    assert imported.path in [choice.path for choice in list_scenarios()]
+    assert "replaced" not in [choice.path.parent.name for choice in list_scenarios()]
+
+
+def test_a_name_that_is_taken_or_cannot_be_is_refused_and_everything_stays(tmp_path: Path) -> None:
+    tour = composition.find_scenario("tour-guide")
+    share_scenario(save_scenario(replace(tour, title="Theirs"), tmp_path / "visit.yaml"), tmp_path / "v.caris")
+    for name in ("visit", "other"):
+        save_scenario(replace(tour, title=name), user_scenarios_dir() / f"{name}.yaml")
+    before = {path: path.read_text() for path in list_own()}
+    for name, why in (("other", "called 'other' already"), ("../x", "cannot be a name"), ("tour-guide", "already")):
+        with pytest.raises(ToldFailure) as told:
+            import_scenario(tmp_path / "v.caris", [SameName("scenario", "visit", name)])
+        assert why in told.value.meaning
+    assert {path: path.read_text() for path in list_own()} == before
 
 
 def list_own() -> list[Path]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from caris_desktop.domain.intents import SameName
 from caris_desktop.scenario import bundle as bundles
 from caris_desktop.scenario.bundle import Bundle, BundleError, Part, PartKind, read_bundle, unpack, write_bundle
 from caris_desktop.scenario.file import MAX_FILE_BYTES, load_scenario
@@ -146,3 +147,16 @@ def test_a_damaged_file_is_refused_or_means_the_same(tmp_path: Path) -> None:
         except BundleError:
             refused += 1
     assert refused > 100
+
+
+def test_what_was_put_aside_comes_back_where_the_rest_cannot_be_written(
+    tmp_path: Path, folders: dict[PartKind, Path], known: Known
+) -> None:
+    mine = folders["robot"] / "lab.yaml"
+    mine.parent.mkdir(parents=True, exist_ok=True)
+    mine.write_text("title: Mine\n")
+    (tmp_path / "scenarios").write_text("in the way")
+    with pytest.raises(BundleError, match="Nothing was imported"):
+        unpack(GIVEN, folders, known, [SameName("robot", "lab")])
+    assert mine.read_text() == "title: Mine\n"
+    assert [path.name for path in mine.parent.glob("*.yaml")] == ["lab.yaml"]

@@ -318,7 +318,9 @@ def test_escape_closes_the_palette_and_stops(window: MainWindow, console: FakeCo
 
 
 def test_finding_wants_every_word_and_prefers_beginnings() -> None:
-    entries = [Entry(text, "Place", "", "", lambda: None) for text in ("Go to Lab bench", "Lab tour", "Kitchen")]
+    entries = [
+        Entry(text, "Place", "", "", lambda: None, id=text) for text in ("Go to Lab bench", "Lab tour", "Kitchen")
+    ]
     assert [entry.text for entry in matching(entries, "lab")] == ["Lab tour", "Go to Lab bench"]
     assert [entry.text for entry in matching(entries, "lab go")] == ["Go to Lab bench"]
     assert matching(entries, "xyz") == []

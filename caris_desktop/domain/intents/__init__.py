@@ -110,6 +110,7 @@ from caris_desktop.domain.intents.session import (
     OpenScenario,
     PauseRecording,
     RestorePhoto,
+    SameName,
     SaveScenario,
     ShareScenario,
     StartRecording,

@@ -87,10 +87,24 @@ class SaveScenario(Intent):
 
 
 @dataclass(frozen=True, slots=True)
+class SameName:
+    """What becomes of a part (``kind`` scenario, robot or face) whose ``name`` something else has already: it is kept
+    as ``new_name`` beside that, or, where that is empty, takes its place. What it replaces is put aside, not deleted.
+    """
+
+    kind: str
+    name: str
+    new_name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class ImportScenario(Intent):
-    """Unpack a scenario that came as one file among the user's own, over none of them, and open it."""
+    """Unpack a scenario that came as one file among the user's own, and open it. Where its names are taken by something
+    else, that is asked first, and nothing is done until it comes again with everything ``decided``.
+    """
 
     path: Path
+    decided: tuple[SameName, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """The scenario in force: opening another one, its places, and how the panels are arranged."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
 from caris_desktop.domain.events import ANSWER, Event, LayoutChanged, PlacesChanged, ScenarioOpened
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.scenario_watch import ScenarioWatch
@@ -18,15 +19,28 @@ from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import SavedScenario
+from caris_desktop.scenario.bundle import ImportQuestion, NameConflict
 from caris_desktop.scenario.model import Place, Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """Where an imported scenario lies now; in words, what got another name though nobody chose one, and where what was
+    replaced lies.
+    """
+
+    path: Path
+    renamed: str = ""
+    put_aside: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class ScenarioParts:
     """``load`` and whatever saves raise ToldFailure; ``text`` is what is recorded of a scenario. ``save_text`` is given
     the text, its file, the file it was edited from and the checksum of what it may replace, and gives what the file
-    says then. ``share`` writes one file for others, ``unpack`` gives where what came so lies now, and what of it had to
-    get another name. All of them wait on files, and are called in a thread of their own.
+    says then. ``share`` writes one file for others, ``unpack`` takes what came so with what was decided of its names,
+    and ``conflicts`` gives those that something else has. All of them wait on files, and are called in a thread of
+    their own.
     """
 
     load: Callable[[Path], Scenario]
@@ -34,7 +48,8 @@ class ScenarioParts:
     text: Callable[[Scenario], str]
     save_text: Callable[[str, Path, Path | None, str], str]
     share: Callable[[Scenario, Path], None] = lambda _scenario, _path: None
-    unpack: Callable[[Path], tuple[Path, str]] = lambda path: (path, "")
+    unpack: Callable[[Path, Sequence[SameName]], Imported] = lambda path, _decided: Imported(path)
+    conflicts: Callable[[Path], tuple[NameConflict, ...]] = lambda _path: ()
 
 
 Places = tuple[Place, ...]
@@ -163,17 +178,32 @@ class ScenarioService(Service):
         self._slow_work.do(work, done, failed)
 
     def _import(self, asked: intents.ImportScenario) -> None:
-        def work() -> tuple[str, Filed]:
-            path, renamed = self._parts.unpack(asked.path)
-            return renamed, self._load(path)
+        def work() -> tuple[Imported, Filed] | ImportQuestion:
+            decided = {(one.kind, one.name) for one in asked.decided}
+            conflicts = self._parts.conflicts(asked.path)
+            if any((one.part.kind, one.part.name) not in decided for one in conflicts):
+                return ImportQuestion(asked.path, conflicts)
+            imported = self._parts.unpack(asked.path, asked.decided)
+            return imported, self._load(imported.path)
 
-        def done(outcome: tuple[str, Filed]) -> None:
-            renamed, filed = outcome
+        def done(outcome: tuple[Imported, Filed] | ImportQuestion) -> None:
+            if isinstance(outcome, ImportQuestion):
+                self._state.import_question.set_anew(outcome)
+                return
+            imported, filed = outcome
             self._use(filed, asked.actor)
-            if renamed:
+            if imported.put_aside:
                 self._bus.problem(
                     "info",
-                    tr("Something else had these names already: {names}.").format(names=renamed),
+                    tr("The imported scenario took the place of what was there."),
+                    tr("What was replaced is not lost: it lies in {files}.").format(files=imported.put_aside),
+                    tr("Delete it when you need it no more."),
+                    cause=ANSWER,
+                )
+            if imported.renamed:
+                self._bus.problem(
+                    "info",
+                    tr("Something else had these names already: {names}.").format(names=imported.renamed),
                     tr("What was there stays as it is, and the imported scenario uses its own."),
                     tr("Compare them when you have time."),
                     cause=ANSWER,

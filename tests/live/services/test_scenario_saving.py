@@ -1,6 +1,6 @@
 """Saving an edited scenario: whose file is in force then, and what the window hears of it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +12,11 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem, ScenarioOpened
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.services.scenario import ScenarioParts, ScenarioService
+from caris_desktop.live.services.scenario import Imported, ScenarioParts, ScenarioService
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import SavedScenario
+from caris_desktop.scenario.bundle import ImportQuestion, NameConflict, Part
 from caris_desktop.scenario.model import PanelLeaf, Scenario
 
 OPEN = Scenario("Open", PanelLeaf("map"), path=Path("/scenarios/open.yaml"))
@@ -26,6 +27,8 @@ class Bench:
 
     def __init__(self, parent: QObject) -> None:
         self.files = {OPEN.path: "Open"}
+        self.conflicts: tuple[NameConflict, ...] = ()
+        self.decided: list[tuple[intents.SameName, ...]] = []
         self.applied: list[str] = []
         self.state = LiveState()
         self.bus = Bus(self.state, parent)
@@ -35,6 +38,8 @@ class Bench:
             save_places=lambda scenario: scenario,
             text=lambda scenario: scenario.title,
             save_text=self.write,
+            unpack=self.unpack,
+            conflicts=lambda _path: self.conflicts,
         )
         self.service = ScenarioService(
             self.state, self.bus, parts, OPEN, self.slow_work, apply=self.apply, parent=parent
@@ -45,6 +50,11 @@ class Bench:
             raise ToldFailure("The scenario was not saved.", "It was changed by somebody else.", "Compare.")
         self.files[path] = text
         return text
+
+    def unpack(self, path: Path, decided: Sequence[intents.SameName]) -> Imported:
+        self.decided.append(tuple(decided))
+        self.files[path] = "Theirs"
+        return Imported(path, put_aside="/scenarios/replaced/open-1.yaml")
 
     def apply(self, scenario: Scenario) -> None:
         self.applied.append(scenario.title)
@@ -99,3 +109,21 @@ def test_what_was_not_saved_is_told_to_the_editor_and_to_the_wizard(bench: Bench
     assert [event.what for event in told if isinstance(event, Problem)] == ["The scenario was not saved."]
     assert not any(isinstance(event, ScenarioOpened) for event in told)
     assert bench.files == {OPEN.path: "Open"}
+
+
+def test_names_that_are_taken_are_asked_about_before_anything_is_done(bench: Bench, qtbot: QtBot) -> None:
+    told: list[Problem] = []
+    bench.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
+    received = Path("/received/open.caris")
+    bench.conflicts = (NameConflict(Part("scenario", "open", "Theirs"), OPEN.path or Path(), "Open", True, "open-2"),)
+    do = bench.service.handlers()[intents.ImportScenario]
+    for incomplete in ((), (intents.SameName("robot", "open"),)):
+        with qtbot.waitSignal(bench.state.import_question.changed):
+            do(intents.ImportScenario(received, incomplete))
+        assert bench.state.import_question.value == ImportQuestion(received, bench.conflicts)
+    assert (bench.decided, bench.applied) == ([], []), "nothing was done"
+    decided = (intents.SameName("scenario", "open"),)
+    do(intents.ImportScenario(received, decided))
+    qtbot.waitUntil(lambda: bench.applied == ["Theirs"])
+    assert bench.decided == [decided]
+    qtbot.waitUntil(lambda: any("/scenarios/replaced/open-1.yaml" in problem.meaning for problem in told))
