@@ -56,6 +56,7 @@ class QueueList(QWidget):
         return [row.label.text() for row in self._rows.values()]
 
     def show_waiting(self, waiting: tuple[UtteranceChanged, ...]) -> None:
+        """A row for each of ``waiting``, whose ids differ, in their order."""
         before, focused = self._rows, QApplication.focusWidget()
         had_focus = focused is not None and (focused is self or self.isAncestorOf(focused))
         self._rows = {}
@@ -70,7 +71,9 @@ class QueueList(QWidget):
             row.deleteLater()
         for number, utterance in enumerate(waiting, start=1):
             row = self._rows[utterance.utterance_id]
-            self._column.insertWidget(number - 1, row)
+            if self._column.indexOf(row) != number - 1:
+                self._column.removeWidget(row)
+                self._column.insertWidget(number - 1, row)
             row.show()  # at once, so that keys work in it
             spoken = words.with_names(utterance.text, lambda person_id: name_of(self._console, person_id))
             row.show_utterance(number, len(waiting), spoken, utterance)
