@@ -19,6 +19,7 @@ from caris_desktop.domain.intents import Permission
 from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.assistant import AssistantSettings
 from caris_desktop.scenario.face import FaceSettings
+from caris_desktop.scenario.gestures import MOST_GESTURES, Gesture
 from caris_desktop.scenario.listening import ListeningSettings
 from caris_desktop.scenario.phrases import PhraseEntry, Sentence
 from caris_desktop.scenario.preflight import PreflightEntry
@@ -377,6 +378,16 @@ class Scenario:
             longest=20,
             quiet=True,
             beside=("filler",),
+        ),
+    ] = ()
+    gestures: Annotated[
+        tuple[Gesture, ...],
+        Rule(
+            "What the robot does without a word, on Ctrl+4 to Ctrl+9 in this order. What the robot at hand cannot do "
+            "is not shown.",
+            section="Phrases",
+            longest=MOST_GESTURES,
+            quiet=True,
         ),
     ] = ()
     places: Annotated[tuple[Place, ...], Rule("Named places in the map.", section="Places", longest=100)] = ()

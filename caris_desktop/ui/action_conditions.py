@@ -25,6 +25,7 @@ class ActionConditions(QObject):
         state.recording.changed.connect(self._offer_photo)
         state.cameras.changed.connect(self._on_cameras_changed)
         state.face.changed.connect(self._on_face_changed)
+        state.controls.changed.connect(self._on_controls_changed)
         for asked in (state.asked_person, state.proposal):
             asked.changed.connect(self._on_asked_changed)
         state.suggestions.changed.connect(self._on_suggestions_changed)
@@ -34,6 +35,7 @@ class ActionConditions(QObject):
         WhoIsAsked(state, self)
         self._on_robot_changed(state.robot.value)
         self._on_places_changed(state.places.value)
+        self._on_controls_changed(state.controls.value)
         self._on_video_freshness_changed(state.frame.freshness)
         self._on_cameras_changed(state.cameras.value)
         self._on_step_changed(None)
@@ -50,6 +52,9 @@ class ActionConditions(QObject):
 
     def _on_places_changed(self, places: Any) -> None:
         self._actions.use_places([place.name for place in places])
+
+    def _on_controls_changed(self, controls: Any) -> None:
+        self._actions.use_controls(control.id for control in controls)
 
     def _on_face_changed(self, face: Any) -> None:
         if face.expressions != self._expressions:

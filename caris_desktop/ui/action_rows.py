@@ -9,7 +9,9 @@ from caris_desktop.conversation.transcript import newest_heard, next_speaker
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
+from caris_desktop.scenario.gestures import LOOK, MOST_GESTURES, NOD
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import KEYS_OF_A_GROUP, Phrase, phrase_groups
 from caris_desktop.ui.action_spec import ActionSpec
@@ -18,6 +20,7 @@ from caris_desktop.ui.step_acts import PROTOCOL_ACTIONS
 
 PHRASE_COUNT = KEYS_OF_A_GROUP
 SUGGESTION_COUNT = 3
+_FIRST_GESTURE_KEY = SUGGESTION_COUNT + 1
 LABEL_COUNT = 8
 PLACE_COUNT = 9
 CODE_COUNT = 9
@@ -63,6 +66,20 @@ def say_keyed_phrase(_scenario: Scenario, _state: LiveState, phrase: Phrase) -> 
 def say_filler(scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
     filler = scenario.next_filler(state.fillers_said.value)
     return intents.Say(filler, "filler") if filler else None
+
+
+def perform_nth_gesture(scenario: Scenario, state: LiveState, number: int) -> Intent | None:
+    """Without a word. It looks at whom it speaks to; where that is nobody, ahead."""
+    if number > len(scenario.gestures):
+        return None
+    does = scenario.gestures[number - 1].does
+    if does == NOD:
+        return intents.Nod()
+    if does == LOOK:
+        whom = addressee(state)
+        bearing_rad = next((row.bearing_rad for row in state.persons.value if row.person_id == whom), None)
+        return intents.LookAt(bearing_rad or 0.0, 0.0)
+    return intents.UseControl(does, True)
 
 
 def change_speed(_scenario: Scenario, state: LiveState, direction: int) -> Intent:
@@ -238,6 +255,14 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec(
         "no_suggestion", QT_TR_NOOP("Dismiss the suggestions"), "x", ("Ctrl+0",), permission="speech",
         enabled_when="suggested", intent=intents.DismissSuggestions(), group=SPEAKING_GROUP,
+    ),
+    *(
+        ActionSpec(
+            f"gesture_{number}", QT_TR_NOOP("Gesture {number}"), "hand-waving",
+            (f"Ctrl+{_FIRST_GESTURE_KEY + number - 1}",), intent=perform_nth_gesture, argument=number,
+            group=SPEAKING_GROUP,
+        )
+        for number in range(1, MOST_GESTURES + 1)
     ),
     ActionSpec(
         "silence", QT_TR_NOOP("Silence"), "speaker-slash", ("F12",), permission="speech", intent=intents.Silence(),

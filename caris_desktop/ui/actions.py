@@ -13,9 +13,10 @@ from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, QComboBox, QWidget
 
-from caris_desktop.domain.intents import Intent
+from caris_desktop.domain.intents import Intent, Permission
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.gestures import LOOK, NOD
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import Phrase, phrase_groups
 from caris_desktop.ui.action_rows import (
@@ -24,6 +25,7 @@ from caris_desktop.ui.action_rows import (
     PLACE_COUNT,
     SPEAKING_GROUP,
     go_to_nth_place,
+    perform_nth_gesture,
     phrases_on_keys,
     say_filler,
     say_keyed_phrase,
@@ -69,6 +71,10 @@ def rows_of(scenario: Scenario) -> tuple[ActionSpec, ...]:
         elif spec.callback == "show_next_phrases":
             if len(groups) < 2:
                 continue
+        elif spec.intent is perform_nth_gesture:
+            if (of_gesture := _of_gesture(spec, scenario)) is None:
+                continue
+            spec = of_gesture  # noqa: PLW2901
         elif spec.callback == "mark_label":
             if spec.argument > len(scenario.recording.labels):
                 continue
@@ -86,6 +92,19 @@ def rows_of(scenario: Scenario) -> tuple[ActionSpec, ...]:
         rows.append(spec)
     keyed = keyed_phrases(scenario) if scenario.permissions.speech else []
     return (*rows, *(_of_keyed_phrase(number, phrase) for number, phrase in enumerate(keyed, start=1)))
+
+
+def _of_gesture(spec: ActionSpec, scenario: Scenario) -> ActionSpec | None:
+    """The row with what that gesture needs; None where the scenario has or permits none at that place."""
+    if spec.argument > len(scenario.gestures):
+        return None
+    gesture = scenario.gestures[spec.argument - 1]
+    moves_head = gesture.does in (NOD, LOOK)
+    permission: Permission = "driving" if moves_head else "robot_controls"
+    if scenario.permissions.withheld((permission,)) is not None:
+        return None
+    text = tr("Gesture: {gesture}").format(gesture=gesture.title)
+    return replace(spec, text=text, permission=permission, needs="head" if moves_head else None)
 
 
 def keyed_phrases(scenario: Scenario) -> list[Phrase]:
@@ -159,6 +178,7 @@ class Actions(QObject):
         self._features: frozenset[Feature] = frozenset()
         self._places: tuple[str, ...] = ()
         self._expressions: tuple[str, ...] = ()
+        self._controls: frozenset[str] = frozenset()
         self._letters: dict[str, str] = {}
         self._driving_focus = False
         self._brought: dict[str, tuple[ActionSpec, object]] = {}
@@ -193,6 +213,8 @@ class Actions(QObject):
             if spec.argument > len(self._expressions):
                 return None
             return _with_text(spec, tr("Face: {expression}").format(expression=self._expressions[spec.argument - 1]))
+        if spec.intent is perform_nth_gesture and spec.permission == "robot_controls":
+            return spec if self._scenario.gestures[spec.argument - 1].does in self._controls else None
         if spec.intent is say_phrase:
             phrases = phrases_on_keys(self._scenario, self._console.state.phrase_group.value)
             if spec.argument > len(phrases):
@@ -218,6 +240,11 @@ class Actions(QObject):
     def use_expressions(self, names: Sequence[str]) -> None:
         """What the robot's face can look like, in its order."""
         self._expressions = tuple(names[:EXPRESSION_COUNT])
+        self.rows_changed.emit()
+
+    def use_controls(self, ids: Iterable[str]) -> None:
+        """What can be used of the robot besides driving and speaking, for gestures."""
+        self._controls = frozenset(ids)
         self.rows_changed.emit()
 
     def use_letters(self, letters: Mapping[str, str]) -> None:

@@ -35,6 +35,7 @@ from caris_desktop.scenario.file import (
     scenario_text,
     schema_path,
 )
+from caris_desktop.scenario.gestures import Gesture
 from caris_desktop.scenario.listening import ListeningSettings
 from caris_desktop.scenario.model import PanelLeaf, Place, Scenario, SplitNode, TabNode
 from caris_desktop.scenario.preflight import ManualCheck
@@ -301,6 +302,7 @@ COMPLETE = Scenario(
     phrases=("Hello",),
     filler="Well",
     fillers=("So",),
+    gestures=(Gesture("Wave", "wave"),),
     preflight=("Consent form signed", ManualCheck("Lights on", "Switch them on.", needed=False)),
     places=(Place("Door", Pose2D(1.0, 2.0, 0.5)),),
     protocol=ProtocolSettings(

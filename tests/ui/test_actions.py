@@ -55,6 +55,7 @@ TABLE = {
     **{f"suggestion_{number}": ({f"Ctrl+{number}"}, set()) for number in range(1, 4)},
     **{f"edit_suggestion_{number}": ({f"Ctrl+Shift+{number}"}, set()) for number in range(1, 4)},
     "no_suggestion": ({"Ctrl+0"}, set()),
+    **{f"gesture_{number}": ({f"Ctrl+{number + 3}"}, set()) for number in range(1, 7)},
     "silence": ({"F12"}, set()),
     "push_to_talk": ({"Ctrl+Space"}, {"T"}),
     "dictate": ({"Ctrl+Shift+Space"}, {"Shift+T"}),

@@ -24,10 +24,9 @@ from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AskedGap
 from caris_desktop.people.presence import is_unnamed_label
+from caris_desktop.scenario.gestures import LOOK, NOD
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import PhraseEntry
-
-NOD, LOOK = "nod", "look"
 
 
 class SpeakingService(Service):

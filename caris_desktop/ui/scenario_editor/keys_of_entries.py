@@ -21,6 +21,8 @@ def key_of_entry(data: Any, path: KeyPath) -> str:
             return _KEYS.get(f"phrase_{index + 1}", "")
         case ("recording", "labels", int(index)):
             return _KEYS.get(f"label_{index + 1}", "")
+        case ("gestures", int(index)):
+            return _KEYS.get(f"gesture_{index + 1}", "")
         case ("places", int(index)):
             return _KEYS.get(f"place_{index + 1}", "")
     return ""

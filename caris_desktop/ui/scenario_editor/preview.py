@@ -13,7 +13,7 @@ from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.migrations import migrate
 from caris_desktop.scenario.model import Permissions, Scenario
 from caris_desktop.scenario.phrases import phrase_groups
-from caris_desktop.ui.action_rows import ACTIONS
+from caris_desktop.ui.action_rows import ACTIONS, perform_nth_gesture
 from caris_desktop.ui.scenario_editor.consequences import Consequence, changed_permissions, consequences
 from caris_desktop.ui.tokens import Colors
 
@@ -107,6 +107,12 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
     if fillers:
         parts.append(_line(escape(tr("While the wizard thinks, in turn:")), colors, "dim"))
         parts.append(_line(f"{_cap('F9', colors)} {escape(' · '.join(fillers))}", colors))
+    gestures = _valued(document, "gestures")
+    if gestures:
+        parts.append(_line(escape(tr("Without a word, where the robot can:")), colors, "dim"))
+        keys = [spec.keys[0] for spec in ACTIONS if spec.intent is perform_nth_gesture]
+        for key, gesture in zip(keys, gestures, strict=False):
+            parts.append(_line(f"{_cap(key, colors)} {escape(gesture.title)}", colors))
     return "".join(parts)
 
 

@@ -1,12 +1,13 @@
-"""The phrases that are one key or click away: their groups, and the chips of the group that is chosen."""
+"""What is one key or click away: the groups of phrases, the chips of the group that is chosen, and the gestures."""
 
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.gestures import MOST_GESTURES
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.ui import tokens
-from caris_desktop.ui.action_rows import PHRASE_COUNT
+from caris_desktop.ui.action_rows import PHRASE_COUNT, perform_nth_gesture
 from caris_desktop.ui.actions import Actions, cap_text, keyed_phrases
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -44,6 +45,13 @@ class PhraseRows(QWidget):
         for action_id in (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler"):
             if any(spec.id == action_id for spec in actions.all_specs):
                 chip = ActionButton(theme, key_first=True, height_px=32, may_shrink=True)
+                chip.setObjectName(action_id)
+                chip.bind(actions, action_id)
+                self._flow.add(chip)
+                self._chips[action_id] = chip
+        for action_id in (f"gesture_{number}" for number in range(1, MOST_GESTURES + 1)):
+            if any(spec.id == action_id for spec in actions.all_specs):
+                chip = ActionButton(theme, icon="hand-waving", key_first=True, height_px=32, may_shrink=True)
                 chip.setObjectName(action_id)
                 chip.bind(actions, action_id)
                 self._flow.add(chip)
@@ -94,7 +102,9 @@ class PhraseRows(QWidget):
             spec = self._actions.spec(action_id)
             chip.setVisible(spec is not None)
             if spec is not None:
-                chip.set_label(spec.text)
+                gesture = spec.intent is perform_nth_gesture
+                chip.set_label(self._console.scenario.gestures[spec.argument - 1].title if gesture else spec.text)
+                chip.setAccessibleName(spec.text)
                 chip.setToolTip(spec.text)
                 chip.set_key(self._actions.key_text(action_id))
         self._flow.updateGeometry()
