@@ -65,13 +65,11 @@ class Agreement:
     def committed_until_s(self) -> float:
         return self._committed[-1].end_s if self._committed else 0.0
 
-    def take(self, heard: Sequence[HeardWord], *, commit: bool = True) -> None:
-        """What another pass made out, from wherever it began to the end of the sound so far. Without ``commit`` nothing
-        is committed by it: it came too soon after the one before, and would agree with it in its mistakes.
-        """
+    def take(self, heard: Sequence[HeardWord]) -> None:
+        """What another pass made out, from wherever it began to the end of the sound so far."""
         new = list(heard[self._already(heard) :])
         agreed = 0
-        for before, now in zip(self._tentative if commit else (), new, strict=False):
+        for before, now in zip(self._tentative, new, strict=False):
             if before.spoken != now.spoken:
                 break
             agreed += 1

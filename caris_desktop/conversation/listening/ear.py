@@ -31,8 +31,6 @@ _BEFORE_VOICE_NS = 400_000_000
 """The first sound of a word is weak: this much before the voice goes along."""
 _HOLE_NS = 60_000_000
 _LONGEST_HOLE_NS = 12_000_000_000
-_SOON_A_PAUSE_NS = 130_000_000
-"""After so long a silence the words before it are asked for, so that they are there when it is a pause."""
 _SETTLED_NS = 500_000_000
 """After so long a silence the words before it are not going to be others."""
 _ROBOT_RINGS_NS = 200_000_000
@@ -185,12 +183,9 @@ class Ear:
             if turn.over or not self._turns.speaking:
                 if not turn.known_whole:
                     return turn.ask(at_pause=True)
-            elif self._turns.voiced:
+            elif self._turns.voiced and turn.unheard_s(self._until_ns) >= every_s:
                 # Not in a silence that is about to be a pause: that would be kept waiting.
-                if turn.unheard_s(self._until_ns) >= every_s:
-                    return turn.ask(at_pause=False)
-            elif self._until_ns - turn.voice_ended_ns >= _SOON_A_PAUSE_NS and not turn.known_whole:
-                return turn.ask(at_pause=True)
+                return turn.ask(at_pause=False)
         return None
 
     def take(self, stretch: Stretch, heard: HeardText | None) -> None:
@@ -198,8 +193,7 @@ class Ear:
         for turn in (*self._ending, self._turn):
             if turn is None or turn.turn_id != stretch.turn_id:
                 continue
-            no_pause = stretch.at_pause and not turn.over and self._turns.speaking
-            changed = turn.take(stretch, heard, commit=not no_pause)
+            changed = turn.take(stretch, heard)
             changed |= self._leave_out_the_robot(turn)
             if not turn.told and turn.own_words and not self._is_robots(turn):
                 self._tell_beginning(turn)

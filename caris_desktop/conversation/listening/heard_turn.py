@@ -140,10 +140,8 @@ class HeardTurn:
         ended_s = (self.voice_ended_ns - self._sound_from_ns) / 1e9
         return Stretch(self.turn_id, self._sound_of(self._from_s), self._from_s, ended_s, before, at_pause)
 
-    def take(self, stretch: Stretch, heard: HeardText | None, *, commit: bool = True) -> bool:
-        """What was made out of it; None where nothing could be. Gives whether its words changed. ``commit``: whether
-        words on which it agrees with the pass before are committed.
-        """
+    def take(self, stretch: Stretch, heard: HeardText | None) -> bool:
+        """What was made out of it; None where nothing could be. Gives whether its words changed."""
         self.asked = False
         self._known_until_ns = self._asked_until_ns
         if heard is None:
@@ -151,7 +149,7 @@ class HeardTurn:
         self.language = heard.language
         told = self.words.committed, self.words.tentative
         words = [word.later_by(stretch.from_s) for word in heard.words]
-        self.words.take(without_repetition(within_voice(words, stretch.voice_ended_s)), commit=commit)
+        self.words.take(without_repetition(within_voice(words, stretch.voice_ended_s)))
         return self._changed_since(told)
 
     def commit_all(self) -> bool:

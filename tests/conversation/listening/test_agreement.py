@@ -21,15 +21,6 @@ def test_words_are_committed_once_two_passes_agree() -> None:
     assert (words.committed, words.tentative) == ("I came here with", "my sister")
 
 
-def test_a_pass_that_came_too_soon_commits_nothing_and_is_what_the_next_one_is_laid_beside() -> None:
-    words = Agreement()
-    words.take(heard("I came hear"))
-    words.take(heard("I came hear with"), commit=False)
-    assert (words.committed, words.tentative) == ("", "I came hear with")
-    words.take(heard("I came here with my"))
-    assert (words.committed, words.tentative) == ("I came", "here with my")
-
-
 def test_what_is_committed_never_changes_whatever_comes_later() -> None:
     chance = np.random.default_rng(3)
     vocabulary = ["where", "is", "the", "old", "robot", "tram", "lab", "please", "thank", "you"]

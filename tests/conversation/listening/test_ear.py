@@ -163,24 +163,6 @@ def test_a_pause_is_told_within_a_third_of_a_second() -> None:
     assert pauses[0].silent_since_ns / 1e9 == pytest.approx(13.0, abs=0.07)
 
 
-def test_the_words_before_a_pause_are_asked_for_before_it_is_one() -> None:
-    bench = Bench().hear(1).say(2).hear(0.2)
-    assert bench.hearings[-1].speaking
-    assert bench.asked[-1].at_pause
-    before = len(bench.asked)
-    bench.hear(0.1)
-    assert not bench.hearings[-1].speaking
-    assert len(bench.asked) == before
-
-
-def test_a_short_silence_that_is_no_pause_commits_nothing() -> None:
-    bench = Bench().hear(1).say(0.7).hear(0.2)
-    assert [each.at_pause for each in bench.asked] == [False, True]
-    assert (bench.hearings[-1].committed, bench.hearings[-1].tentative) == ("", "w0")
-    bench.say(0.9)
-    assert bench.hearings[-1].committed.startswith("w0")
-
-
 def test_a_silence_commits_words_before_the_turn_is_over() -> None:
     bench = Bench(turn_over=0.0).hear(1).say(2).hear(0.6)
     last = bench.hearings[-1]
