@@ -23,6 +23,8 @@ _KEPT = 40
 _NOTHING_BUT_ROBOT = 0.97
 _LETTERS_OF_WHAT_IS_LEFT = 45.0
 """A word or two may be made out of what is left of the robot: nine letters where seven tenths of it were the robot."""
+_HARDLY_ANYTHING_LEFT, _MORE_LETTERS = 0.87, 300.0
+"""And a sentence where next to nothing else was heard: a participant is never so much softer than the robot."""
 _LEAST_BESIDE_ROBOT_NS = 450_000_000
 """While the robot speaks less voice than that may be its own first syllable, in a room that is not known yet."""
 _LETTERS_A_SECOND = 22.0
@@ -127,7 +129,7 @@ class OwnWords:
         letters = sum(map(len, heard))
         if not letters:
             return 0.0
-        if echo_share is not None and letters <= _LETTERS_OF_WHAT_IS_LEFT * (echo_share - 0.5):
+        if echo_share is not None and letters <= _letters_of_what_is_left(echo_share):
             return 1.0
         if ended_ns - started_ns < _LEAST_BESIDE_ROBOT_NS and self._speaks_at(started_ns):
             return 1.0
@@ -305,6 +307,12 @@ class OwnWords:
         """The same: each by itself, and all of it together."""
         near = self._near(started_ns, ended_ns)
         return [[saying] for saying in near] + ([near] if len(near) > 1 else [])
+
+
+def _letters_of_what_is_left(echo_share: float) -> float:
+    """How many may be made out where nobody but the robot speaks."""
+    beyond = max(0.0, echo_share - _HARDLY_ANYTHING_LEFT)
+    return _LETTERS_OF_WHAT_IS_LEFT * (echo_share - 0.5) + _MORE_LETTERS * beyond
 
 
 def _words(text: str) -> tuple[str, ...]:

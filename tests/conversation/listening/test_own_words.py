@@ -179,6 +179,12 @@ def test_who_takes_up_at_once_what_the_robot_said_has_their_own_words_alone(robo
     assert " ".join(word for word, _ in heard[first:]) == theirs
 
 
+def test_a_sentence_is_made_out_of_hardly_anything_but_the_robot() -> None:
+    text = "This is how you must defend you."
+    assert _robot().is_robots(text, _ns(10.5), _ns(11.7), 0.93) == 1.0
+    assert _robot().is_robots(text, _ns(10.5), _ns(11.7), 0.8) < 0.6
+
+
 @pytest.mark.parametrize("share", [0.45, 0.6, 0.79])
 def test_short_words_beside_a_loud_robot_are_not_its_beginning_where_somebody_goes_on(share: float) -> None:
     robot = _robot("The library opens at nine in the morning and closes at six.", ends_s=14.1)
