@@ -3,6 +3,8 @@
 The window is on its way while this is imported: most of what a recorder, a detector or a link needs it does not.
 """
 
+import logging
+import os
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -43,6 +45,9 @@ def recogniser(connection: Connection, *arguments: Any) -> None:
     from caris_desktop.conversation.listening.recogniser import run_recogniser
 
     run_recogniser(connection, *arguments)
+    # It leaves nothing behind that has to be put in order, and its model may compute for seconds yet, unasked.
+    logging.shutdown()
+    os._exit(0)
 
 
 def playback(connection: Connection, *arguments: Any) -> None:

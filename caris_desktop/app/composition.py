@@ -187,9 +187,11 @@ def recogniser_settings(scenario: Scenario) -> RecogniserSettings:
     """How this scenario wants speech turned into text."""
     wanted = scenario.listening
     return RecogniserSettings(
-        wanted.engine, wanted.model, wanted.sha256, None if scenario.path is None else scenario.path.parent,
-        wanted.server, wanted.language, scenario.permissions.cloud_models,
-        wanted.silence_at_least_s, wanted.silence_at_most_s,
+        wanted.engine, wanted.model, wanted.sha256,
+        scenario.path.parent if scenario.path is not None and wanted.model else None,
+        wanted.server, wanted.language,
+        # What is computed here is no different where other computers may be asked.
+        wanted.engine == "server" and scenario.permissions.cloud_models,
     )  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """The child processes of the services: what they say and that they ended reaches the GUI thread."""
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -11,7 +12,6 @@ from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.slow_work import SlowWork
 
 Heard = Callable[[Any], None]
 Reads = Callable[[Any, bytes], None]
@@ -22,10 +22,10 @@ class Children(QObject):
 
     _told = Signal(object, object)
 
-    def __init__(self, bus: Bus, parent: QObject | None = None, *, slow_work: SlowWork | None = None) -> None:
+    def __init__(self, bus: Bus, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._bus = bus
-        self._slow_work = slow_work
+        self._ends: list[threading.Thread] = []
         self._closed = False
         self._told.connect(self._tell, Qt.ConnectionType.QueuedConnection)
 
@@ -61,13 +61,27 @@ class Children(QObject):
         child.start()
         return child
 
-    def dismiss(self, child: ChildProcess, *, grace_s: float) -> None:
-        """End a child that this scenario has no use for, without waiting for it where there is a thread for that."""
+    def dismiss(self, child: ChildProcess, *, grace_s: float, then: Callable[[], None] = lambda: None) -> None:
+        """End a child that this scenario has no use for. Returns at once: it is asked to end now, and its end is waited
+        for in a thread of its own, so that neither the next scenario, nor a file, nor another end stands behind it.
+
+        ``then`` is called in that thread once the child has ended.
+        """
         child.ask_to_end()
-        if self._slow_work is None:
+
+        def end() -> None:
             child.stop(grace_s=grace_s)
-        else:
-            self._slow_work.do(lambda: child.stop(grace_s=grace_s), lambda _ended: None, lambda _failure: None)
+            then()
+
+        self._ends = [thread for thread in self._ends if thread.is_alive()]
+        self._ends.append(threading.Thread(target=end, name=f"end-{child.body.name}", daemon=True))
+        self._ends[-1].start()
+
+    def end(self) -> None:
+        """Wait for the ends of all that were dismissed. Any thread; blocks as long as the longest grace among them."""
+        for thread in self._ends:
+            thread.join()
+        self._ends.clear()
 
     def pass_on(self, heard: Heard, value: Any, raw: bytes) -> None:
         """A message of a child: onto the bus, or to ``heard`` in the GUI thread. Any thread."""

@@ -73,7 +73,7 @@ class Console(QObject):
         state = self._state = LiveState(self)
         bus = self._bus = Bus(state, self)
         slow_work = self._slow_work = SlowWork(self)
-        children = self._children = Children(bus, self, slow_work=slow_work)
+        children = self._children = Children(bus, self)
         self._asyncio = AsyncioThread()
         self._robot_asked: object = None
         self._robot_to_connect: RobotConnection | None = None
@@ -112,7 +112,7 @@ class Console(QObject):
             state, bus, children, parts.sound,
             microphones=self._microphone, robot=self._robot, speech=self._speech, parent=self,
         )  # fmt: skip
-        listening = ListeningService(state, bus, children, parts.listening, slow_work, parent=self)
+        listening = ListeningService(state, bus, children, parts.listening, parent=self)
         transcript = TranscriptService(state, bus, self)
         response_time = ResponseTimeService(bus, self)
         speaking = SpeakingService(
@@ -340,6 +340,7 @@ class Console(QObject):
         for service in reversed(self._services):
             if service is not self._recording:
                 service.end()
+        self._children.end()
 
     def _apply(self, scenario: Scenario) -> None:
         for service in self._services:

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.app import composition
+from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.services.cameras import WantedCameras
 from caris_desktop.perception.weights import ModelChoice
 from caris_desktop.scenario.model import Scenario
@@ -94,3 +95,9 @@ def test_a_scenario_says_how_people_are_found(tmp_path: Path) -> None:
     assert settings.detector.server == "wss://lab:1"
     assert settings.detector.model == ModelChoice("beside.onnx", "", tmp_path, 640)
     assert people.as_told(people.inference, scenario_with("", tmp_path)) == people.inference, "no change, no new start"
+
+
+def test_the_shipped_scenarios_share_one_recogniser() -> None:
+    scenarios = [composition.find_scenario(str(path)) for path in sorted(layouts_dir().glob("*.yaml"))]
+    settings = {composition.recogniser_settings(each) for each in scenarios if each.permissions.transcription}
+    assert len(settings) == 1, "another scenario's panels would wait for a model that is loaded anew"

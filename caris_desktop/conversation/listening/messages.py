@@ -26,11 +26,17 @@ class RecogniserSettings:
     server: str = ""
     language: str = "en"
     cloud_models: bool = True
-    silence_at_least_s: float = 0.3
-    silence_at_most_s: float = 3.0
     allow_download: bool = True
     threads: int = 1
     niceness: int = 6
+
+
+@dataclass(frozen=True, slots=True)
+class UseSilence:
+    """To the process: the shortest and the longest silence that ends a turn, from now on."""
+
+    at_least_s: float
+    at_most_s: float
 
 
 @dataclass(frozen=True, slots=True)

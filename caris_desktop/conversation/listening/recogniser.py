@@ -19,6 +19,7 @@ from caris_desktop.conversation.listening.messages import (
     RecogniserReady,
     RecogniserSettings,
     SpokenBy,
+    UseSilence,
 )
 from caris_desktop.conversation.listening.own_words import OwnWords
 from caris_desktop.conversation.listening.signal_watch import SignalWatch
@@ -55,13 +56,14 @@ def run_recogniser(connection: Connection, settings: RecogniserSettings) -> None
 class _Recogniser:
     def __init__(self, connection: Connection, settings: RecogniserSettings) -> None:
         self._connection = connection
-        self._bounds = SilenceBounds(settings.silence_at_least_s, settings.silence_at_most_s)
+        self._bounds = SilenceBounds()
         self._own_words = OwnWords()
         self._silence = SilenceOfPeople()
         self._signal = SignalWatch()
         self._turn_model = TurnModel.find()
         self._words = WordsThread(settings)
         self._ears: dict[str, Ear] = {}
+        self._turns: list[TurnTaking] = []
         self._played: deque[PlayedSound] = deque(maxlen=_PLAYED_AT_MOST)
         self._ready: RecogniserReady | None = None
         self._asked: Ear | None = None
@@ -114,6 +116,10 @@ class _Recogniser:
                     ear.look_back()
             case SpokenBy(utterance_id, person_id):
                 self._silence.spoken_by(utterance_id, person_id)
+            case UseSilence(at_least_s, at_most_s):
+                self._bounds = SilenceBounds(at_least_s, at_most_s)
+                for turns in self._turns:
+                    turns.bounds = self._bounds
             case other:
                 _log.error("unknown message %r", other)
 
@@ -135,10 +141,12 @@ class _Recogniser:
         canceller = EchoCanceller()
         for sound in self._played:
             canceller.play(sound)
+        # How the wizard pauses says nothing of the participants.
+        turns = TurnTaking(SilenceOfPeople() if source == WIZARD_MICROPHONE else self._silence, self._bounds)
+        self._turns.append(turns)
         return Ear(
             source,
-            # How the wizard pauses says nothing of the participants.
-            TurnTaking(SilenceOfPeople() if source == WIZARD_MICROPHONE else self._silence, self._bounds),
+            turns,
             VoiceActivity(),
             canceller=canceller,
             own_words=self._own_words,

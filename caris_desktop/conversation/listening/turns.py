@@ -46,7 +46,7 @@ class TurnTaking:
 
     def __init__(self, silence: SilenceOfPeople, bounds: SilenceBounds) -> None:
         self._silence = silence
-        self._bounds = bounds
+        self.bounds = bounds
         self._voiced_ns = self._heard_ns = 0
         self._turn_over: float | None = None
         self._last_turn, self._last_ended_ns = "", 0
@@ -110,7 +110,7 @@ class TurnTaking:
             self.speaking = False
             self._turn_over = None
             return "paused"
-        if silent_ns < silence_to_wait_s(self._turn_over, self._silence.seconds, self._bounds) * 1e9:
+        if silent_ns < silence_to_wait_s(self._turn_over, self._silence.seconds, self.bounds) * 1e9:
             return None
         self.under_way = False
         self._voiced_ns = 0

@@ -11,7 +11,7 @@ from caris_desktop.conversation.listening.heard_turn import Stretch
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 
 _log = logging.getLogger(__name__)
-_END_WITHIN_S = 2.0
+_END_WITHIN_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class WordsThread:
         self._asked.put(stretch)
 
     def end(self) -> None:
-        """What is being made out is not waited for longer than it takes as a rule."""
+        """What is being loaded or made out is hardly waited for: nobody wants it any more."""
         self._asked.put(None)
         self._thread.join(_END_WITHIN_S)
 

@@ -6,13 +6,14 @@ import pickle
 from collections.abc import Callable
 from typing import Any
 
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.conversation.listening.messages import (
     RecogniserAway,
     RecogniserFailed,
     RecogniserReady,
     SpokenBy,
+    UseSilence,
 )
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.sensing import AudioChunk
@@ -28,12 +29,13 @@ from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children, told_here
 from caris_desktop.live.listening_feed import ListeningFeed
 from caris_desktop.live.service import Follows, Restarts, Service
-from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ListeningStatus, SoundStatus
 from caris_desktop.scenario.model import Scenario
 
-_GRACE_S = 3.0
+_GRACE_S = 1.0
+_PANELS_FIRST_MS = 1000
+"""A recogniser takes a processor for seconds to load: the window shows the other scenario first."""
 
 
 class ListeningService(Service):
@@ -45,7 +47,6 @@ class ListeningService(Service):
         bus: Bus,
         children: Children,
         body: Callable[[Scenario], ProcessBody],
-        slow_work: SlowWork,
         *,
         parent: QObject,
     ) -> None:
@@ -54,7 +55,6 @@ class ListeningService(Service):
         self._bus = bus
         self._children = children
         self._body_of = body
-        self._slow_work = slow_work
         self._wanted: ProcessBody | None = None
         self._child: ChildProcess | None = None
         self._feed: ListeningFeed | None = None
@@ -62,8 +62,11 @@ class ListeningService(Service):
         """The same once it is ready; the taps read it in their threads."""
         self._to_dictate = True
         """Whether the wizard's voice is for the Speak field, and not heard from the robot anyway."""
+        self._silence = UseSilence(0.3, 3.0)
         self._restarts = Restarts()
         self._started = self._stopped = False
+        self._soon = QTimer(self, singleShot=True, interval=_PANELS_FIRST_MS)
+        self._soon.timeout.connect(self._begin)
         bus.tap(self._on_sound, (AudioChunk,))
         bus.tap(self._pass_on, (PlayedSound, PlayedSoundEnded))
         bus.tap(self._on_utterance, (UtteranceChanged,))
@@ -79,11 +82,16 @@ class ListeningService(Service):
 
     def use_scenario(self, scenario: Scenario) -> None:
         wanted = self._body_of(scenario) if scenario.permissions.transcription else None
-        if wanted != self._wanted:
-            self._wanted = wanted
-            self._leave()
-            self._restarts = Restarts()
-            self._begin()
+        told = scenario.listening
+        self._silence = UseSilence(told.silence_at_least_s, told.silence_at_most_s)
+        if wanted == self._wanted:
+            self._tell_silence()
+            return
+        self._wanted = wanted
+        self._leave()
+        self._restarts = Restarts()
+        if self._started:
+            self._soon.start()
 
     def start(self) -> None:
         self._started = True
@@ -91,6 +99,7 @@ class ListeningService(Service):
 
     def stop(self) -> None:
         self._stopped = True
+        self._soon.stop()
         self._to_recogniser = None
         if self._child is not None and self._feed is not None:
             self._child.ask_to_end()
@@ -128,12 +137,19 @@ class ListeningService(Service):
         """Start the recogniser, once there is something to hear: it takes hundreds of megabytes."""
         if self._wanted is None or self._child is not None or not self._started or self._stopped:
             return
+        if self._soon.isActive():
+            return
         microphones = (self._state.microphone.value, self._state.wizard_microphone.value)
         if self._restarts.exhausted or all(each.state in ("off", "failed") for each in microphones):
             return
         self._state.listening.set(ListeningStatus("loading"))
         self._child = self._children.start(self._wanted, ended=self._on_ended, heard=self.on_heard)
         self._feed = ListeningFeed(self._child, self._bus.publish)
+        self._tell_silence()
+
+    def _tell_silence(self) -> None:
+        if self._feed is not None:
+            self._feed.put(pickle.dumps(self._silence, protocol=pickle.HIGHEST_PROTOCOL))
 
     def _leave(self) -> None:
         """Another scenario does without it, or wants another one."""
@@ -144,12 +160,7 @@ class ListeningService(Service):
             return
         child.ask_to_end()
         feed.end()
-
-        def end() -> None:
-            child.stop(grace_s=_GRACE_S)
-            feed.join()
-
-        self._slow_work.do(end, lambda _ended: None, lambda _failure: None)
+        self._children.dismiss(child, grace_s=_GRACE_S, then=feed.join)
 
     def _on_ended(self, child: ChildProcess) -> None:
         if child is not self._child or self._feed is None:

@@ -19,6 +19,7 @@ from caris_desktop.conversation.listening.messages import (
     RecogniserFailed,
     RecogniserReady,
     RecogniserSettings,
+    UseSilence,
 )
 from caris_desktop.conversation.listening.onnx_session import file_in_package
 from caris_desktop.conversation.listening.recogniser import run_recogniser
@@ -93,6 +94,16 @@ def test_what_is_said_becomes_text_with_the_moments_of_its_voice(recogniser: Tal
     # The stamps are those of the sound, however long the words took.
     assert (started.stamp_ns - first_ns) / 1e9 == pytest.approx(before_s, abs=0.1)
     assert (finished.stamp_ns - first_ns) / 1e9 == pytest.approx(before_s + voice_s, abs=0.1)
+
+
+def test_the_next_scenario_may_give_people_more_time(recogniser: Talk) -> None:
+    recogniser.connection.send(UseSilence(2.5, 3.0))
+    halves = ("The tram is old.", "We like it.")
+    first, second = map(spoken, halves)
+    recogniser.hear(ROBOT_MICROPHONE, np.concatenate((room(1.0), first, room(1.5), second, room(4.0))))
+    finished = recogniser.wait_for(UtteranceChanged, state="finished", source=ROBOT_MICROPHONE)
+    recogniser.connection.send(UseSilence(0.3, 3.0))
+    assert jiwer.wer(_plain(" ".join(halves)), _plain(finished.text)) <= 0.4, finished.text
 
 
 def test_a_robot_that_tells_of_what_it_said_afterwards_gets_it_back(recogniser: Talk) -> None:

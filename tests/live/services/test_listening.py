@@ -12,7 +12,13 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.listening.messages import RecogniserAway, RecogniserFailed, RecogniserReady, SpokenBy
+from caris_desktop.conversation.listening.messages import (
+    RecogniserAway,
+    RecogniserFailed,
+    RecogniserReady,
+    SpokenBy,
+    UseSilence,
+)
 from caris_desktop.domain.events import Gap, Problem, UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE, PlayedSound
@@ -37,13 +43,15 @@ class FakeChild:
     def __init__(self, body: ProcessBody) -> None:
         self.body = body
         self.got: list[Any] = []
+        self.silences: list[UseSilence] = []
         self.reads = threading.Event()
         self.reads.set()
         self.asked_to_end = self.stopped = False
 
     def send_raw_waiting(self, raw: bytes) -> bool:
         self.reads.wait(5)
-        self.got.append(pickle.loads(raw))  # noqa: S301 - our own
+        message = pickle.loads(raw)  # noqa: S301 - our own
+        (self.silences if isinstance(message, UseSilence) else self.got).append(message)
         return not self.asked_to_end
 
     def ask_to_end(self) -> None:
@@ -62,12 +70,10 @@ class FakeChildren:
         self.started.append(FakeChild(body))
         return self.started[-1]
 
-
-class AtOnce:
-    """Slow work, done at once."""
-
-    def do(self, work: Callable[[], Any], then: Callable[[Any], None], _failed: object) -> None:
-        then(work())
+    def dismiss(self, child: FakeChild, *, grace_s: float, then: Callable[[], None]) -> None:
+        child.ask_to_end()
+        child.stop(grace_s=grace_s)
+        then()
 
 
 class Bench:
@@ -82,8 +88,7 @@ class Bench:
             self.state,
             self.bus,
             self.children,  # type: ignore[arg-type]
-            lambda scenario: ProcessBody("recogniser", echo, (scenario.listening,)),
-            AtOnce(),  # type: ignore[arg-type]
+            lambda scenario: ProcessBody("recogniser", echo, (scenario.listening.language,)),
             parent=self.owner,
         )
 
@@ -102,10 +107,11 @@ class Bench:
         self.state.close()
 
 
-def scenario(*, transcription: bool = True, language: str = "en") -> Scenario:
+def scenario(*, transcription: bool = True, language: str = "en", silence_s: float = 0.3) -> Scenario:
     return Scenario(
         "Test", PanelLeaf("video"),
-        permissions=Permissions(transcription=transcription), listening=ListeningSettings(language),
+        permissions=Permissions(transcription=transcription),
+        listening=ListeningSettings(language, silence_at_least_s=silence_s),
     )  # fmt: skip
 
 
@@ -128,7 +134,7 @@ def _listening(bench: Bench) -> FakeChild:
     return bench.child
 
 
-def test_it_is_started_only_where_it_is_permitted_and_a_microphone_is_open(bench: Bench) -> None:
+def test_it_is_started_only_where_it_is_permitted_and_a_microphone_is_open(bench: Bench, qtbot: QtBot) -> None:
     bench.service.use_scenario(scenario(transcription=False))
     bench.service.start()
     bench.state.microphone.set(OPEN)
@@ -139,7 +145,7 @@ def test_it_is_started_only_where_it_is_permitted_and_a_microphone_is_open(bench
     assert bench.children.started == []
     assert bench.status.state == "off"
     bench.state.microphone.set(OPEN)
-    assert len(bench.children.started) == 1
+    qtbot.waitUntil(lambda: len(bench.children.started) == 1)
     assert bench.status.state == "loading"
     bench.service.on_heard(READY)
     assert bench.status == ListeningStatus("ready", "tiny.en", "en")
@@ -190,13 +196,22 @@ def test_a_recogniser_that_does_not_read_holds_nobody_up_and_what_is_left_out_is
     qtbot.waitUntil(lambda: gap.count + len(child.got) == 60)
 
 
-def test_another_language_is_another_recogniser_and_the_same_scenario_is_not(bench: Bench) -> None:
+def test_other_pauses_are_told_to_the_same_recogniser(bench: Bench, qtbot: QtBot) -> None:
+    child = _listening(bench)
+    bench.service.use_scenario(scenario(silence_s=0.6))
+    qtbot.waitUntil(lambda: child.silences == [UseSilence(0.3, 3.0), UseSilence(0.6, 3.0)])
+    assert bench.children.started == [child] and not child.asked_to_end
+
+
+def test_another_language_is_another_recogniser_and_the_same_scenario_is_not(bench: Bench, qtbot: QtBot) -> None:
     first = _listening(bench)
     bench.service.use_scenario(scenario())
     assert bench.children.started == [first]
     bench.service.use_scenario(scenario(language="es"))
     assert first.stopped
-    assert len(bench.children.started) == 2
+    bench.state.microphone.set(MicrophoneStatus("on", level=0.5))
+    assert bench.children.started == [first], "the window shows the other scenario first"
+    qtbot.waitUntil(lambda: len(bench.children.started) == 2)
     bench.service.use_scenario(scenario(transcription=False))
     assert bench.child.stopped
     assert bench.status.state == "off"

@@ -23,7 +23,6 @@ from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
 from caris_desktop.live.recorder_feed import ARRIVED, RecorderFeed
 from caris_desktop.live.services.speech import SpeechService
-from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.speech_queue import VoiceKind
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
@@ -70,8 +69,7 @@ class Bench:
         self.feed = RecorderFeed(self.recorder)  # type: ignore[arg-type]
         self.bus.tap(self.feed.put)
         self.feed.start("begin")
-        self.slow_work = SlowWork(self.owner)
-        self.children = Children(self.bus, self.owner, slow_work=self.slow_work)
+        self.children = Children(self.bus, self.owner)
         self.speech = SpeechService(
             self.state, self.bus, self.children, ProcessBody("speech", voice), robot=self, parent=self.owner
         )
@@ -90,7 +88,7 @@ class Bench:
 
     def close(self) -> None:
         self.children.close()
-        self.slow_work.finish(lambda _what, work: work())
+        self.children.end()
         self.speech.stop()
         self.speech.end()
         self.link.stop(grace_s=2.0)
