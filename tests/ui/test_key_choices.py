@@ -65,7 +65,7 @@ def test_where_a_letter_lies_on_a_driving_key_it_is_refused_too() -> None:
 @pytest.mark.parametrize(
     ("row", "column", "key"),
     [
-        ("photo", "keys", "Ctrl+5"), ("photo", "keys", "F11"), ("photo", "keys", "Shift+F11"),
+        ("photo", "keys", "Ctrl+F5"), ("photo", "keys", "F11"), ("photo", "keys", "Shift+F11"),
         ("photo", "driving_keys", "X"), ("drive_forward", "driving_keys", "T"), ("drive_forward", "driving_keys", "Up"),
         ("replay_play", "keys", "X"), ("annotation_new", "keys", "X"), ("push_to_talk", "keys", "Ctrl+X"[:-1] + "5"),
     ],
@@ -97,13 +97,13 @@ def test_whose_key_it_is_is_known_in_both_columns() -> None:
     assert [(key, row.id) for key, row in owners(ACTIONS, BY_ID["photo"], keys)] == [("Ctrl+M", "mark")]
     keys = changed(BY_ID["drive_forward"], "driving_keys", "P")
     assert [(key, row.id) for key, row in owners(ACTIONS, BY_ID["drive_forward"], keys)] == [("P", "photo")]
-    keys = changed(BY_ID["photo"], "keys", "Ctrl+5")
+    keys = changed(BY_ID["photo"], "keys", "Ctrl+F5")
     assert owners(ACTIONS, BY_ID["photo"], keys) == []
 
 
 def test_a_choice_goes_before_the_key_of_a_phrase_and_the_phrase_is_told() -> None:
-    scenario = dataclasses.replace(samples.TOUR, phrases=(Phrase("Goodbye.", "Ctrl+5"),))
-    settled = settle(rows_of(scenario), {"photo": Keys(("Ctrl+5",), ("P",))})
+    scenario = dataclasses.replace(samples.TOUR, phrases=(Phrase("Goodbye.", "Ctrl+F5"),))
+    settled = settle(rows_of(scenario), {"photo": Keys(("Ctrl+F5",), ("P",))})
     assert [(phrase.text, other.id) for phrase, other in settled.clashes] == [("Goodbye.", "photo")]
     assert settled.fallen_back == ()
     settled = settle(rows_of(scenario), {"phrase: Goodbye.": Keys(("Ctrl+6",))})
@@ -117,13 +117,13 @@ def test_a_choice_goes_before_the_key_of_a_phrase_and_the_phrase_is_told() -> No
     ("choices", "told"),
     [
         ({"photo": Keys(("Ctrl+M",))}, "“Photo”: Ctrl+M is the key of “Mark”."),
-        ({"photo": Keys(("Ctrl+5",)), "mark": Keys(("Ctrl+5",))}, "“Mark”: Ctrl+5 is the key of “Photo”."),
+        ({"photo": Keys(("Ctrl+F5",)), "mark": Keys(("Ctrl+F5",))}, "“Mark”: Ctrl+F5 is the key of “Photo”."),
         ({"photo": Keys(("W",))}, "types in a text field"),
         ({"photo": Keys(("Ctrl+Nonsense",))}, "Ctrl+Nonsense is no key."),
-        ({"photo": Keys(("Ctrl+5, Ctrl+6",))}, "is no key."),
-        ({"stop": Keys(("Ctrl+5",))}, "It stays as it is"),
+        ({"photo": Keys(("Ctrl+F5, Ctrl+6",))}, "is no key."),
+        ({"stop": Keys(("Ctrl+F5",))}, "It stays as it is"),
         ({"stop": Keys()}, "stays"),
-        ({"drive_forward": Keys(("Ctrl+5",), ("W",))}, "no keys for driving"),
+        ({"drive_forward": Keys(("Ctrl+F5",), ("W",))}, "no keys for driving"),
         ({"drive_forward": Keys(("Alt+F5",), ("F5",))}, "one letter or digit alone"),
     ],
 )
@@ -137,10 +137,10 @@ def test_what_cannot_be_used_falls_back_and_is_told(choices: dict[str, Keys], to
 
 
 def test_rows_of_another_scenario_are_left_in_peace() -> None:
-    assert settle(ACTIONS, {"no such row": Keys(("Ctrl+5",)), "phrase: Gone.": Keys(("Ctrl+6",))}).fallen_back == ()
+    assert settle(ACTIONS, {"no such row": Keys(("Ctrl+F5",)), "phrase: Gone.": Keys(("Ctrl+6",))}).fallen_back == ()
 
 
-_NAMES = "Ctrl+5 Ctrl+M Ctrl+P P M W Esc F1 Alt+W Up Alt+Up x Ctrl+ä"
+_NAMES = "Ctrl+F5 Ctrl+M Ctrl+P P M W Esc F1 Alt+W Up Alt+Up x Ctrl+ä"
 _SOME_KEYS = st.lists(st.sampled_from([*_NAMES.split(), ""]), max_size=3).map(tuple)
 
 
@@ -162,6 +162,6 @@ def test_broken_texts_are_refused(text: str) -> None:
 
 
 def test_a_phrase_is_known_by_its_sentence() -> None:
-    scenario = dataclasses.replace(samples.TOUR, phrases=(Phrase("Goodbye.", "Ctrl+5"),))
+    scenario = dataclasses.replace(samples.TOUR, phrases=(Phrase("Goodbye.", "Ctrl+F5"),))
     named: list[ActionSpec] = [spec for spec in rows_of(scenario) if name_of_row(spec) == "phrase: Goodbye."]
-    assert [spec.keys for spec in named] == [("Ctrl+5",)]
+    assert [spec.keys for spec in named] == [("Ctrl+F5",)]
