@@ -234,16 +234,16 @@ def no_unexpected_words(request: pytest.FixtureRequest) -> Iterator[None]:
     expected += [re.compile(pattern) for mark in request.node.iter_markers("logs") for pattern in mark.args]
     words = _Words()
     logging.getLogger().addHandler(words)
+    said_by_qt = getattr(request.node, "qt_log_capture", None)  # pytest-qt takes it away before a fixture ends
     yield
     logging.getLogger().removeHandler(words)
-    said = words.said + _said_by_qt(request.node)
+    said = words.said + _said_by_qt(said_by_qt)
     unexpected = [line for line in said if not any(pattern.search(line) for pattern in expected)]
     if unexpected:
         pytest.fail("said unexpectedly: " + "\n".join(unexpected), pytrace=False)
 
 
-def _said_by_qt(item: Any) -> list[str]:
-    capture = getattr(item, "qt_log_capture", None)
+def _said_by_qt(capture: Any) -> list[str]:
     if capture is None:
         return []
     return [
