@@ -110,3 +110,12 @@ def test_a_scenario_lists_them() -> None:
         parse_scenario(text + "".join(f"  - {{title: G{n}, does: nod}}\n" for n in range(7)), path=Path("visit.yaml"))
     with pytest.raises(ScenarioError, match="does"):
         parse_scenario(text + "  - {title: Wave}\n", path=Path("visit.yaml"))
+
+
+def test_the_next_scenario_may_have_fewer_while_these_buttons_are_still_there(
+    gestured: MainWindow, console: FakeConsole
+) -> None:
+    buttons = [find(gestured.board.panels["speak"], f"gesture_{number}") for number in (1, 2, 3)]
+    console.scenario = dataclasses.replace(console.scenario, gestures=GESTURES[:1])  # its keys follow a moment later
+    gestured.actions_table.rows_changed.emit()
+    assert [button.isVisibleTo(gestured) for button in buttons] == [True, False, False]

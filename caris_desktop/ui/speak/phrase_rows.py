@@ -100,10 +100,14 @@ class PhraseRows(QWidget):
             self._next.set_label(f"{self._titles[(chosen + 1) % len(self._titles)].text()} …")
         for action_id, chip in self._chips.items():
             spec = self._actions.spec(action_id)
+            label = "" if spec is None else spec.text
+            if spec is not None and spec.intent is perform_nth_gesture:
+                # The keys may still be those of the scenario before, which had more of them.
+                titles = [gesture.title for gesture in self._console.scenario.gestures]
+                spec, label = (spec, titles[spec.argument - 1]) if spec.argument <= len(titles) else (None, "")
             chip.setVisible(spec is not None)
             if spec is not None:
-                gesture = spec.intent is perform_nth_gesture
-                chip.set_label(self._console.scenario.gestures[spec.argument - 1].title if gesture else spec.text)
+                chip.set_label(label)
                 chip.setAccessibleName(spec.text)
                 chip.setToolTip(spec.text)
                 chip.set_key(self._actions.key_text(action_id))
