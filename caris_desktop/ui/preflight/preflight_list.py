@@ -19,7 +19,7 @@ _ICON_PX = 20
 
 
 class PreflightList(QScrollArea):
-    """Follows ``console.state.preflight``."""
+    """Follows ``console.state.preflight`` while it is seen, and is up to date for whoever asks of its rows."""
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__()
@@ -40,8 +40,22 @@ class PreflightList(QScrollArea):
         self._column.addStretch(1)
         self.setWidget(self._inner)
         self._rows: dict[str, PreflightRow] = {}
-        console.state.preflight.changed.connect(self._show)
-        self._show(console.state.preflight.value)
+        self._outdated = True
+        console.state.preflight.changed.connect(self._on_changed)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._catch_up()
+
+    def _on_changed(self, _checks: object) -> None:
+        self._outdated = True
+        if self.isVisible():
+            self._catch_up()
+
+    def _catch_up(self) -> None:
+        if self._outdated:
+            self._outdated = False
+            self._show(self._console.state.preflight.value)
 
     def _heading(self, text: str) -> QLabel:
         heading = QLabel(text)
@@ -53,10 +67,12 @@ class PreflightList(QScrollArea):
     @property
     def rows(self) -> dict[str, "PreflightRow"]:
         """By the id of the check, in their order."""
+        self._catch_up()
         return self._rows
 
     def height_px(self) -> int:
         """How high it is with all of its rows."""
+        self._catch_up()
         inner = self._inner
         return inner.heightForWidth(self.width()) if inner.hasHeightForWidth() else inner.sizeHint().height()
 

@@ -16,6 +16,7 @@ from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import MicrophoneStatus, PreflightCheck, RecordingStatus
 from caris_desktop.scenario.model import Permissions
 from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
+from caris_desktop.ui.preflight.preflight_list import PreflightRow
 from caris_desktop.ui.preflight.preflight_words import log_line, state_words, summary, worst
 from caris_desktop.ui.start_dialog import StartDialog
 from caris_desktop.ui.theme import Theme
@@ -53,6 +54,17 @@ def card(theme: Theme, window: QWidget, console: FakeConsole) -> PreflightCard:
     made = PreflightCard(theme, window, console)
     made.open()
     return made
+
+
+def test_a_list_that_nobody_sees_is_made_when_somebody_does(
+    theme: Theme, window: QWidget, console: FakeConsole, qtbot: QtBot
+) -> None:
+    made = PreflightCard(theme, window, console)
+    console.state.preflight.set(READY)
+    assert made.list.findChildren(PreflightRow) == [], "another scenario has other checks: each switch would make rows"
+    made.open()
+    qtbot.waitUntil(lambda: len(made.list.findChildren(PreflightRow)) == len(READY))
+    assert STOPPED.detail not in texts(made)
 
 
 def texts(widget: QWidget) -> list[str]:
