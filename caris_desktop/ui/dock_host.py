@@ -76,8 +76,8 @@ class DockHost(DockArea):
         return None if self._arrangement is None else self._arrangement.for_file
 
     def clear(self) -> None:
-        """Nothing is there any more. The docks are deleted with their panels one in each turn of the event loop: a
-        whole window is not taken apart in a moment.
+        """Nothing is there any more. The docks are deleted with their panels one in each turn of the event loop, once
+        others are arranged: a whole window is not taken apart in a moment, nor waited for.
         """
         for name, dock in tuple(self._docks.items()):
             if dock.isFloating():
@@ -87,7 +87,6 @@ class DockHost(DockArea):
                 self._leaving.append(self._docks.pop(name))
         self._arrangement = None
         self.show_everything()
-        self._leave.start()
 
     def _delete_next(self) -> None:
         if not self._leaving:
@@ -110,6 +109,7 @@ class DockHost(DockArea):
         self._arrangement = arrangement
         self.show_everything()
         self.layout_changed.emit()
+        self._leave.start()
 
     def keep_only(self, panels: Mapping[PanelName, Panel]) -> None:
         """Delete every other panel; what stays is arranged anew afterwards."""
@@ -123,6 +123,19 @@ class DockHost(DockArea):
         """Prepare a panel, unseen, for the arrangement that is shown next."""
         if name not in self._docks:
             self._docks[name] = self._make_dock(name, panel)
+
+    def fill_room(self, name: PanelName, panel: Panel) -> None:
+        """The panel itself, where another one has kept its place so far."""
+        old = self._docks.pop(name)
+        dock = self._docks[name] = self._make_dock(name, panel)
+        if old.isVisible() or old.isFloating():
+            self.show_everything()
+        else:
+            dock.set_place(floating=False, locked=self.locked)
+            dock.set_shown(False)
+        self._leaving.append(old)
+        old.hide()
+        self._leave.start()
 
     def add_panel(self, name: PanelName, panel: Panel, beside: Sequence[PanelName] = ()) -> None:
         """Add one panel in a tab in front of the first of ``beside`` that is open, else of any open one."""

@@ -1,7 +1,8 @@
 """The panels on show: made from the table for each scenario, opened, closed and given the focus.
 
 Another scenario's panels are made one in each turn of the event loop, so that keys, the stop among them, and pictures
-get their turns in between. Whoever asks for a panel meanwhile gets it: then the rest is made at once.
+get their turns in between: those that are seen first, then their arrangement, and then those behind other tabs, whose
+places are kept so far. Whoever asks for a panel meanwhile gets it: then the rest is made at once.
 """
 
 from collections import deque
@@ -12,7 +13,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
@@ -27,6 +28,15 @@ class _Building:
 
     arrangement: Arrangement
     arranged: Callable[[], None]
+
+
+class _KeptPlace(Panel):
+    """Stands behind a tab until its panel is made."""
+
+    def __init__(self, context: PanelContext, name: PanelName) -> None:
+        super().__init__(context)
+        self.title = tr(PANELS[name].title)
+        self.show_title(self.title)
 
 
 class PanelBoard(QObject):
@@ -45,6 +55,7 @@ class PanelBoard(QObject):
         self._has_library = False
         self._building: _Building | None = None
         self._missing: deque[PanelName] = deque()
+        self._behind: deque[PanelName] = deque()
         self._turn = QTimer(self, interval=0)
         self._turn.timeout.connect(self._build_next)
         app = QApplication.instance()
@@ -93,39 +104,54 @@ class PanelBoard(QObject):
         actions.rebuild(scenario)
         tree = permitted(scenario.layout, possible)
         arrangement = arrange(tree)
-        self._missing.extend(name for name in arrangement.panels if name not in self._panels)
+        missing, seen = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
+        self._missing.extend(name for name in missing if name in seen)
+        self._behind.extend(name for name in missing if name not in seen)
         self._building = _Building(arrangement, lambda: arranged(tree))
         self._turn.start()
 
     @property
     def building(self) -> bool:
-        """Whether panels are still to come."""
+        """Whether panels that will be seen are still to come."""
         return self._building is not None
+
+    @property
+    def whole(self) -> bool:
+        """Whether every panel is there, also those behind other tabs."""
+        return self._building is None and not self._behind
 
     def complete(self) -> None:
         """Make what is still missing, now."""
-        while self._building is not None:
+        while not self.whole:
             self._build_next()
 
     def _build_next(self) -> None:
-        """One panel, or at last their arrangement."""
+        """One panel that is seen, or their arrangement, or at last one of the others."""
         if self._missing:
             name = self._missing.popleft()
             self._docks.make_room(name, self._make(name))
-            return
-        building = self._building
-        self._stop_building()
-        if building is not None:
-            self.show(building.arrangement)
+        elif self._building is not None:
+            building, self._building = self._building, None
+            places = {name: _KeptPlace(self._context, name) for name in self._behind}
+            self._docks.show_arrangement({**self._panels, **places}, building.arrangement)
+            self._bind_driving()
             building.arranged()
+        elif self._behind:
+            name = self._behind.popleft()
+            self._docks.fill_room(name, self._make(name))
+            if not self._behind:
+                self._turn.stop()
+                self._bind_driving()
 
     def _stop_building(self) -> None:
         self._turn.stop()
         self._missing.clear()
+        self._behind.clear()
         self._building = None
 
     def show(self, arrangement: Arrangement) -> None:
         """Arrange the panels like this: those that are there stay, and what is missing is made."""
+        self.complete()
         for name in tuple(self._panels):
             if name not in arrangement.panels:
                 self._keep(name)
@@ -197,8 +223,11 @@ class PanelBoard(QObject):
         """Put the focus where the bare keys drive; False where the scenario has no such panel."""
         if self._context.actions.spec("drive_forward") is None:
             return False
-        for name in ("video", "drive", "map"):
-            panel = self.panels.get(name)
+        driving: tuple[PanelName, ...] = ("video", "drive", "map")
+        if not any(name in self._panels for name in driving):
+            self.complete()
+        for name in driving:
+            panel = self._panels.get(name)
             if panel is not None:
                 self._docks.show_panel(name)
                 panel.focus_target().setFocus(Qt.FocusReason.ShortcutFocusReason)

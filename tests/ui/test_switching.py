@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtCore import QTimer
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.scenario.model import PanelName
+from caris_desktop.scenario.model import PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
@@ -54,10 +54,35 @@ def test_other_things_have_their_turn_between_two_panels(
     monkeypatch.setattr(window.board, "_make", noting)
     others.start()
     switch(console, samples.MENTAL)
-    qtbot.waitUntil(lambda: window.dock_host.tree is not None, timeout=60_000)
+    qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
     others.stop()
     assert len(turns_before) == len(panels_in(samples.MENTAL.layout))
     assert all(after - before >= 2 for before, after in itertools.pairwise(turns_before))
+
+
+def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    tabs_of = TabNode(("people", "assistant", "session"), "people")
+    tabbed = dataclasses.replace(samples.MENTAL, layout=SplitNode("horizontal", (PanelLeaf("video"), tabs_of), (1, 1)))
+    every, seen = set(panels_in(tabbed.layout)), {"video", "people"}
+    docks, behind = window.dock_host, "assistant"
+    arranged: list[tuple[set[str], set[str]]] = []
+
+    def on_arranged() -> None:
+        tabs = {name for bar in docks.bars for name in bar.panels}
+        arranged.append((set(window.board._panels), tabs))
+        if len(arranged) == 1:
+            docks.show_panel(behind)
+
+    docks.layout_changed.connect(on_arranged)
+    switch(console, tabbed)
+    qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+    made, tabs = arranged[0]
+    assert (made, tabs) == (seen, set(tabs_of.tabs)), "all tabs are there, and what stands in front of them"
+    assert {type(panel) for panel in window.panels.values()} == {PANELS[name].load() for name in every}
+    assert window.panels[behind].isVisible() and window.panels[behind].in_view
+    assert {name for name in every if window.panels[name].in_view} == {"video", behind}
 
 
 def test_who_asks_for_a_panel_meanwhile_gets_it(window: MainWindow, console: FakeConsole) -> None:

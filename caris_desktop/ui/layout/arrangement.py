@@ -12,6 +12,8 @@ from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName
 from caris_desktop.ui.layout.rect import Rect, on_a_screen
 from caris_desktop.ui.layout.tree import (
     Side,
+    front_of,
+    groups_in,
     panels_in,
     put_at_edge,
     put_beside,
@@ -54,6 +56,13 @@ class Arrangement:
     def docked(self) -> frozenset[PanelName]:
         """What the main window shows."""
         return frozenset(self.panels) - self.hidden - self.afloat
+
+    @property
+    def in_front(self) -> frozenset[PanelName]:
+        """What can be seen: not hidden, and not behind another tab."""
+        docked = without(self.tree, self.hidden | self.afloat)
+        trees = [*([] if docked is None else [docked]), *(window.tree for window in self.floating)]
+        return frozenset(front_of(group) for tree in trees for group in groups_in(tree)) - self.hidden
 
     @property
     def for_file(self) -> LayoutNode | None:

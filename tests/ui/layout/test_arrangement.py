@@ -158,3 +158,12 @@ def test_shares_of_a_file_in_percent_are_the_same_arrangement() -> None:
 
 def _leaves(node: Any) -> list[Any]:
     return [leaf for child in node.children for leaf in _leaves(child)] if isinstance(node, SplitNode) else [node]
+
+
+def test_in_front_is_what_can_be_seen() -> None:
+    tabs = TabNode(("map", "people", "notes"), "people")
+    whole = arrangement_of(SplitNode("horizontal", (PanelLeaf("video"), tabs, PanelLeaf("speak")), (1, 1, 1)))
+    assert whole.in_front == {"video", "people", "speak"}
+    assert replace(whole, hidden=frozenset({"people", "speak"})).in_front == {"video", "map"}
+    afloat = edits.float_panel(whole, "people", PLACE)
+    assert afloat is not None and afloat.in_front == {"video", "map", "people", "speak"}
