@@ -131,7 +131,10 @@ def without_process(permission: Permission, *names: str) -> Callable[[Bench], No
         bench.show(permission)
         assert bench.processes().isdisjoint(names)
         bench.show()
-        assert set(names) <= bench.processes(), "it runs again where it is permitted again"
+        wait_for(
+            lambda: QCoreApplication.processEvents() or set(names) <= bench.processes(),
+            "it runs again where it is permitted again, once the panels stand",
+        )
 
     return show
 

@@ -189,7 +189,7 @@ class ReplayScene(QWidget):
 def open_scene(qtbot: QtBot, theme: Theme, replay: FakeReplay) -> ReplayScene:
     """In front, with the keys at the timeline."""
     scene = ReplayScene(theme, replay)
-    qtbot.addWidget(scene)
+    qtbot.addWidget(scene, before_close_func=lambda _scene: scene.state.close())
     scene.show()
     scene.activateWindow()
     qtbot.waitUntil(lambda: QApplication.activeWindow() is scene)
