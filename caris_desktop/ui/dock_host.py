@@ -120,21 +120,20 @@ class DockHost(DockArea):
             self._forget(name)
 
     def make_room(self, name: PanelName, panel: Panel) -> None:
-        """Prepare a panel, unseen, for the arrangement that is shown next."""
-        if name not in self._docks:
-            self._docks[name] = self._make_dock(name, panel)
-
-    def fill_room(self, name: PanelName, panel: Panel) -> None:
-        """The panel itself, where another one has kept its place so far."""
-        old = self._docks.pop(name)
+        """Prepare a panel, unseen, for the arrangement that is shown next; or put it where another one has kept its
+        place so far.
+        """
+        old = self._docks.pop(name, None)
         dock = self._docks[name] = self._make_dock(name, panel)
+        if old is None:
+            return
         if old.isVisible() or old.isFloating():
             self.show_everything()
         else:
             dock.set_place(floating=False, locked=self.locked)
             dock.set_shown(False)
-        self._leaving.append(old)
         old.hide()
+        self._leaving.append(old)
         self._leave.start()
 
     def add_panel(self, name: PanelName, panel: Panel, beside: Sequence[PanelName] = ()) -> None:

@@ -138,7 +138,7 @@ class PanelBoard(QObject):
             building.arranged()
         elif self._behind:
             name = self._behind.popleft()
-            self._docks.fill_room(name, self._make(name))
+            self._docks.make_room(name, self._make(name))
             if not self._behind:
                 self._turn.stop()
                 self._bind_driving()
