@@ -76,15 +76,8 @@ class DockHost(DockArea):
         return None if self._arrangement is None else self._arrangement.for_file
 
     def clear(self) -> None:
-        """Nothing is there any more. The docks are deleted with their panels one in each turn of the event loop, once
-        others are arranged: a whole window is not taken apart in a moment, nor waited for.
-        """
-        for name, dock in tuple(self._docks.items()):
-            if dock.isFloating():
-                self._forget(name)
-            else:
-                dock.hide()
-                self._leaving.append(self._docks.pop(name))
+        """Nothing is there any more."""
+        self.keep_only({})
         self._arrangement = None
         self.show_everything()
 
@@ -112,12 +105,18 @@ class DockHost(DockArea):
         self._leave.start()
 
     def keep_only(self, panels: Mapping[PanelName, Panel]) -> None:
-        """Delete every other panel; what stays is arranged anew afterwards."""
+        """Delete every other panel; what stays is arranged anew afterwards. That is done with one in each turn of the
+        event loop, once others are arranged: a whole window is not taken apart in a moment, nor waited for.
+        """
         gone = [name for name, dock in self._docks.items() if panels.get(name) is not dock.widget()]
         if self._arrangement is not None:
             self._arrangement = edits.remove(self._arrangement, gone)
         for name in gone:
-            self._forget(name)
+            if self._docks[name].isFloating():
+                self._forget(name)
+            else:
+                self._docks[name].hide()
+                self._leaving.append(self._docks.pop(name))
 
     def make_room(self, name: PanelName, panel: Panel) -> None:
         """Prepare a panel, unseen, for the arrangement that is shown next; or put it where another one has kept its

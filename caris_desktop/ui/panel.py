@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, Literal
 
 from PySide6.QtCore import QPointF, QRectF, QSizeF, QTimer, Signal
@@ -43,7 +44,7 @@ class Panel(QWidget):
 
     title = ""
     drives = False  # bare drive keys work while this panel has the focus
-    reads: tuple[str, ...] | None = None  # of the scenario's fields, where that is known; None: built anew for each
+    reads: tuple[str, ...] | None = None  # of the scenario, by dotted names, where that is known; None: built anew
     fact_changed = Signal(str, str)  # text, colour role
     active_changed = Signal(bool)
     title_changed = Signal(str)
@@ -111,7 +112,7 @@ class Panel(QWidget):
         before, self._scenario = self._scenario, scenario
         if self.reads is None or scenario == before:
             return False
-        return all(getattr(scenario, name) == getattr(before, name) for name in self.reads)
+        return all(attrgetter(name)(scenario) == attrgetter(name)(before) for name in self.reads)
 
     def what_lasts(self) -> Any:
         """What the next panel of this kind takes over, when all are built anew; None for nothing."""

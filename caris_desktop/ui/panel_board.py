@@ -6,7 +6,7 @@ places are kept so far. Whoever asks for a panel meanwhile gets it: then the res
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -132,9 +132,12 @@ class PanelBoard(QObject):
             self._docks.make_room(name, self._make(name))
         elif self._building is not None:
             building, self._building = self._building, None
+            self._drop_all_but(building.arrangement.panels)
             places = {name: _KeptPlace(self._context, name) for name in self._behind}
             self._docks.show_arrangement({**self._panels, **places}, building.arrangement)
             self._bind_driving()
+            for name in self._panels.keys() & building.arrangement.in_front:
+                self._panels[name].catch_up()
             building.arranged()
         elif self._behind:
             name = self._behind.popleft()
@@ -152,10 +155,7 @@ class PanelBoard(QObject):
     def show(self, arrangement: Arrangement) -> None:
         """Arrange the panels like this: those that are there stay, and what is missing is made."""
         self.complete()
-        for name in tuple(self._panels):
-            if name not in arrangement.panels:
-                self._keep(name)
-                del self._panels[name]
+        self._drop_all_but(arrangement.panels)
         for name in arrangement.panels:
             if name not in self._panels:
                 self._make(name)
@@ -249,6 +249,12 @@ class PanelBoard(QObject):
         if name in self._lasting:
             panel.take_over(self._lasting[name])
         return panel
+
+    def _drop_all_but(self, names: Collection[PanelName]) -> None:
+        for name in tuple(self._panels):
+            if name not in names:
+                self._keep(name)
+                del self._panels[name]
 
     def _keep(self, name: PanelName) -> None:
         lasting = self._panels[name].what_lasts()

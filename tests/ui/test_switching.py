@@ -6,14 +6,20 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QTimer
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractButton, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_table import PANELS
+from caris_desktop.ui.theme import Theme
 from tests.ui import samples
+from tests.ui.conftest import MemorySettings, open_window
 from tests.ui.fake_console import FakeConsole
 
 STRICT = dataclasses.replace(
@@ -32,7 +38,7 @@ def test_what_the_next_scenario_forbids_is_gone_before_its_first_panel_stands(
     window: MainWindow, console: FakeConsole
 ) -> None:
     switch(console, STRICT)
-    assert window.board._panels == {}, "nothing of the one before can be pressed"
+    assert {"video", "drive", "speak", "assistant", "conversation"}.isdisjoint(window.board._panels), "nothing of them"
     rows = {spec.id for spec in window.actions_table.all_specs}
     assert rows.isdisjoint({"drive_forward", "phrase_1", "photo", "focus_speak", "suggestion_1"})
     assert {"stop", "emergency_stop"} <= rows, "what stops the robot works all the while"
@@ -45,7 +51,7 @@ def test_other_things_have_their_turn_between_two_panels(
     others, turns_before = QTimer(interval=0), []
     ticks = itertools.count()
     others.timeout.connect(lambda: next(ticks))
-    make = window.board._make
+    make, before = window.board._make, dict(window.panels)
 
     def noting(name: PanelName) -> Panel:
         turns_before.append(next(ticks))
@@ -56,7 +62,8 @@ def test_other_things_have_their_turn_between_two_panels(
     switch(console, samples.MENTAL)
     qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
     others.stop()
-    assert len(turns_before) == len(panels_in(samples.MENTAL.layout))
+    made = [name for name, panel in window.panels.items() if panel is not before.get(name)]
+    assert len(turns_before) == len(made) >= 3
     assert all(after - before >= 2 for before, after in itertools.pairwise(turns_before))
 
 
@@ -79,7 +86,7 @@ def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
     switch(console, tabbed)
     qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
     made, tabs = arranged[0]
-    assert (made, tabs) == (seen, set(tabs_of.tabs)), "all tabs are there, and what stands in front of them"
+    assert (seen <= made, behind in made, tabs) == (True, False, set(tabs_of.tabs)), "all tabs, and what is in front"
     assert {type(panel) for panel in window.panels.values()} == {PANELS[name].load() for name in every}
     assert window.panels[behind].isVisible() and window.panels[behind].in_view
     assert {name for name in every if window.panels[name].in_view} == {"video", behind}
@@ -100,3 +107,35 @@ def test_the_one_that_was_chosen_last_counts(window: MainWindow, console: FakeCo
     qtbot.waitUntil(lambda: window.dock_host.tree is not None, timeout=60_000)
     assert set(window.panels) == allowed
     assert {type(panel) for panel in window.panels.values()} == {PANELS[name].load() for name in allowed}
+
+
+def test_a_panel_that_goes_on_says_what_a_new_one_would(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
+    scenarios = [load_scenario(path) for path in sorted(layouts_dir().glob("*.yaml"))]
+    console = FakeConsole(scenarios[-1])
+    window = open_window(qtbot, console, settings, theme)
+    went_on: set[str] = set()
+    for scenario in (*scenarios, *reversed(scenarios[:-1]), *scenarios[::2]):
+        before = dict(window.panels)
+        switch(console, scenario)
+        kept = {name: panel for name, panel in window.panels.items() if panel is before.get(name)}
+        said = {name: _said(window, name) for name in kept}
+        window.show_scenario(scenario)
+        anew = {name: _said(window, name) for name in kept}
+        assert not any(window.panels[name] is panel for name, panel in kept.items()), "all of them are built anew"
+        differ = {name: set(said[name]) ^ set(anew[name]) for name in kept if said[name] != anew[name]}
+        assert differ == {}, scenario.title
+        went_on |= set(kept)
+    assert went_on >= {"video", "map", "people", "drive", "conversation"}
+
+
+def _said(window: MainWindow, name: PanelName) -> list[tuple[str, ...]]:
+    """What can be read, heard of and pressed in it and its title bar, once it is in front."""
+    window.open_panel(name)
+    QTest.qWait(0)
+    dock = window.panels[name].parentWidget().parentWidget()
+    found = []
+    for part in dock.findChildren(QWidget):
+        if part.isVisibleTo(dock) and part.objectName() != "panel_fact":  # which tells the time
+            text = part.text() if isinstance(part, QAbstractButton | QLabel) else ""
+            found.append((type(part).__name__, part.objectName(), text, part.accessibleName(), part.toolTip()))
+    return sorted(found)

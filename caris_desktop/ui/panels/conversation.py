@@ -42,6 +42,7 @@ class ConversationPanel(Panel):
     """The turns with a place for what could be said next under them, and a line to search in what was said."""
 
     title = QT_TR_NOOP("Conversation")
+    reads = ("permissions.assistant", "permissions.naming_people")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)

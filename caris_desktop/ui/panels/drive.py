@@ -45,6 +45,7 @@ class DrivePanel(Panel):
 
     title = QT_TR_NOOP("Drive")
     drives = True
+    reads = ("permissions.driving",)
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)

@@ -44,7 +44,7 @@ class MapPanel(Panel):
     """
 
     title = QT_TR_NOOP("Map")
-    reads = ("permissions",)
+    reads = ("permissions.driving", "permissions.naming_people")
     drives = True
 
     def __init__(self, context: PanelContext) -> None:

@@ -30,7 +30,7 @@ class PeoplePanel(Panel):
     """One row for each person: who is here, who was, who is known. Names are typed right into the row."""
 
     title = QT_TR_NOOP("People")
-    reads = ("permissions", "perception")
+    reads = ("permissions.naming_people", "perception")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)

@@ -57,7 +57,7 @@ class VideoPanel(Panel):
     """Title bar with rate and age, photo button where the scenario allows one, and the picture."""
 
     title = QT_TR_NOOP("Video")
-    reads = ("permissions",)
+    reads = ("permissions.photos", "permissions.driving", "permissions.naming_people")
     drives = True
 
     def __init__(self, context: PanelContext) -> None:
