@@ -44,6 +44,8 @@ _ANSWERING = 2
 """While a language model on this computer answers, whatever it is asked for, who waits for it comes before boxes. So
 does, in a pause of a participant, who waits for the last words; while somebody speaks, their mouth tells who it is.
 """
+_PANELS_STAND_NS = 600_000_000
+"""For so long after another scenario was opened its panels are what the wizard waits for."""
 _HEARD_WITHIN_NS = 5_000_000_000
 """Longer than any pause within a turn. What was heard before that says nothing of now: the recogniser may be gone."""
 
@@ -98,6 +100,7 @@ class GovernorService(Service):
         self._due_ns = 0
         self._blurs = False
         self._hears_here = False
+        self._panels_until_ns = 0
         for source in PARTICIPANT_SOURCES:
             state.hearing_of(source).changed.connect(self._apply)
         self._timer = QTimer(self, interval=LOOK_EVERY_MS, timerType=Qt.TimerType.PreciseTimer)
@@ -107,6 +110,8 @@ class GovernorService(Service):
     def use_scenario(self, scenario: Scenario) -> None:
         self._blurs = scenario.covers_people
         self._hears_here = scenario.listening.engine == "local"
+        self._panels_until_ns = self._now_ns() + _PANELS_STAND_NS
+        self._apply()
 
     def start(self) -> None:
         self._due_ns = self._now_ns() + LOOK_EVERY_MS * 1_000_000
@@ -117,7 +122,7 @@ class GovernorService(Service):
 
     def _waited_for(self) -> int:
         """The step that looking for people takes so that what somebody waits for comes first."""
-        if self._models.answering and self._models.answers_here:
+        if self._now_ns() < self._panels_until_ns or (self._models.answering and self._models.answers_here):
             return _ANSWERING
         heard = (self._state.hearing_of(source).value for source in PARTICIPANT_SOURCES if self._hears_here)
         return _ANSWERING if any(map(self._makes_out_words, heard)) else 0

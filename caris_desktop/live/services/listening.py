@@ -34,8 +34,10 @@ from caris_desktop.live.status import ListeningStatus, SoundStatus
 from caris_desktop.scenario.model import Scenario
 
 _GRACE_S = 1.0
-_PANELS_FIRST_MS = 1000
-"""A recogniser takes a processor for seconds to load: the window shows the other scenario first."""
+_PANELS_FIRST_MS = 2000
+"""A recogniser takes a processor for seconds to load: the window shows the other scenario first, and who goes on to yet
+another one is not kept by it.
+"""
 
 
 class ListeningService(Service):
@@ -86,6 +88,8 @@ class ListeningService(Service):
         self._silence = UseSilence(told.silence_at_least_s, told.silence_at_most_s)
         if wanted == self._wanted:
             self._tell_silence()
+            if self._soon.isActive():
+                self._soon.start()
             return
         self._wanted = wanted
         self._leave()

@@ -168,6 +168,7 @@ def test_an_answer_of_a_model_on_this_computer_comes_before_boxes(
 def test_the_last_words_of_a_participant_come_before_boxes(qapp: QApplication) -> None:
     governed = Governed()
     governed.governor.use_scenario(tour := find_scenario("tour-guide"))
+    governed.run(1.0, late_ms=0.0)
     pause = Hearing(0, MICROPHONE, speaking=False, speaker="participant", utterance_id="u-1", silent_since_ns=0)
 
     def hear(hearing: Hearing) -> float:
@@ -184,7 +185,16 @@ def test_the_last_words_of_a_participant_come_before_boxes(qapp: QApplication) -
     assert governed.people.every_s == 0.0, "whoever listened is gone"
     assert governed.state.load.value == LoadStatus()
     governed.governor.use_scenario(replace(tour, listening=replace(tour.listening, engine="server")))
+    governed.run(1.0, late_ms=0.0)
     assert hear(replace(pause, stamp_ns=governed.now_ns)) == 0.0, "another computer makes them out"
+
+
+def test_the_panels_of_another_scenario_come_before_boxes(qapp: QApplication) -> None:
+    governed = Governed()
+    governed.governor.use_scenario(find_scenario("tour-guide"))
+    assert governed.people.every_s == STEPS[2][0] > 0.0
+    governed.run(1.0, late_ms=0.0)
+    assert (governed.people.every_s, governed.state.load.value) == (0.0, LoadStatus())
 
 
 def test_where_people_have_to_be_covered_an_answer_does_not_take_their_looks(
