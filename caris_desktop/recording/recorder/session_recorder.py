@@ -66,6 +66,8 @@ _COVERED_WHOLE_TOLD_S = 5.0
 _DELAYS_WITHIN_S = 15.0
 _BEHIND_S = 2.0
 _LEAST_RESERVE_BYTES = 1024 * 1024
+_HEADER_BYTES = 256 * 1024
+"""Many times what the header takes: a session says why it ended, also where nothing else finds room any more."""
 _RESERVE_SHARE = 8
 _CLOSE_SYNC_S = 2.0
 # What a repair can say is missing is as good as these counts are fresh; each costs a small file.
@@ -141,6 +143,7 @@ class SessionRecorder:
             blurring.use_demand(start.blur)
         try:
             self._reserve = _reserve(self.folder, limits)
+            self._header_room = Reserve(self.folder, _HEADER_BYTES)
         except OSError:
             self._lock.release()
             raise
@@ -159,6 +162,7 @@ class SessionRecorder:
             self._plain = PlainFiles(self.folder, self._clock, on_full=self._make_room)
         except OSError:
             self._reserve.release()
+            self._header_room.release()
             self._lock.release()
             raise
         self._media = MediaWriter(self.folder, self._clock, encoders or Encoders(()), on_full=self._make_room)
@@ -792,6 +796,8 @@ class SessionRecorder:
     # session.json
 
     def _write_last_header(self) -> None:
+        # A film that waited for room takes all that the others gave back.
+        self._header_room.release()
         self._write_header()
         forget_counts(self.folder)
 

@@ -19,6 +19,7 @@ from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.sensing import FrameRef, RobotPose
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
+from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session import mcap_blocks, recovery
@@ -309,6 +310,25 @@ def test_a_recorder_counts_what_it_has_written(tmp_path: Path) -> None:
     recorder.close("wizard")
     assert last_counts(tmp_path / "s") is None
     assert not needs_repair(tmp_path / "s")
+
+
+def test_whoever_takes_the_last_room_leaves_that_of_the_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder = SessionRecorder(
+        start(tmp_path / "s"), frames=FrameRings(()), report=lambda _: None, limits=DiskLimits(reserve_bytes=4096)
+    )
+    while recorder._make_room():
+        pass
+    held, close = [], PlainFiles.close
+
+    def closing(files: PlainFiles) -> None:
+        held.append((recorder._reserve.left_bytes, recorder._header_room.left_bytes > 100_000))
+        close(files)
+
+    monkeypatch.setattr(PlainFiles, "close", closing)
+    recorder.close("disk_full")
+    assert held == [(0, True)], "a film may take what the others gave back, up to the moment of the header"
+    assert not recorder._header_room.held
+    assert open_session(tmp_path / "s").reason == "disk_full"
 
 
 @pytest.mark.logs(r"session\.session_header: ")
