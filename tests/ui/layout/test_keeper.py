@@ -287,7 +287,12 @@ def test_a_panel_that_another_scenario_has_just_the_same_stays_and_keeps_its_key
     before = dict(window.panels)
     console.scenario = dataclasses.replace(samples.TOUR, filler="Well, well.", sha256="other")
     console.state.scenario.set(console.scenario)
-    assert {name for name, panel in window.panels.items() if panel is before[name]} == {"video", "map", "people"}
+    assert {name for name, panel in window.panels.items() if panel is before[name]} == {
+        "video",
+        "map",
+        "people",
+        "drive",
+    }
     window.focus_driving()
     video = window.panels["video"].focus_target()
     QTest.keyClick(video, Qt.Key.Key_P)
