@@ -4,7 +4,9 @@ The window is on its way while this is imported: most of what a recorder, a dete
 """
 
 import logging
+import multiprocessing.util
 import os
+import threading
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -43,11 +45,14 @@ def microphone(connection: Connection, *arguments: Any) -> None:
 
 def recogniser(connection: Connection, *arguments: Any) -> None:
     from caris_desktop.conversation.listening.recogniser import run_recogniser
+    from caris_desktop.conversation.listening.words_thread import WORDS_THREAD
 
     run_recogniser(connection, *arguments)
-    # It leaves nothing behind that has to be put in order, and its model may compute for seconds yet, unasked.
-    logging.shutdown()
-    os._exit(0)
+    if any(thread.name == WORDS_THREAD for thread in threading.enumerate()):
+        # Its model computes for seconds yet, unasked; what its libraries hold of the system is given back all the same.
+        multiprocessing.util._exit_function()  # type: ignore[attr-defined]  # what it does itself at an ordinary end
+        logging.shutdown()
+        os._exit(0)
 
 
 def playback(connection: Connection, *arguments: Any) -> None:

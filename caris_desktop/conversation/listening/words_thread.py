@@ -12,6 +12,7 @@ from caris_desktop.conversation.listening.messages import RecogniserSettings
 
 _log = logging.getLogger(__name__)
 _END_WITHIN_S = 0.2
+WORDS_THREAD = "words"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,7 @@ class WordsThread:
         self.news: queue.SimpleQueue[WordsReady | NoEngine | WordsHeard] = queue.SimpleQueue()
         self._asked: queue.SimpleQueue[Stretch | None] = queue.SimpleQueue()
         self._settings = settings
-        self._thread = threading.Thread(target=self._run, name="words", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=WORDS_THREAD, daemon=True)
 
     def start(self) -> None:
         """Load the engine."""
