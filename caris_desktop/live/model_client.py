@@ -13,6 +13,7 @@ from typing import Any, Literal, Protocol
 
 from PySide6.QtCore import QObject, Signal
 
+from caris_desktop.conversation.embedded_messages import REPLIES_SLOT, SLOTS
 from caris_desktop.conversation.models.chat import ChatTimeouts
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.listing import model_version
@@ -63,6 +64,7 @@ class _Asked:
     revision: int
     asked_ns: int
     seed: int | None
+    slot: int | None
     actor: Actor
 
 
@@ -106,6 +108,8 @@ class ModelClient(QObject):
 
     answering_changed = Signal()
     """``answering`` is another one now."""
+    model_changed = Signal()
+    """Another model is in use."""
     _grew = Signal(str, str)
     _waits = Signal(str, str)
     _ended = Signal(object)
@@ -169,20 +173,32 @@ class ModelClient(QObject):
         self.cancel_all(QT_TR_NOOP("another model was chosen"))
         self._endpoint, self._shown_as, self._local_only = endpoint, shown_as, local_only
         self._find_version(endpoint, local_only=local_only)
+        self.model_changed.emit()
 
-    def warm_up(self, messages: Sequence[ChatMessage]) -> None:
-        """Have the model of this program read what the next questions will begin with, so that the first of them need
-        not wait for it. Nothing of it is told or recorded; other models are left alone.
+    def warm_up(self, messages: Sequence[ChatMessage], purpose: Purpose) -> None:
+        """Have the model of this program read what the next question of that ``purpose`` will begin with, so that it
+        need not wait for it. Nothing of it is told or recorded; other models are left alone.
         """
         if self._endpoint is not None and self.embedded and messages:
-            self._submit(self._read(self._endpoint, tuple(messages)))
+            self._submit(self._read(self._endpoint, tuple(messages), self._slot(purpose)))
 
-    async def _read(self, endpoint: ModelEndpoint, messages: tuple[ChatMessage, ...]) -> None:
+    async def _read(self, endpoint: ModelEndpoint, messages: tuple[ChatMessage, ...], slot: int | None) -> None:
         try:
-            async for _ in self._stream_chat(endpoint, messages, local_only=True, max_tokens=1, temperature=0.0):
-                break
+            async for _ in self._stream_chat(
+                endpoint, messages, local_only=True, max_tokens=1, temperature=0.0, slot=slot
+            ):
+                pass
         except LanguageModelError as error:
             _log.info("the language model was not warmed up: %s", error.what)
+
+    def _slot(self, purpose: Purpose) -> int | None:
+        """Which memory of the embedded server answers: the one that has read most of it, and is free."""
+        if not self.embedded:
+            return None
+        if purpose != "question":
+            return REPLIES_SLOT
+        taken = [running.asked.slot for running in self._running.values()]
+        return min((slot for slot in range(SLOTS) if slot != REPLIES_SLOT), key=taken.count)
 
     def use_none(self, why: str) -> None:
         """There is no model (yet): ``why`` goes into what those who ask are told."""
@@ -237,6 +253,7 @@ class ModelClient(QObject):
             revision=revision,
             asked_ns=clock.now_ns(),
             seed=secrets.randbelow(_SEEDS) if self._endpoint.takes_seed else None,
+            slot=self._slot(purpose),
             actor=actor,
         )
         heard = _Heard()
@@ -304,6 +321,7 @@ class ModelClient(QObject):
                 seed=asked.seed,
                 jpegs=asked.jpegs,
                 schema=asked.schema,
+                slot=asked.slot,
                 told_version=take_version,
                 told_wait=lambda why: self._waits.emit(asked.exchange_id, why),
                 timeouts=_TIMEOUTS[asked.purpose],

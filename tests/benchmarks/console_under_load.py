@@ -30,8 +30,8 @@ _NOBODY_THERE = "ws://127.0.0.1:9"
 class ConsoleUnderLoad:
     """Starts everything, waits until it runs, records meanwhile; ``close`` ends it all.
 
-    ``cameras`` are as after ``--camera``; None: those of the scenario. Without a ``robot`` it is an idle console: no
-    video, nobody is looked for, and nothing is waited for.
+    ``cameras`` are as after ``--camera``, None: those of the ``scenario``. Without a ``robot`` it is an idle console:
+    no video, nobody is looked for, and nothing is waited for.
     """
 
     def __init__(
@@ -42,6 +42,7 @@ class ConsoleUnderLoad:
         perception_timeout_s: float = 120.0,
         robot: Callable[[Console], DemoRobot] | None = lambda console: DemoRobot(console, seed=7),
         cameras: Sequence[str] | None = None,
+        scenario: str = "tour-guide",
     ) -> None:
         self._began = (time.monotonic(), _cpu_of_machine_s(), _cpu_of_program_s())
         self._asking = QTimer()
@@ -49,7 +50,7 @@ class ConsoleUnderLoad:
         root = Path(self._folder.name)
         self.run = ConsoleRun(
             default_arguments(
-                scenario="tour-guide",
+                scenario=scenario,
                 study=root / "study",
                 robot=None if robot is not None else _NOBODY_THERE,
                 camera=cameras,

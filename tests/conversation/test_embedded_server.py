@@ -12,10 +12,8 @@ import httpx
 import psutil
 import pytest
 
+from caris_desktop.conversation.embedded_messages import REPLIES_SLOT, CloseEmbedded, EmbeddedFailed, EmbeddedReady
 from caris_desktop.conversation.embedded_server import (
-    CloseEmbedded,
-    EmbeddedFailed,
-    EmbeddedReady,
     find_embedded_weights,
     missing_for_embedded,
     run_embedded_server,
@@ -146,6 +144,26 @@ def test_what_was_read_once_is_kept_beside_another_question(url: str) -> None:
         assert all(await together)
 
     asyncio.run(run())
+
+
+def test_a_question_begins_where_the_one_was_that_it_takes_the_place_of(url: str) -> None:
+    """As when the last words turn out to be others: it is asked again, while the other is still being read."""
+    background = "The robot arm lifts five kilos and stops as soon as it touches something. " * 12
+
+    def body(question: str) -> dict[str, object]:
+        return {
+            "messages": [{"role": "system", "content": f"Reply. {background}"}, {"role": "user", "content": question}],
+            "max_tokens": 1, "temperature": 0.0, "id_slot": REPLIES_SLOT,
+        }  # fmt: skip
+
+    async def read_tokens() -> int:
+        async with httpx.AsyncClient(trust_env=False, timeout=60.0) as client, asyncio.TaskGroup() as group:
+            group.create_task(client.post(f"{url}/v1/chat/completions", json=body("Where is")))
+            await asyncio.sleep(0.3)
+            reply = await client.post(f"{url}/v1/chat/completions", json=body("Where is the kitchen?"))
+        return int(reply.json()["timings"]["prompt_n"])
+
+    assert asyncio.run(read_tokens()) < 30
 
 
 def test_only_this_computer_and_no_web_page_may_ask(server: Server, url: str) -> None:

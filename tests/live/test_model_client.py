@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.conversation.embedded_messages import REPLIES_SLOT
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain.events import ChatMessage, LlmExchange
@@ -146,8 +147,30 @@ def test_only_the_model_of_this_program_is_warmed_up_and_nothing_is_recorded_of_
     talk: Talk, qtbot: QtBot, endpoint: ModelEndpoint, read: int
 ) -> None:
     talk.client.use(endpoint, shown_as="Model", local_only=False)
-    talk.client.warm_up([ChatMessage("system", "You guide tours."), ChatMessage("user", "Hello.")])
+    talk.client.warm_up([ChatMessage("system", "You guide tours."), ChatMessage("user", "Hello.")], "question")
     talk.ask("Where?")
     qtbot.waitUntil(lambda: bool(talk.ended))
     assert [given["max_tokens"] for given in talk.given] == [1] * read + [9]
     assert len(talk.published) == 1
+
+
+def test_what_a_participant_said_is_asked_about_in_one_memory_and_the_wizards_questions_beside_it(
+    talk: Talk, qtbot: QtBot
+) -> None:
+    talk.client.warm_up([ChatMessage("user", "Hello.")], "replies")
+    purposes: tuple[Purpose, ...] = ("replies", "question", "actions", "question", "question")
+    for purpose in purposes:
+        talk.ask("this waits", purpose=purpose)
+    qtbot.waitUntil(lambda: len(talk.given) == 6)
+    assert [given["slot"] for given in talk.given] == [REPLIES_SLOT, REPLIES_SLOT, 1, REPLIES_SLOT, 2, 1]
+    talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
+    talk.ask("Where?", purpose="replies")
+    qtbot.waitUntil(lambda: len(talk.given) == 7)
+    assert talk.given[-1]["slot"] is None
+
+
+def test_it_is_told_that_another_model_is_in_use(talk: Talk, qtbot: QtBot) -> None:
+    with qtbot.waitSignal(talk.client.model_changed):
+        talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
+    with qtbot.assertNotEmitted(talk.client.model_changed):
+        talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)

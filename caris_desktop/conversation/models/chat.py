@@ -84,6 +84,7 @@ async def stream_chat(
     seed: int | None = None,
     jpegs: Sequence[bytes] = (),
     schema: dict[str, Any] | None = None,
+    slot: int | None = None,
     told_version: Callable[[str], None] = lambda _version: None,
     told_wait: Callable[[str], None] = lambda _why: None,
     timeouts: ChatTimeouts = ChatTimeouts(),
@@ -96,7 +97,7 @@ async def stream_chat(
     what the server tells of the model in the stream, when it does and differently from before; Ollama tells nothing
     there, see `model_version`. ``told_wait`` is called with why it is waited before another try, in words. ``jpegs``
     are pictures that go with the last message; the embedded model takes none. ``schema`` is a JSON schema that the
-    answer has to follow.
+    answer has to follow. ``slot`` is which memory of the embedded server answers.
 
     Closing the generator, or cancelling the task that iterates it, closes the HTTP stream, which makes the servers
     stop generating; before the first piece it also ends the waiting.
@@ -107,7 +108,7 @@ async def stream_chat(
         For every failure, including an answer that breaks off after some pieces were yielded.
     """
     check_place(endpoint, local_only=local_only)
-    question = Question(messages, max_tokens, temperature, seed, jpegs, schema)
+    question = Question(messages, max_tokens, temperature, seed, jpegs, schema, slot=slot)
     request: Request = _DIALECTS[endpoint.provider].request(endpoint, question)
     key = await api_key(endpoint)
     give_up_s = asyncio.get_running_loop().time() + timeouts.connect_s + timeouts.first_token_s

@@ -53,6 +53,8 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
     if endpoint.provider == "embedded":
         # What the question before had in common with this one need not be read again.
         body["cache_prompt"] = True
+        if question.slot is not None:
+            body["id_slot"] = question.slot
     return Request(("" if urlsplit(endpoint.base_url).path else "v1/") + "chat/completions", body)
 
 

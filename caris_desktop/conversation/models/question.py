@@ -16,7 +16,7 @@ Schema = dict[str, Any]
 class Question:
     """One question. ``seed`` makes the same model answer alike. ``jpegs`` are pictures that go with the last message.
     ``schema`` is the JSON schema that the answer has to follow; with ``schema_in_object`` it is asked for as servers do
-    that know a JSON object only.
+    that know a JSON object only. ``slot`` is which memory of the embedded server answers, None for whichever is free.
     """
 
     messages: Sequence[ChatMessage]
@@ -26,6 +26,7 @@ class Question:
     jpegs: Sequence[bytes] = ()
     schema: Schema | None = None
     schema_in_object: bool = False
+    slot: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

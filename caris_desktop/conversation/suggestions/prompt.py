@@ -17,7 +17,8 @@ from caris_desktop.domain.events import ChatMessage
 
 MAX_SYSTEM_CHARACTERS = 2000
 MAX_TURN_CHARACTERS = 240
-MAX_TURNS = 6
+MAX_TURNS = 8
+_TURNS_LEFT_OUT = 4
 MAX_PEOPLE = 4
 MAX_LABEL_CHARACTERS = 80
 REPLY_TOKENS = 128
@@ -68,8 +69,14 @@ class Situation:
 
 
 def turns_told(turns: Iterable[Turn]) -> list[Turn]:
-    """The newest of what was said, as much as a model is told of it."""
-    return [turn for turn in turns if turn.said and turn.text.strip()][-MAX_TURNS:]
+    """The newest of what was said, as much as a model is told of it.
+
+    What is too old is left out in portions: with one less at its beginning each time, all of it would have to be read
+    anew each time.
+    """
+    told = [turn for turn in turns if turn.said and turn.text.strip()]
+    too_many = max(0, len(told) - MAX_TURNS)
+    return told[-(-too_many // _TURNS_LEFT_OUT) * _TURNS_LEFT_OUT :]
 
 
 def reply_messages(situation: Situation, *, with_examples: bool) -> tuple[ChatMessage, ...]:

@@ -86,9 +86,11 @@ class SuggestionsService(Service):
         self._asked: _Asked | None = None
         self._asking: Asking | None = None
         self._read = 0
+        self._read_ahead_of = ""
         self._detail = ""
         self._timer = QTimer(self, singleShot=True, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._on_time)
+        model.model_changed.connect(self._read_ahead)
         for source in PARTICIPANT_SOURCES:
             state.hearing_of(source).changed.connect(self._on_hearing)
 
@@ -135,6 +137,9 @@ class SuggestionsService(Service):
             self._proposals.drop(QT_TR_NOOP("the participant speaks on"))
         if self._listens:
             self._rounds.hear(hearing)
+            if hearing.speaking and hearing.utterance_id != self._read_ahead_of:
+                self._read_ahead_of = hearing.utterance_id
+                self._read_ahead()
         self._show()
 
     def _on_utterance(self, utterance: UtteranceChanged) -> None:
@@ -195,6 +200,11 @@ class SuggestionsService(Service):
             )
         except ToldFailure as failure:
             self._detail = failure.advice or failure.what
+
+    def _read_ahead(self) -> None:
+        """While the participant still speaks, the model of this program reads what was said before."""
+        if self._listens and self._model.embedded:
+            self._model.warm_up(self._question(Round("", 0, "", 0)).messages, "replies")
 
     def drop(self, why: str) -> None:
         """Rounds: nobody waits for these replies any more."""

@@ -2,7 +2,7 @@
 
 import pytest
 
-from caris_desktop.conversation.suggestions.prompt import Situation, reply_messages
+from caris_desktop.conversation.suggestions.prompt import MAX_TURNS, Situation, reply_messages, turns_told
 from caris_desktop.conversation.transcript import Turn
 from tests.conversation.test_prompts import HOSTILE
 
@@ -17,3 +17,12 @@ def test_nothing_that_is_said_and_no_name_ends_its_quotation(hostile: str) -> No
     assert earlier.count('"') == 2 and earlier[0] == earlier[-1] == '"'
     assert now.count('"') == 8 and now.startswith('(place: "') and now.endswith('"')
     assert not set("<>[]\\\u2028\u0000\u001b\u202e") & set(said.content)
+
+
+def test_what_is_too_old_is_left_out_in_portions_so_that_most_questions_begin_like_the_one_before() -> None:
+    turns = [Turn(f"u-{number}", "participant", "Yes.", "heard", "finished", 1, 2) for number in range(40)]
+    told = [turns_told(turns[:count]) for count in range(len(turns) + 1)]
+    assert all(MAX_TURNS >= len(one) >= min(count, MAX_TURNS - 3) for count, one in enumerate(told))
+    assert all(one == turns[count - len(one) : count] for count, one in enumerate(told)), "the newest, without a gap"
+    anew = [count for count in range(1, len(told)) if told[count][: len(told[count - 1])] != told[count - 1]]
+    assert anew == [9, 13, 17, 21, 25, 29, 33, 37]

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import LlmExchange, SuggestionChanged, UtteranceChanged
+from caris_desktop.domain.events import ChatMessage, LlmExchange, SuggestionChanged, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sound import ROBOT_MICROPHONE, Hearing
@@ -59,15 +59,22 @@ class Question:
             )
 
 
-class FakeModel:
-    """Takes questions, and answers none by itself."""
+class FakeModel(QObject):
+    """Takes questions, and answers none by itself. ``read`` is what it was to read ahead."""
 
+    model_changed = Signal()
     model = "small"
     embedded = False
 
     def __init__(self) -> None:
+        super().__init__()
         self.asked: list[Question] = []
+        self.read: list[tuple[ChatMessage, ...]] = []
         self.there = True
+
+    def warm_up(self, messages: Any, purpose: str) -> None:
+        assert purpose == "replies"
+        self.read.append(messages)
 
     def ask(self, messages: Any, **told: Any) -> Question:
         if not self.there:

@@ -75,6 +75,48 @@ def test_who_speaks_on_ends_question_and_cards(desk: Desk) -> None:
     assert desk.cards == []
 
 
+def test_what_was_said_before_is_read_while_the_participant_still_speaks(desk: Desk) -> None:
+    desk.model.embedded = True
+    desk.question("Where is the kitchen?").answer(REPLIES)
+    card = desk.state.suggestions.value.cards[0]
+    desk.do(intents.SaySuggestion(1, card.suggestion_id))
+    utterance = next(event for event in desk.of(UtteranceChanged) if event.speaker == "robot")
+    desk.publish(replace(utterance, state="started"))
+    desk.speak_on()
+    desk.speak_on()
+    assert len(desk.model.read) == 1, "once in each turn"
+    asked = desk.question("And how far is it?")
+    *before, said = asked.messages
+    *read, open_end = desk.model.read[-1]
+    assert read == before and "It stops at once." in read[-1].content, "the robot's reply, which is new to the model"
+    assert said.content == f'{open_end.content[:-1]}And how far is it?"', "nothing but the words themselves is missing"
+
+
+def test_of_one_who_says_more_and_more_only_the_newest_words_are_still_to_be_read(desk: Desk) -> None:
+    desk.model.embedded = True
+    for text in ("Hello there.", "I am looking for the kitchen."):
+        desk.question(text)
+    desk.speak_on()
+    desk.question("It must be near.")
+    asked = desk.model.of("replies")[-1]
+    *_, open_end = desk.model.read[-1]
+    assert asked.messages[-1].content == f'{open_end.content[:-1]}It must be near."'
+
+
+def test_a_model_that_is_new_reads_how_a_question_begins_where_one_may_be_asked(desk: Desk) -> None:
+    desk.model.model_changed.emit()
+    desk.speak_on()
+    assert desk.model.read == [], "one that answers elsewhere is sent nothing before there is a question"
+    desk.model.embedded = True
+    desk.model.model_changed.emit()
+    assert len(desk.model.read) == 1
+    desk.use(assistance=AssistanceSettings("off", "off", "off"))
+    desk.model.model_changed.emit()
+    desk.turns += 1
+    desk.speak_on()
+    assert len(desk.model.read) == 1
+
+
 def test_a_pause_within_a_turn_is_enough(desk: Desk) -> None:
     heard = Hearing(desk.now_ns, ROBOT_MICROPHONE, False, "participant", "t-9", "where is", "the kitchen", revision=4)
     desk.hear(replace(heard, silent_since_ns=desk.now_ns))
