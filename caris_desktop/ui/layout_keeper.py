@@ -23,6 +23,7 @@ from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 LAYOUT_AT_REST_MS = 1000
 _SAME_WEIGHT = 0.01  # a pixel here or there is no other arrangement
+_NARROW_REPLAY_PX, _LOW_REPLAY_PX = 860, 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +114,9 @@ class LayoutKeeper(QObject):
         return trees
 
     def _kind_now(self) -> SizeClass:
-        if self._in_replay or not self._kept.adapts or not self._docks.isVisible():
+        if self._in_replay:
+            return "compact" if self._docks.width() < _NARROW_REPLAY_PX else "usual"
+        if not self._kept.adapts or not self._docks.isVisible():
             return "usual"
         return size_class(self._docks.width(), self._docks.height())
 
@@ -121,7 +124,9 @@ class LayoutKeeper(QObject):
         """What the file says, as it is shown where the wizard has changed nothing."""
         if kind in self._trees:
             return tidy(self._trees[kind])
-        return fitted(self._trees["usual"], self._docks.width(), self._docks.height())
+        # The panels of a replay are as high as the picture in them asks for, which depends on how they are arranged.
+        height = _LOW_REPLAY_PX if self._in_replay and kind == "compact" else self._docks.height()
+        return fitted(self._trees["usual"], self._docks.width(), height)
 
     def _file_tree(self, kind: SizeClass) -> LayoutNode:
         return self._trees.get(kind, self._trees["usual"])

@@ -339,8 +339,7 @@ class MainWindow(QWidget):
 
     def _focus_first(self) -> None:
         if self._replay_parts is not None:
-            # In a replay no field takes what is typed, and Space plays.
-            self._replay_parts.timeline.setFocus(Qt.FocusReason.OtherFocusReason)
+            self._replay_parts.take_focus()
         elif not self.focus_driving():
             self.focus_speak()
 

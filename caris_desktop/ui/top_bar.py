@@ -200,6 +200,7 @@ class TopBar(QWidget):
         )
         too = tr("Also Pause. Esc stops it too. It is released in the live window.")
         self.emergency.setToolTip("\n".join((stops, *live.robots, too)))
+        self._make_room()
 
     def show_layout(self, *, changed: bool, locked: bool) -> None:
         """Whether the arrangement of the panels has anything unsaved, or cannot be changed."""
@@ -255,7 +256,7 @@ class TopBar(QWidget):
     def _needed_px(self, level: int) -> int:
         """How wide the bar has to be at least while so much gives way."""
         always = (self._replay_badge, self.record_button, self.stretch_button, self.window_button, self.emergency)
-        widths = [part.sizeHint().width() for part in always if not part.isHidden()]
+        widths = [max(part.sizeHint().width(), part.minimumWidth()) for part in always if not part.isHidden()]
         if level < _ALL_GIVE_WAY:
             widths.append(min(self.scenario_button.sizeHint().width(), _SCENARIO_PX))
         if self._trial.text() and level < _TRIAL_GOES:

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QListWid
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.state import LiveState, PresentClock
+from caris_desktop.live.status import LiveRobotsStatus
 from caris_desktop.robot.explore import Exploration
 from caris_desktop.robot.proposal import propose
 from caris_desktop.scenario.file import load_scenario
@@ -28,8 +29,8 @@ from tests.ui.fake_replay import FakeReplay, sample_coding, sample_overview
 from tests.ui.preflight.test_preflight import CHECKS
 from tests.ui.test_robot_dialog import ADDRESS, OFFER, MemoryExplorer
 
-SMALLEST, USUAL = QSize(683, 384), QSize(1366, 768)
-"""What a screen of 1366x768 has room for at 200 and at 100 %."""
+SMALLEST, SMALL, USUAL = QSize(683, 384), QSize(911, 512), QSize(1366, 768)
+"""What a screen of 1366x768 has room for at 200, 150 and 100 %."""
 
 SCENARIO = "tour-guide"
 _COMES_ROUND_MS = 400
@@ -41,7 +42,6 @@ class Seen:
 
     name: str
     part: QWidget
-    least: QSize = SMALLEST
 
 
 class EveryWindow:
@@ -80,7 +80,7 @@ class EveryWindow:
         yield from self._of_the_robot()
         yield from self._of_the_scenario()
         yield from self._shown_to_others()
-        yield from self._of_the_replay()
+        yield from self.of_the_replay()
 
     def _cards(self) -> Iterator[Seen]:
         window = self.window
@@ -167,16 +167,25 @@ class EveryWindow:
         yield self._own("face", "face_window")
         face.set(replace(face.value, window=False))
 
-    def _of_the_replay(self) -> Iterator[Seen]:
-        """Its dialogs. The window itself needs the room of a usual screen."""
+    def of_the_replay(self) -> Iterator[Seen]:
+        """The window of a replay as it is opened, with its timeline open, and beside a robot; then its dialogs."""
         console = FakeConsole(self.console.scenario)
         console.state = LiveState(present=PresentClock(live=False))
         samples.fill_console(console)
-        window = MainWindow(console, theme=self.theme)
-        window.use_replay(FakeReplay(overview=sample_overview(), coding=sample_coding(120_000)))
+        window, replay = MainWindow(console, theme=self.theme), FakeReplay()
+        replay.overview.set(sample_overview())
+        replay.coding.set(sample_coding(120_000))
+        window.use_replay(replay)
         window.show()
         console.state.close()
-        yield Seen("replay", window, least=USUAL)
+        window.resize(SMALLEST)
+        self.settle()
+        yield Seen("replay", window)
+        _press(window, "timeline_drawer")
+        yield Seen("replay, timeline", window)
+        replay.live_robots.set(LiveRobotsStatus(("The robot of the second floor",)))
+        _press(window, "timeline_drawer")
+        yield Seen("replay, live robot", window)
         assert window._replay_parts is not None
         rows = window._replay_parts.timeline.rows
         for name, opened in (

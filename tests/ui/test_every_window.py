@@ -9,7 +9,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.scrolled import Scrolled
 from tests.support.window_check import cut_off
-from tests.ui.every_window import SMALLEST, USUAL, EveryWindow
+from tests.ui.every_window import SMALL, SMALLEST, USUAL, EveryWindow
 
 
 def _found(theme: Theme, language: str, *screens: QSize) -> tuple[list[str], set[str]]:
@@ -19,8 +19,7 @@ def _found(theme: Theme, language: str, *screens: QSize) -> tuple[list[str], set
         for seen in opened.seen():
             names.add(seen.name.partition(",")[0])
             for screen in screens:
-                if screen.width() >= seen.least.width():
-                    found += opened.flaws_in(seen, screen)
+                found += opened.flaws_in(seen, screen)
     finally:
         opened.close()
     return found, names
@@ -37,13 +36,26 @@ def test_every_window_can_be_read_where_there_is_least_room(theme: Theme) -> Non
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("language", [ENGLISH, TRIAL])
+def test_the_window_of_a_replay_can_be_read_on_every_screen(theme: Theme, language: str) -> None:
+    opened, found = EveryWindow(theme, language), list[str]()
+    try:
+        for seen in opened.of_the_replay():
+            for screen in (USUAL, SMALL, SMALLEST):
+                found += opened.flaws_in(seen, screen)
+                assert seen.part.size() == screen or not seen.name.startswith("replay")
+    finally:
+        opened.close()
+    assert found == []
+
+
 @pytest.mark.long
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("choice", ["dark", "light"])
 @pytest.mark.parametrize("language", [ENGLISH, TRIAL])
 def test_every_window_can_be_read_everywhere(theme: Theme, choice: str, language: str) -> None:
     theme.set_choice("light" if choice == "light" else "dark")
-    assert _found(theme, language, USUAL, SMALLEST)[0] == []
+    assert _found(theme, language, USUAL, SMALL, SMALLEST)[0] == []
 
 
 @pytest.mark.panels("video")

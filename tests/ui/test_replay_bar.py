@@ -1,12 +1,14 @@
 """The bar of a replay: keys, jumps, rates, scrubbing with a look at the moment under the pointer."""
 
 import dataclasses
+import itertools
 from collections.abc import Iterator
 
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QEvent, QPoint, Qt
+from PySide6.QtGui import QHelpEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QComboBox, QLineEdit
+from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit, QToolTip
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.recording.annotation.overview import Moment
@@ -231,3 +233,37 @@ def test_the_keys_stay_when_the_replay_comes_to_another_scenario(scene: ReplaySc
     assert replay.named("play") == [None]
     assert replay.named("step") == [1]
     assert scene.actions_table.key_text("replay_play") == "Space"
+
+
+def test_in_one_line_there_is_everything_but_words_and_keys(
+    qtbot: QtBot, scene: ReplayScene, replay: FakeReplay
+) -> None:
+    bar = scene.bar
+    bar.set_one_line(True)
+    scene.resize(683, 384)
+    QApplication.processEvents()
+    assert bar.height() == 48
+    shown = [
+        find(bar, name) for name in ("replay_previous_mark", "replay_frame_back", "replay_play", "replay_frame_on")
+    ]
+    shown += [find(bar, "replay_next_mark"), bar.scrubber, find(bar, "replay_times"), find(bar, "replay_rate")]
+    places = [widget.geometry() for widget in shown]
+    assert all(one.right() < other.left() for one, other in itertools.pairwise(places))
+    assert bar.scrubber.width() > 120
+    play = find(bar, "replay_play")
+    assert (play.property("text"), play.accessibleName()) == ("", "Play")
+    QToolTip.hideText()
+    QApplication.sendEvent(play, QHelpEvent(QEvent.Type.ToolTip, QPoint(5, 5), play.mapToGlobal(QPoint(5, 5))))
+    assert QToolTip.text() == "Play (Space)"
+    QToolTip.hideText()
+    replay.overview.set(None)
+    QTest.keyClick(scene.timeline.canvas, Qt.Key.Key_Right, CTRL)
+    hint = find(bar, "replay_hint")
+    QApplication.processEvents()
+    assert hint.isVisible() and hint.property("text") == "No later mark"
+    assert not hint.geometry().intersects(play.geometry())
+    bar.set_one_line(False)
+    scene.resize(1350, 620)
+    QApplication.processEvents()
+    assert bar.height() == 84
+    assert play.property("text") == "Play"

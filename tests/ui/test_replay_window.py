@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog, QLabel, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
@@ -19,7 +19,7 @@ from caris_desktop.ui.replay.replay_panels import lower_edge
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui import samples
-from tests.ui.conftest import MemorySettings, find, open_window
+from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
 from tests.ui.fake_replay import FakeReplay, sample_overview
 
@@ -195,3 +195,35 @@ def test_problems_of_the_session_are_history(window: MainWindow, replay: FakeRep
     assert window.problems.cards == ()
     replay.noticed.emit(Problem(1, "error", "Your annotations are not saved.", "", "Make room."))
     assert [card.problem.what for card in window.problems.cards] == ["Your annotations are not saved."]
+
+
+def test_on_a_small_screen_the_timeline_is_a_drawer(qtbot: QtBot, window: MainWindow, replay: FakeReplay) -> None:
+    panels, canvas, drawer = find(window, "replay_panels"), find(window, "timeline_view"), "timeline_drawer"
+    canvas = canvas.focusProxy()
+    assert canvas is not None and canvas.isVisible() and not window.findChild(QWidget, drawer).isVisible()  # type: ignore[union-attr]
+    window.resize(683, 384)
+    QApplication.processEvents()
+    assert window.size() == QSize(683, 384)
+    assert panels.isVisible() and not canvas.isVisible()
+    video = window.panels["video"]
+    assert isinstance(video, VideoPanel)
+    shown = QRect(video.view.mapTo(window, QPoint()), video.view.size())
+    assert shown.height() >= 90 and shown.bottom() <= find(window, "timeline_view").mapTo(window, QPoint()).y()
+    focused = window.focusWidget()
+    assert focused is not None
+    QTest.keyClick(focused, Qt.Key.Key_Space)
+    assert replay.playback.value.playing, "Space plays, wherever the keys are"
+    click(qtbot, find(window, drawer))
+    assert canvas.isVisible() and not panels.isVisible()
+    assert canvas.hasFocus(), "so that a label's key codes"
+    click(qtbot, find(window, drawer))
+    assert panels.isVisible() and not canvas.isVisible()
+    focused = window.focusWidget()
+    assert focused is not None
+    QTest.keyClick(focused, Qt.Key.Key_T, Qt.KeyboardModifier.ControlModifier)
+    assert canvas.isVisible() and canvas.hasFocus()
+    click(qtbot, find(window, drawer))
+    window.resize(1366, 768)
+    QApplication.processEvents()
+    assert panels.isVisible() and canvas.isVisible()
+    assert not window.findChild(QWidget, drawer).isVisible()  # type: ignore[union-attr]

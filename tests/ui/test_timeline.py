@@ -1,5 +1,6 @@
 """The timeline: coding by pointer and keys, in a window, with real events."""
 
+import itertools
 import random
 import statistics
 import time
@@ -33,6 +34,7 @@ from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
 from caris_desktop.ui.replay.timeline_model import TimeScale
 from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
 from tests.ui.fake_replay import STANCE, FakeReplay, ReplayScene, open_scene, sample_coding, sample_overview
@@ -335,6 +337,36 @@ def test_label_buttons_do_what_their_keys_do(qtbot: QtBot, coder: Coder) -> None
     click(qtbot, find(coder.timeline.strip, "code_1"))
     assert coder.values(ANA)[-1] == (95_000, 96_000, "curious")
     assert coder.canvas.hasFocus()
+
+
+def test_labels_without_room_are_in_a_menu_and_what_can_be_done_keeps_its_icons(qtbot: QtBot, coder: Coder) -> None:
+    strip = coder.timeline.strip
+    labels = [find(strip, f"code_{number}") for number in range(1, 5)]
+    coder.timeline.window().resize(420, 384)
+    QApplication.processEvents()
+    left_out = [label for label in labels if not label.isVisible()]
+    assert labels[0].isVisible() and left_out
+    shown = [widget for widget in strip.findChildren(ActionButton) if widget.isVisible()]
+    places = sorted((widget.geometry() for widget in shown), key=lambda place: place.left())
+    assert all(one.right() < other.left() for one, other in itertools.pairwise(places))
+    assert places[-1].right() <= strip.width()
+    assert all(find(strip, name).accessibleName() for name in ("annotation_new", "annotation_remove"))
+    more = find(strip, "coding_more")
+    click(qtbot, more)
+    menu = strip.findChild(QMenu)
+    assert menu is not None
+    words = [f"{number + 1}  {entry.value}" for number, entry in enumerate(STANCE.entries)]
+    assert [action.text() for action in menu.actions()] == words[-len(left_out) :]
+    coder.replay.at_ms(95_000)
+    menu.actions()[-1].trigger()
+    menu.close()
+    coder.replay.at_ms(96_000)
+    coder.key(Qt.Key.Key_4)
+    assert coder.values(ANA)[-1] == (95_000, 96_000, "confused")
+    coder.timeline.window().resize(1350, 620)
+    QApplication.processEvents()
+    assert all(label.isVisible() for label in labels)
+    assert not more.isVisible()
 
 
 def test_keys_change_the_ends_and_the_place_of_an_annotation(coder: Coder) -> None:

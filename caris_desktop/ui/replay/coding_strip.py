@@ -1,7 +1,10 @@
 """The line below the timeline: the labels of the tier that is coded on, each with its key, and what can be done."""
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
+from collections.abc import Callable
+
+from PySide6.QtCore import QPoint, Signal
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QHBoxLayout, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.annotation.model import Vocabulary
@@ -14,17 +17,24 @@ from caris_desktop.ui.replay.timeline_model import Row, exact_text
 from caris_desktop.ui.replay.timeline_overlay import OpenStretch
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.cut_label import CutLabel
 
 _ACTS = (
-    ("annotation_new", QT_TR_NOOP("New")),
-    ("annotation_split", QT_TR_NOOP("Split")),
-    ("annotation_rename", QT_TR_NOOP("Rename")),
-    ("annotation_remove", QT_TR_NOOP("Remove")),
+    ("annotation_new", "plus", QT_TR_NOOP("New")),
+    ("annotation_split", "scissors", QT_TR_NOOP("Split")),
+    ("annotation_rename", "pencil-simple", QT_TR_NOOP("Rename")),
+    ("annotation_remove", "trash", QT_TR_NOOP("Remove")),
 )
+_NARROW_BELOW_PX = 1000
+_SIDE_PX = 16
+_LEAST_WORDS_PX, _MOST_WORDS_PX, _LABEL_PX, _GAP_PX = 72, 640, 112, 8
 
 
 class CodingStrip(QWidget):
-    """``add_tier_wanted`` where there is nothing to code on yet; everything else runs the table's actions."""
+    """``add_tier_wanted`` where there is nothing to code on yet; everything else runs the table's actions.
+
+    Where it is narrow, what can be done is told by icons alone, and labels that have no room are in a menu.
+    """
 
     add_tier_wanted = Signal()
 
@@ -34,10 +44,11 @@ class CodingStrip(QWidget):
         self.setFixedHeight(40)
         self._theme = theme
         self._shown: tuple[object, ...] | None = None
-        self._words = QLabel()
+        self._actions = actions
+        self._present = 0
+        self._narrow = False
+        self._words = CutLabel()
         self._words.setObjectName("coding_words")
-        self._words.setTextFormat(Qt.TextFormat.PlainText)
-        self._words.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)
         self._add = ActionButton(theme, tr("Add a tier"), icon="plus", look="primary", height_px=30)
         self._add.setObjectName("coding_add_tier")
         self._add.clicked.connect(self.add_tier_wanted)
@@ -48,18 +59,25 @@ class CodingStrip(QWidget):
             button.setCheckable(True)
             button.bind(actions, f"code_{number}")
             self._labels.append(button)
+        self._more = ActionButton(theme, "", icon="caret-double-right", look="amber", height_px=30)
+        self._more.setObjectName("coding_more")
+        self._more.setAccessibleName(tr("More labels"))
+        self._more.setToolTip(tr("More labels: their keys work as well"))
+        self._more.clicked.connect(self._open_more)
+        self._more.hide()
         self._acts: list[ActionButton] = []
-        for action_id, text in _ACTS:
+        for action_id, _icon, text in _ACTS:
             button = ActionButton(theme, tr(text), look="ghost", height_px=30, text_px=tokens.STATUS_PX)
             button.setObjectName(action_id)
+            button.setToolTip(tr(text))
             button.bind(actions, action_id)
             self._acts.append(button)
         row = QHBoxLayout(self)
-        row.setContentsMargins(16, 4, 8, 4)
-        row.setSpacing(8)
-        row.addWidget(self._words)
+        row.setContentsMargins(_SIDE_PX, 4, 8, 4)
+        row.setSpacing(_GAP_PX)
+        row.addWidget(self._words, 1)
         row.addWidget(self._add)
-        for button in self._labels:
+        for button in (*self._labels, self._more):
             row.addWidget(button)
         row.addStretch(1)
         for button in self._acts:
@@ -91,8 +109,7 @@ class CodingStrip(QWidget):
         self._words.setText(words)
         show_part(self._add, not tiers)
         for number, button in enumerate(self._labels):
-            present = number < len(entries)
-            if present:
+            if number < len(entries):
                 entry = entries[number]
                 open_now = stretch is not None and stretch.value == entry.value
                 button.set_label(tr("End {label}").format(label=entry.value) if open_now else entry.value)
@@ -100,9 +117,52 @@ class CodingStrip(QWidget):
                 button.setToolTip(
                     plain_tip(entry.description) or tr("Starts at the playhead; the second press ends it")
                 )
-            show_part(button, present)
+        self._present = min(len(entries), len(self._labels))
         for button in self._acts:
             show_part(button, own)
+        self._fit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        narrow = self.width() < _NARROW_BELOW_PX
+        if narrow != self._narrow:
+            self._narrow = narrow
+            for button, (_, icon, text) in zip(self._acts, _ACTS, strict=True):
+                button.set_label("" if narrow else tr(text), icon=icon if narrow else "")
+                button.setAccessibleName(tr(text))
+                button.set_key_shown(not narrow)
+        words_px = min(_MOST_WORDS_PX, self._words.sizeHint().width() + 2)
+        least_words_px = min(words_px, _LEAST_WORDS_PX) if self._present else words_px
+        self._words.setMaximumWidth(words_px)
+        self._words.setMinimumWidth(min(least_words_px, max(0, self.width() - 2 * _SIDE_PX)) if narrow else 0)
+        taken = [self._words.minimumWidth() if narrow else words_px]
+        taken += [button.sizeHint().width() for button in self._acts if not button.isHidden()]
+        if not self._add.isHidden():
+            taken.append(self._add.sizeHint().width())
+        room_px = self.width() - 2 * _SIDE_PX - sum(taken) - _GAP_PX * (len(taken) + 1)
+        each = [min(button.sizeHint().width(), _LABEL_PX) + _GAP_PX for button in self._labels[: self._present]]
+        shown = self._present
+        if narrow and sum(each) > room_px:
+            room_px -= self._more.sizeHint().width() + _GAP_PX
+            shown = max(1, sum(sum(each[: number + 1]) <= room_px for number in range(self._present)))
+        for number, button in enumerate(self._labels):
+            show_part(button, number < shown)
+        show_part(self._more, shown < self._present)
+
+    def _open_more(self) -> None:
+        menu = QMenu(self)
+        for number, button in enumerate(self._labels[: self._present]):
+            if button.isHidden():
+                text = f"{button.key}  {button.text()}".replace("&", "&&")
+                menu.addAction(text, self._runner(number + 1))
+        menu.aboutToHide.connect(menu.deleteLater)
+        menu.popup(self._more.mapToGlobal(QPoint(0, -menu.sizeHint().height())))
+
+    def _runner(self, number: int) -> Callable[[], None]:
+        return lambda: self._actions.run(f"code_{number}")
 
     def _style(self) -> None:
         self._words.setFont(self._theme.font(tokens.STATUS_PX))

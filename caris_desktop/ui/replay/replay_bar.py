@@ -25,6 +25,8 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 
 RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 _HINT_MS = 2500
+_HINT_PX = 20
+_NARROWEST_PX = 640
 
 
 def session_title(session: Session) -> tuple[str, str]:
@@ -55,7 +57,7 @@ class ReplayBar(QWidget):
         self._play = ActionButton(theme, tr("Pause"), icon="pause", look="primary", height_px=36)
         self._play.setObjectName("replay_play")
         self._play.bind(actions, "replay_play")
-        self._play.setFixedWidth(self._play.sizeHint().width())
+        self._play_shown: tuple[str, bool] | None = None
         self._previous_mark = self._button(actions, "previous_mark", "", "skip-back", tr("To the previous mark"))
         self._next_mark = self._button(actions, "next_mark", "", "skip-forward", tr("To the next mark"))
         self._previous_utterance = self._button(
@@ -81,33 +83,36 @@ class ReplayBar(QWidget):
         self._hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._hint_end = QTimer(self, singleShot=True, interval=_HINT_MS)
         self._hint_end.timeout.connect(self._end_hint)
+        self._one_line = False
         left = QHBoxLayout()
         left.setSpacing(8)
         left.addWidget(self._title)
         left.addWidget(self._hint, 1)
-        middle = QHBoxLayout()
-        middle.setSpacing(8)
-        for button in (
+        self._moves = (
             self._previous_mark, self._previous_utterance, self._frame_back, self._play, self._frame_on,
             self._next_utterance, self._next_mark,
-        ):  # fmt: skip
+        )  # fmt: skip
+        middle = QHBoxLayout()
+        middle.setSpacing(8)
+        for button in self._moves:
             middle.addWidget(button)
-        right = QHBoxLayout()
-        right.setSpacing(12)
-        right.addStretch(1)
-        right.addWidget(self._times)
-        right.addWidget(self._rate)
-        row = QHBoxLayout()
-        row.setSpacing(16)
-        row.addLayout(left, 1)
-        row.addLayout(middle)
-        row.addLayout(right, 1)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(8, 4, 8, 8)
-        column.setSpacing(0)
-        column.addWidget(self.scrubber)
-        column.addLayout(row)
-        row.setContentsMargins(8, 0, 8, 0)
+        self._right = QHBoxLayout()
+        self._right.setSpacing(12)
+        self._right.addStretch(1)
+        self._right.addWidget(self._times)
+        self._right.addWidget(self._rate)
+        self._left = left
+        self._row = QHBoxLayout()
+        self._row.setSpacing(16)
+        self._row.addLayout(left, 1)
+        self._row.addLayout(middle)
+        self._row.addLayout(self._right, 1)
+        self._row.setContentsMargins(8, 0, 8, 0)
+        self._column = QVBoxLayout(self)
+        self._column.setContentsMargins(8, 4, 8, 8)
+        self._column.setSpacing(0)
+        self._column.addWidget(self.scrubber)
+        self._column.addLayout(self._row)
         replay.playback.changed.connect(self._on_playback_changed)
         replay.overview.changed.connect(self._on_overview_changed)
         theme.changed.connect(self._style)
@@ -124,18 +129,54 @@ class ReplayBar(QWidget):
         return button
 
     def sizeHint(self) -> QSize:
-        return QSize(900, 84)
+        return QSize(900, self._height_px())
 
     def minimumSizeHint(self) -> QSize:
         # What goes when there is little room must not keep the window from becoming narrow.
-        return QSize(880, 84)
+        return QSize(_NARROWEST_PX, self._height_px())
+
+    def _height_px(self) -> int:
+        if not self._one_line:
+            return 84
+        return 48 + (_HINT_PX if self._hint.text() else 0)
+
+    def set_one_line(self, one_line: bool) -> None:
+        """Everything in one line, keys in the tips; on a small window the picture needs the room more."""
+        if one_line == self._one_line:
+            return
+        self._one_line = one_line
+        self._title.setVisible(not one_line)
+        for button in self._moves:
+            button.set_key_shown(not one_line)
+        if one_line:
+            self._row.insertWidget(2, self.scrubber, 1)
+            self._column.insertWidget(0, self._hint)
+        else:
+            self._column.insertWidget(0, self.scrubber)
+            self._left.addWidget(self._hint, 1)
+        self._row.setStretch(0, 0 if one_line else 1)
+        self._row.setStretch(self._row.indexOf(self._right), 0 if one_line else 1)
+        self._row.setSpacing(10 if one_line else 16)
+        self._column.setContentsMargins(8, 6 if one_line else 4, 8, 6 if one_line else 8)
+        self._show_play(playing=self._replay.playback.value.playing)
+        self._use_hint()
+        self._use_width()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._times.set_wall_shown(self.width() >= 1240)
-        self._title.set_date_shown(self.width() >= 1160)
-        self._previous_utterance.setVisible(self.width() >= 1440)
-        self._next_utterance.setVisible(self.width() >= 1440)
+        self._use_width()
+
+    def _use_width(self) -> None:
+        roomy = not self._one_line
+        self._times.set_wall_shown(roomy and self.width() >= 1240)
+        self._title.set_date_shown(roomy and self.width() >= 1160)
+        self._previous_utterance.setVisible(roomy and self.width() >= 1440)
+        self._next_utterance.setVisible(roomy and self.width() >= 1440)
+
+    def _use_hint(self) -> None:
+        """In one line there is no room beside it: it stands above, as long as there is something to say."""
+        self._hint.setVisible(bool(self._hint.text()) or not self._one_line)
+        self.updateGeometry()
 
     # ---- what the table's actions do
 
@@ -168,12 +209,14 @@ class ReplayBar(QWidget):
     def _say(self, text: str) -> None:
         self._hint.setText(text)
         self._hint.setToolTip(plain_tip(text))
+        self._use_hint()
         self._hint_end.start()
 
     def _end_hint(self) -> None:
         detail = self._replay.playback.value.detail
         self._hint.setText(detail)
         self._hint.setToolTip(plain_tip(detail))
+        self._use_hint()
 
     def _on_seek_wanted(self, at_ns: int) -> None:
         self._replay.seek(at_ns)
@@ -195,9 +238,7 @@ class ReplayBar(QWidget):
     def _on_playback_changed(self, playback: PlaybackStatus) -> None:
         self.scrubber.show_session(playback.start_ns, playback.end_ns)
         self.scrubber.show_position(playback.position_ns)
-        label, icon = (tr("Pause"), "pause") if playback.playing else (tr("Play"), "play")
-        if self._play.text() != label:
-            self._play.set_label(label, icon=icon)
+        self._show_play(playing=playback.playing)
         clock = self._replay.session.clock
         self._times.show_times(
             clock.session_s(playback.position_ns),
@@ -208,6 +249,18 @@ class ReplayBar(QWidget):
             self._show_rate(playback.rate)
         if not self._hint_end.isActive() and playback.detail != self._hint.text():
             self._end_hint()
+
+    def _show_play(self, *, playing: bool) -> None:
+        label, icon = (tr("Pause"), "pause") if playing else (tr("Play"), "play")
+        if (label, self._one_line) == self._play_shown:
+            return
+        self._play_shown = label, self._one_line
+        self._play.set_label("" if self._one_line else label, icon=icon)
+        self._play.setAccessibleName(label)
+        self._play.setToolTip(label if self._one_line else "")
+        # As wide with either word, so that nothing beside it moves.
+        either = ("",) if self._one_line else (tr("Pause"), tr("Play"))
+        self._play.setFixedWidth(max(44, *map(self._play.width_with, either)))
 
     def _show_rate(self, rate: float) -> None:
         index = self._rate.findData(rate)

@@ -34,13 +34,20 @@ class ReplayPanels(QScrollArea):
         self.setObjectName("replay_panels")
         self.setWidgetResizable(True)
         self.setFrameShape(QFrame.Shape.NoFrame)
+        self._least_px = LEAST_PX
         self.setMinimumHeight(LEAST_PX)
         self._docks = docks
         self.setWidget(docks)
         docks.layout_changed.connect(self.fit)
 
+    def set_least(self, height_px: int) -> None:
+        """How low they may become."""
+        self._least_px = height_px
+        self.setMinimumHeight(height_px)
+        self.updateGeometry()
+
     def minimumSizeHint(self) -> QSize:
-        return QSize(super().minimumSizeHint().width(), LEAST_PX)
+        return QSize(super().minimumSizeHint().width(), self._least_px)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

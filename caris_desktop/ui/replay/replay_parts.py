@@ -1,38 +1,110 @@
 """What turns the window into one of a replay: panels that scroll, the timeline below them, and the bar."""
 
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.ui.panel import TITLE_HEIGHT_PX
 from caris_desktop.ui.replay.replay_bar import ReplayBar
-from caris_desktop.ui.replay.replay_panels import ReplayPanels
-from caris_desktop.ui.replay.timeline_view import TimelineView
+from caris_desktop.ui.replay.replay_panels import LEAST_PX, ReplayPanels
+from caris_desktop.ui.replay.timeline_view import LOW_PX, TimelineView
 from caris_desktop.ui.theme import Theme
 
 _PANELS_AND_TIMELINE_PX = (600, 260)
+_SMALL_BELOW_PX = (880, 600)
+"""A window that is narrower or lower than this has a bar of one line, and lower panels."""
+
+_LOWEST_PX = 380
+_LEAST_PANELS_PX = 120
+DRAWER_BELOW_PX = _LEAST_PANELS_PX + 8 + LOW_PX
+"""Where the panels and the timeline have no more room than this together, one of them is open at a time."""
 
 
-class ReplayParts:
+class ReplayParts(QObject):
     """The timeline and the bar, with their keys; ``arrange`` puts them into the window."""
 
     def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
+        super().__init__()
         self.timeline = TimelineView(theme, replay, state, actions)
+        self.timeline.open_wanted.connect(self._open_timeline)
         self._bar = ReplayBar(theme, replay, actions)
         self._panels: ReplayPanels | None = None
+        self._middle: QSplitter | None = None
+        self._window: QWidget | None = None
+        self._small: bool | None = None
+        self._drawer = self._timeline_open = False
 
     def arrange(self, docks: DockHost, middle: QSplitter, column: QVBoxLayout, status_bar: QWidget) -> None:
         """The timeline below ``docks`` in the ``middle`` of the window, the bar above the status bar."""
-        self._panels = ReplayPanels(docks)
+        self._panels, self._middle, self._window = ReplayPanels(docks), middle, middle.window()
         middle.insertWidget(0, self._panels)
         middle.addWidget(self.timeline)
         middle.setStretchFactor(0, 1)
         middle.setStretchFactor(1, 0)
         middle.setSizes(list(_PANELS_AND_TIMELINE_PX))
         column.insertWidget(column.indexOf(status_bar), self._bar)
+        for watched in (self._window, middle):
+            watched.installEventFilter(self)
+        # Else the window could be made smaller only step by step.
+        self._window.setMinimumHeight(_LOWEST_PX)
+        self._use_window_size()
 
     def fit(self) -> None:
         """The panels were built anew."""
         if self._panels is not None:
             self._panels.fit()
+
+    def take_focus(self) -> None:
+        """In a replay no field takes what is typed, and Space plays."""
+        taker = self._window if self._drawer and not self._timeline_open else self.timeline
+        if taker is not None:
+            taker.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Resize:
+            if watched is self._window:
+                self._use_window_size()
+            elif watched is self._middle:
+                self._use_room()
+        return False
+
+    def _use_window_size(self) -> None:
+        if self._window is None or self._panels is None:
+            return
+        small = self._window.width() < _SMALL_BELOW_PX[0] or self._window.height() < _SMALL_BELOW_PX[1]
+        if small != self._small:
+            self._small = small
+            self._bar.set_one_line(small)
+            self._panels.set_least(_LEAST_PANELS_PX if small else LEAST_PX)
+
+    def _use_room(self) -> None:
+        if self._middle is None or self._window is None:
+            return
+        drawer = self._middle.height() < DRAWER_BELOW_PX
+        if drawer != self._drawer:
+            self._drawer = drawer
+            had_focus = self._window.focusWidget() is self.timeline.canvas
+            self._show_drawer()
+            if had_focus:
+                self.take_focus()
+
+    def _open_timeline(self, opened: bool) -> None:
+        self._timeline_open = opened
+        self._show_drawer()
+        self.take_focus()
+
+    def _show_drawer(self) -> None:
+        """Where there is little room, either the panels with the timeline's title below them, or the timeline."""
+        if self._panels is None or self._middle is None:
+            return
+        self.timeline.show_as_drawer(None if not self._drawer else self._timeline_open)
+        self._panels.setVisible(not (self._drawer and self._timeline_open))
+        timeline_px = _PANELS_AND_TIMELINE_PX[1]
+        if self._drawer:
+            timeline_px = TITLE_HEIGHT_PX
+        elif self._small:
+            timeline_px = LOW_PX
+        self._middle.setSizes([max(1, self._middle.height() - timeline_px), timeline_px])

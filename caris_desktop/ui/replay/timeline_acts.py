@@ -31,6 +31,7 @@ class TimelineActs(QObject):
     ``view`` is the whole timeline, ``canvas`` its drawn part.
     """
 
+    timeline_wanted = Signal()  # it is shut
     open_changed = Signal()  # a label was begun, or ended
 
     def __init__(self, theme: Theme, replay: ReplayControls, canvas: TimelineCanvas, view: QWidget) -> None:
@@ -75,6 +76,8 @@ class TimelineActs(QObject):
         return max(self.ms_of(playback.end_ns), float(self.document.duration_ms), 1.0)
 
     def focus_timeline(self) -> None:
+        if not self._canvas.isVisible():
+            self.timeline_wanted.emit()
         self._canvas.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
     def undo(self) -> None:

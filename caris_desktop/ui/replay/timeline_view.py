@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable
 
-from PySide6.QtCore import QEvent, QKeyCombination, QObject, QRectF, QSize, Qt
+from PySide6.QtCore import QEvent, QKeyCombination, QObject, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QScrollBar, QSizePolicy, QVBoxLayout, QWidget
 
@@ -19,7 +19,7 @@ from caris_desktop.ui.action_rows import TIMELINE_ACTIONS
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.key_positions import key_code, position_of
-from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card
+from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card, show_part
 from caris_desktop.ui.replay.coding_strip import CodingStrip
 from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.thumbnails import Thumbnails
@@ -42,14 +42,22 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
 from caris_desktop.ui.widgets.told_state import ToldState
 
-_LOW_PX = 168
+LOW_PX = 168
+"""Lower than this there is only room for the tiers, not for the strip of labels."""
+
+_NO_LIMIT_PX = 16_777_215
 # These go on while their key is held.
 _REPEATED = ("seek_by", "nudge", "select_next", "select_tier", "zoom")
 _NOT_A_MODIFIER = Qt.KeyboardModifier.KeypadModifier | Qt.KeyboardModifier.GroupSwitchModifier
 
 
 class TimelineView(QWidget):
-    """Shows the record and edits annotations; ``actions`` gets the keys of the timeline."""
+    """Shows the record and edits annotations; ``actions`` gets the keys of the timeline.
+
+    Where there is no room for it beside the panels it is a drawer: a title that opens it, or the whole of it.
+    """
+
+    open_wanted = Signal(bool)
 
     def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
         super().__init__()
@@ -59,6 +67,7 @@ class TimelineView(QWidget):
         self._theme = theme
         self._replay = replay
         self._actions = actions
+        self._opened: bool | None = None
         self._tracks: dict[str, Track] = {}
         self._own_tracks: dict[str, Track] = {}
         self._record_tracks: dict[str, Track] = {}
@@ -67,6 +76,7 @@ class TimelineView(QWidget):
         self._told = ToldState(self.canvas, self._told_words)
         self.acts = TimelineActs(theme, replay, self.canvas, self)
         self.acts.open_changed.connect(self._on_selection_changed)
+        self.acts.timeline_wanted.connect(lambda: self.open_wanted.emit(True))
         actions.add_rows(TIMELINE_ACTIONS, self.acts)
         self.rows = TimelineRows(self, self.canvas, self.acts, theme=theme, replay=replay, state=state, actions=actions)
         self.rows.changed.connect(self._show_rows)
@@ -121,6 +131,7 @@ class TimelineView(QWidget):
         row.addSpacing(8)
         row.addWidget(self._fact, 1)
         row.addWidget(self.rows.filter)
+        self._in_header: list[QWidget] = [self.rows.filter]
         for name, icon, text, tip, act in (
             ("rows_menu_button", "eye", tr("Rows"), tr("Which rows are shown"), self._open_rows_menu),
             ("add_tier", "plus", tr("Tier"), tr("Add a tier, also for another coder"), self.rows.open_tier_dialog),
@@ -139,6 +150,7 @@ class TimelineView(QWidget):
             button.clicked.connect(act)
             row.addWidget(button)
             self._named_buttons.append((button, text))
+            self._in_header.append(button)
         for action_id in ("undo", "redo", "timeline_smaller", "timeline_larger", "timeline_fit"):
             spec = actions.spec(action_id)
             if spec is None:
@@ -149,7 +161,35 @@ class TimelineView(QWidget):
             button.setToolTip(f"{spec.text} ({actions.key_text(action_id)})")
             button.clicked.connect(self._runner(action_id))
             row.addWidget(button)
+            self._in_header.append(button)
+        self._drawer = ActionButton(theme, "", height_px=30, text_px=tokens.STATUS_PX + 1)
+        self._drawer.setObjectName("timeline_drawer")
+        self._drawer.clicked.connect(lambda: self.open_wanted.emit(not self._opened))
+        self._drawer.hide()
+        row.addWidget(self._drawer)
         return header
+
+    def show_as_drawer(self, opened: bool | None) -> None:
+        """Open or shut; None where it stands beside the panels."""
+        self._opened = opened
+        shut = opened is False
+        for widget in (self.canvas, self._down, *self._in_header):
+            show_part(widget, not shut)
+        show_part(self._drawer, opened is not None)
+        if opened:
+            self._drawer.set_label("", icon="caret-double-down", look="amber")
+            self._drawer.setToolTip(tr("Back to the picture and the panels"))
+            self._drawer.setAccessibleName(tr("Back to the picture and the panels"))
+        else:
+            self._drawer.set_label(tr("Open"), icon="caret-double-up", look="amber")
+            self._drawer.setToolTip(tr("Open the timeline over the panels: there is no room for both"))
+            self._drawer.setAccessibleName(tr("Open the timeline"))
+        if shut:
+            self.setFixedHeight(TITLE_HEIGHT_PX)
+        else:
+            self.setMinimumHeight(0)
+            self.setMaximumHeight(_NO_LIMIT_PX)
+        self._use_room()
 
     def _open_rows_menu(self) -> None:
         self.rows.open_rows_menu(self._named_buttons[0][0])
@@ -165,7 +205,10 @@ class TimelineView(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        low = self.height() < _LOW_PX
+        self._use_room()
+
+    def _use_room(self) -> None:
+        low = self.height() < LOW_PX or self._opened is False
         self.strip.setVisible(not low)
         self._across.setVisible(not low)
         roomy = self.width() >= 1040

@@ -3,8 +3,8 @@
 from typing import Literal
 
 from PySide6.QtCore import QEvent, QObject, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QWidget
+from PySide6.QtGui import QColor, QFontMetricsF, QHelpEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QToolTip, QWidget
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import Actions
@@ -46,6 +46,7 @@ class ActionButton(QAbstractButton):
         self._dot: str | None = None
         self._badge: Badge = ""
         self._key = key
+        self._key_shown = True
         self._look: Look = look
         self._key_first = key_first
         self._height_px = height_px
@@ -76,6 +77,17 @@ class ActionButton(QAbstractButton):
             self._key = key
             self.updateGeometry()
             self.update()
+
+    def set_key_shown(self, shown: bool) -> None:
+        """Whether its key stands on it; where there is no room, that is for the tip."""
+        if shown != self._key_shown:
+            self._key_shown = shown
+            self.updateGeometry()
+            self.update()
+
+    @property
+    def _cap(self) -> str:
+        return self._key if self._key_shown else ""
 
     def set_size(self, *, height_px: int, text_px: int) -> None:
         if (height_px, text_px) != (self._height_px, self._text_px):
@@ -137,7 +149,7 @@ class ActionButton(QAbstractButton):
             return QSize(self.width_with(""), full.height())
         if not self._may_shrink:
             return full
-        return QSize(min(full.width(), round(key_cap_width(self._theme, self._key)) + 72), full.height())
+        return QSize(min(full.width(), round(key_cap_width(self._theme, self._cap)) + 72), full.height())
 
     def _side_px(self, text: str) -> int:
         if not text:
@@ -152,7 +164,7 @@ class ActionButton(QAbstractButton):
         spaces = -8
         for present, part in (
             (bool(self._icon_name) or self._dot is not None, float(_ICON_PX)),
-            (bool(self._key), key_cap_width(self._theme, self._key)),
+            (bool(self._cap), key_cap_width(self._theme, self._cap)),
             (self._menu_arrow, 12.0),
             (bool(text), 0.0),
         ):
@@ -217,7 +229,7 @@ class ActionButton(QAbstractButton):
         side = float(self._side_px(text))
         left = max(side, (self.width() - self._content_width(text)) / 2)
         right_end = self.width() - side
-        cap = key_cap_width(theme, self._key)
+        cap = key_cap_width(theme, self._cap)
         if self._dot is not None:
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(theme.color(self._dot))
@@ -227,7 +239,7 @@ class ActionButton(QAbstractButton):
             draw_icon(painter, QRectF(left, center - _ICON_PX / 2, _ICON_PX, _ICON_PX), self._icon_name, ink)
             left += _ICON_PX + 8
         if cap and self._key_first:
-            draw_key_cap(painter, theme, self._key, left, center, on=on)
+            draw_key_cap(painter, theme, self._cap, left, center, on=on)
             left += cap + 8
         after = (cap + 8 if cap and not self._key_first else 0.0) + (20.0 if self._menu_arrow else 0.0)
         if text:
@@ -244,7 +256,7 @@ class ActionButton(QAbstractButton):
             )
             left += min(room, metrics.horizontalAdvance(shown)) + 8
         if cap and not self._key_first:
-            draw_key_cap(painter, theme, self._key, left, center, on=on)
+            draw_key_cap(painter, theme, self._cap, left, center, on=on)
             left += cap + 8
         if self._menu_arrow:
             draw_icon(painter, QRectF(left, center - 6, 12, 12), "caret-down", ink)
@@ -252,6 +264,12 @@ class ActionButton(QAbstractButton):
     def changeEvent(self, event: QEvent) -> None:
         self.update()
         super().changeEvent(event)
+
+    def event(self, event: QEvent) -> bool:
+        if isinstance(event, QHelpEvent) and event.type() == QEvent.Type.ToolTip and self._key and not self._key_shown:
+            QToolTip.showText(event.globalPos(), f"{self.toolTip()} ({self._key})".strip(), self)
+            return True
+        return super().event(event)
 
 
 class _Binding(QObject):
