@@ -134,10 +134,16 @@ class ConversationPanel(Panel):
         return changed
 
     def _heard(self) -> dict[str, Hearing]:
-        """What is made out of the turns under way now, by utterance id."""
+        """What is made out of the turns under way now, by utterance id. What turns out to be the robot's own voice is
+        none of them: the robot's line has its words already.
+        """
         now_ns = self.state.present.now_ns()
         newest = (self.state.hearing_of(source).value for source in PARTICIPANT_SOURCES)
-        heard = {hearing.utterance_id: hearing for hearing in newest if hearing is not None and hearing.utterance_id}
+        heard = {
+            hearing.utterance_id: hearing
+            for hearing in newest
+            if hearing is not None and hearing.utterance_id and hearing.speaker != "robot"
+        }
         over = {turn.utterance_id for turn in self._turns_until(now_ns) if turn.ended_ns and turn.ended_ns <= now_ns}
         return {turn_id: hearing for turn_id, hearing in heard.items() if turn_id not in over}
 

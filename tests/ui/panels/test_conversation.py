@@ -99,6 +99,19 @@ def test_words_under_way_are_there_before_the_turn_is_over(panel: ConversationPa
     assert panel.view.rows[-1].utterance_id == "n1", "what turned out to be nothing is not there"
 
 
+def test_the_robots_own_voice_is_not_shown_as_the_participants(panel: ConversationPanel, console: FakeConsole) -> None:
+    before, fact = said(panel), panel.fact
+    console.say_turn(replace(utterance(1, text="-", state="started"), text=""))
+    heard = Hearing(clock.now_ns(), ROBOT_MICROPHONE, True, "participant", "n1", "", "That's him")
+    console.state.take(heard)
+    assert said(panel) == [*before, ("participant", "That's him")]
+    console.state.take(replace(heard, speaker="robot", committed="That is", tentative="a good question."))
+    assert said(panel) == before
+    assert panel.fact[0].rpartition(" s ")[2] == fact[0].rpartition(" s ")[2], "nobody else is waited for"
+    console.state.take(replace(heard, committed="That is", tentative="a good idea."))
+    assert said(panel)[-1] == ("participant", "That is a good idea."), "it was somebody after all"
+
+
 def test_the_title_says_how_long_somebody_has_been_waiting(panel: ConversationPanel, console: FakeConsole) -> None:
     text, role = panel.fact
     assert text.endswith(" s since Luis stopped talking"), text
