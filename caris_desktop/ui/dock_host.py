@@ -126,7 +126,7 @@ class DockHost(DockArea):
         dock = self._docks[name] = self._make_dock(name, panel)
         if old is None:
             return
-        if old.isVisible() or old.isFloating():
+        if old.isVisible() or old.isFloating() or dock.least() != old.least():
             self.show_everything()
         else:
             dock.set_place(floating=False, locked=self.locked)

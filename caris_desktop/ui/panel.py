@@ -44,10 +44,12 @@ class Panel(QWidget):
 
     title = ""
     drives = False  # bare drive keys work while this panel has the focus
-    reads: tuple[str, ...] | None = None  # of the scenario, by dotted names, where that is known; None: built anew
+    reads: tuple[str, ...] | None = None
+    """Of the scenario, by dotted names, what it is built from and ``show_scenario`` cannot change; None: built anew."""
     fact_changed = Signal(str, str)  # text, colour role
     active_changed = Signal(bool)
     title_changed = Signal(str)
+    controls_changed = Signal()  # title_widgets gives others now; who shows them deletes those that it gives no more
     window_wanted = Signal(str)  # WindowName
     moment_wanted = Signal(object)  # nanoseconds of the session clock: a replay goes there
 
@@ -105,7 +107,8 @@ class Panel(QWidget):
         """The panel is seen again: show everything as it is now."""
 
     def follow(self, scenario: Scenario) -> bool:
-        """Whether it goes on with another scenario, as that says the same of all that it was built from.
+        """Whether it goes on with another scenario, as that says the same of all that it was built from: then
+        ``show_scenario`` comes next.
 
         The same scenario once more means that something else has changed: the panel is built anew.
         """
@@ -113,6 +116,11 @@ class Panel(QWidget):
         if self.reads is None or scenario == before:
             return False
         return all(attrgetter(name)(scenario) == attrgetter(name)(before) for name in self.reads)
+
+    def show_scenario(self) -> None:
+        """It goes on with another scenario, whose rows the table has by now: show what that says of it, and nothing of
+        the one before.
+        """
 
     def what_lasts(self) -> Any:
         """What the next panel of this kind takes over, when all are built anew; None for nothing."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -31,12 +31,16 @@ class _Building:
 
 
 class _KeptPlace(Panel):
-    """Stands behind a tab until its panel is made."""
+    """Stands behind a tab until its panel is made, and needs the room that the last one of its kind did."""
 
-    def __init__(self, context: PanelContext, name: PanelName) -> None:
+    def __init__(self, context: PanelContext, name: PanelName, least: QSize) -> None:
         super().__init__(context)
+        self._least = least
         self.title = tr(PANELS[name].title)
         self.show_title(self.title)
+
+    def minimumSizeHint(self) -> QSize:
+        return self._least
 
 
 class PanelBoard(QObject):
@@ -52,6 +56,7 @@ class PanelBoard(QObject):
         self._docks = docks
         self._panels: dict[PanelName, Panel] = {}
         self._lasting: dict[PanelName, Any] = {}
+        self._least: dict[PanelName, QSize] = {}
         self._has_library = False
         self._building: _Building | None = None
         self._missing: deque[PanelName] = deque()
@@ -87,8 +92,6 @@ class PanelBoard(QObject):
         that tree when all stands. Panels that go on with the scenario stay.
         """
         self._stop_building()
-        for name in self._panels:
-            self._keep(name)
         actions, hold = self._context.actions, self._context.hold
         hold.release_all(QT_TR_NOOP("The scenario was changed"))
         actions.bind_driving_panels(())
@@ -96,12 +99,15 @@ class PanelBoard(QObject):
         possible = self.possible()
         for name, panel in tuple(self._panels.items()):
             if name not in possible or not panel.follow(scenario):
+                self._keep(name)
                 del self._panels[name]
         if self._panels:
             self._docks.keep_only(self._panels)
         else:
             self._docks.clear()
         actions.rebuild(scenario)
+        for panel in self._panels.values():
+            panel.show_scenario()
         tree = permitted(scenario.layout, possible)
         arrangement = arrange(tree)
         missing, seen = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
@@ -126,14 +132,16 @@ class PanelBoard(QObject):
             self._build_next()
 
     def _build_next(self) -> None:
-        """One panel that is seen, or their arrangement, or at last one of the others."""
+        """One panel that is seen, or their arrangement, or at last one of the others, and then nothing any more."""
         if self._missing:
             name = self._missing.popleft()
             self._docks.make_room(name, self._make(name))
         elif self._building is not None:
             building, self._building = self._building, None
             self._drop_all_but(building.arrangement.panels)
-            places = {name: _KeptPlace(self._context, name) for name in self._behind}
+            places = {
+                name: _KeptPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind
+            }
             self._docks.show_arrangement({**self._panels, **places}, building.arrangement)
             self._bind_driving()
             for name in self._panels.keys() & building.arrangement.in_front:
@@ -143,8 +151,9 @@ class PanelBoard(QObject):
             name = self._behind.popleft()
             self._docks.make_room(name, self._make(name))
             if not self._behind:
-                self._turn.stop()
                 self._bind_driving()
+        if self.whole:
+            self._turn.stop()
 
     def _stop_building(self) -> None:
         self._turn.stop()
@@ -243,6 +252,7 @@ class PanelBoard(QObject):
     def _make(self, name: PanelName) -> Panel:
         panel: Panel = PANELS[name].load()(self._context)
         self._panels[name] = panel
+        self._least[name] = panel.minimumSizeHint()
         panel.window_wanted.connect(self.window_wanted)
         panel.moment_wanted.connect(self.moment_wanted)
         panel.use_library(present=self._has_library)

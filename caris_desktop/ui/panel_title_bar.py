@@ -34,22 +34,33 @@ class PanelTitleBar(QWidget):
         self._title.setText(panel.shown_title)
         self._fact = _ElidedLabel()
         self._fact.setObjectName("panel_fact")
-        self._controls = (*panel.title_widgets(), *more)
+        self._more = tuple(more)
+        self._controls: tuple[QWidget, ...] = ()
         self._row = row = QHBoxLayout(self)
-        row.setContentsMargins(14, 3, 6 if self._controls else 14, 3)
         row.setSpacing(8)
         row.addWidget(self._title)
         row.addWidget(self._fact, 1)
-        for widget in self._controls:
-            row.addWidget(widget)
+        self._show_controls()
         # Clicks on the words reach the dock, which is dragged by its title.
         for label in (self._title, self._fact):
             label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         panel.fact_changed.connect(self._show_fact)
         panel.title_changed.connect(self._title.setText)
+        panel.controls_changed.connect(self._show_controls)
         panel.active_changed.connect(self._on_active_changed)
         self._theme.changed.connect(self._style)
         self._style()
+
+    def _show_controls(self) -> None:
+        before, self._controls = self._controls, (*self._panel.title_widgets(), *self._more)
+        for widget in before:
+            self._row.removeWidget(widget)
+            if widget not in self._controls:
+                widget.hide()
+                widget.deleteLater()
+        self._row.setContentsMargins(14, 3, 6 if self._controls else 14, 3)
+        for widget in self._controls:
+            self._row.addWidget(widget)
 
     def event(self, event: QEvent) -> bool:
         if event.type() in (QEvent.Type.Resize, QEvent.Type.LayoutRequest):

@@ -61,6 +61,11 @@ class WordsPage(QWidget):
         column.addWidget(self.field, 1)
         column.addLayout(bottom)
 
+    def forget(self) -> None:
+        """What is being changed is not wanted any more: the next setup is shown from its beginning."""
+        self.which.clear()
+        self._shown = ("", "")
+
     def show_setup(self, setup: AssistantSetup) -> None:
         """What is being changed stays as it stands in the field."""
         changed = self._changed

@@ -40,6 +40,7 @@ class AssistantPanel(Panel):
     """Nothing that the model writes is said before the wizard says so."""
 
     title = QT_TR_NOOP("Assistant")
+    reads = ()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -87,8 +88,6 @@ class AssistantPanel(Panel):
         self._answer.setObjectName("assistant_answer")
         self._answer.setAccessibleName(tr("The assistant's answer"))
         self._answer.setReadOnly(True)
-        if self.state.present.live and self._speaks:
-            self._answer.setPlaceholderText(tr("Answers wait here until you say them."))
         self._answer.setTabChangesFocus(True)
         self._answer.setMinimumHeight(30)
         self._note = QLabel()
@@ -107,7 +106,6 @@ class AssistantPanel(Panel):
         self._arrange()
         self.state.assistant.changed.connect(self._on_assistant_changed)
         self.state.assistant_setup.changed.connect(self._on_setup_changed)
-        self.table.rebuilt.connect(self.catch_up)
         self.theme.changed.connect(self._style)
         app = QApplication.instance()
         if isinstance(app, QApplication):
@@ -167,6 +165,15 @@ class AssistantPanel(Panel):
 
     def minimumSizeHint(self) -> QSize:
         return QSize(260, 136)
+
+    def show_scenario(self) -> None:
+        self._chosen = ""
+        self._stop_editing()
+        self.with_what.setChecked(False)
+        # Words for the model that were being changed are of the scenario before, and never go into this one.
+        self._words.forget()
+        self._pages.setCurrentWidget(self._main)
+        self.catch_up()
 
     def what_lasts(self) -> Any:
         return self.field.text(), self.along.left_out, self.along.pictures
@@ -365,6 +372,8 @@ class AssistantPanel(Panel):
         self._question.setText(
             tr("You asked: {question}").format(question=words.shortened(shown.question, 140)) if shown.question else ""
         )
+        waits = self.state.present.live and speaks
+        self._answer.setPlaceholderText(tr("Answers wait here until you say them.") if waits else "")
         self.field.setReadOnly(not live)
         show_part(self.with_what, live)
         self._cancel.setEnabled(live)

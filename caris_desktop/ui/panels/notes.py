@@ -58,6 +58,7 @@ class NotesPanel(Panel):
     """
 
     title = QT_TR_NOOP("Notes")
+    reads = ()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -79,12 +80,12 @@ class NotesPanel(Panel):
         self._of_study.setReadOnly(True)
         self._of_study.setFrameShape(QFrame.Shape.NoFrame)
         self._of_study.setTabChangesFocus(True)
-        self._of_study.setPlainText(self.console.scenario.notes.strip())
         self._unfolded: bool | None = None  # None: as long as there is room for it and nothing else to show
         self._fold = ActionButton(self.theme, tr("Scenario"), height_px=30, text_px=tokens.STATUS_PX + 1)
         self._fold.setObjectName("notes_fold")
         self._fold.setToolTip(tr("What the scenario has for you: show or fold"))
         self._fold.clicked.connect(self._on_fold)
+        self._show_study()
         self._empty = QLabel()
         self._empty.setObjectName("notes_empty")
         self._empty.setWordWrap(True)
@@ -138,7 +139,19 @@ class NotesPanel(Panel):
         self._fit()
 
     def title_widgets(self) -> list[QWidget]:
-        return [self._fold] if self._of_study.toPlainText() else []
+        return [self._fold]
+
+    def show_scenario(self) -> None:
+        self._show_study()
+        self.catch_up()
+
+    def _show_study(self) -> None:
+        """What the scenario has for the wizard, and the button that folds it; neither where it has nothing."""
+        text = self.console.scenario.notes.strip()
+        if text != self._of_study.toPlainText():
+            self._of_study.setPlainText(text)
+            self._unfolded = None
+        show_part(self._fold, bool(text))
 
     def _on_fold(self) -> None:
         self._unfolded = self._of_study.isHidden()

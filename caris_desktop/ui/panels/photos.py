@@ -58,6 +58,7 @@ class PhotosPanel(Panel):
     """A grid of the photos, newest first, and in its place the one that was clicked."""
 
     title = QT_TR_NOOP("Photos")
+    reads = ("permissions.assistant", "assistant.pictures")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)

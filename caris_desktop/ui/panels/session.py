@@ -63,6 +63,7 @@ class SessionPanel(Panel):
     """Start, pause and stop, labels to mark with, and the log."""
 
     title = QT_TR_NOOP("Session")
+    reads = ()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -95,16 +96,8 @@ class SessionPanel(Panel):
         self._note.setToolTip(tr("Write a note about this moment"))
         self._note.bind(self.table, "note")
         self._labels = FlowRow(gap_px=6)
-        for number, label in enumerate(self.console.scenario.recording.labels, start=1):
-            button = ActionButton(
-                self.theme, label, height_px=30, text_px=tokens.STATUS_PX + 1, key_first=True
-            )  # fmt: skip
-            if self.table.spec(f"label_{number}") is None:
-                break
-            button.setObjectName(f"session_label_{number}")
-            button.bind(self.table, f"label_{number}")
-            button.setToolTip(tr("Mark this moment: {label}. Hold the key to mark a stretch.").format(label=label))
-            self._labels.add(button)
+        self._label_buttons: list[ActionButton] = []
+        self._show_labels()
         self._filter = ActionButton(
             self.theme, tr("Everything"), height_px=30, text_px=tokens.STATUS_PX + 1, menu_arrow=True
         )
@@ -152,6 +145,32 @@ class SessionPanel(Panel):
     def log_lines(self) -> list[str]:
         """The sentences of the log, of the chosen category, oldest first."""
         return [entry.sentence for entry in self._model.chosen()]
+
+    def show_scenario(self) -> None:
+        self._show_labels()
+        self._refresh()
+
+    def _show_labels(self) -> None:
+        """A button for each label of the scenario that has a row in the table."""
+        labels = [
+            label
+            for number, label in enumerate(self.console.scenario.recording.labels, start=1)
+            if self.table.spec(f"label_{number}") is not None
+        ]
+        while len(self._label_buttons) > len(labels):
+            button = self._label_buttons.pop()
+            self._labels.remove(button)
+            button.deleteLater()
+        for number in range(len(self._label_buttons) + 1, len(labels) + 1):
+            button = ActionButton(self.theme, height_px=30, text_px=tokens.STATUS_PX + 1, key_first=True)
+            button.setObjectName(f"session_label_{number}")
+            button.bind(self.table, f"label_{number}")
+            self._labels.add(button)
+            button.show()  # what is hidden takes no room
+            self._label_buttons.append(button)
+        for button, label in zip(self._label_buttons, labels, strict=True):
+            button.set_label(label)
+            button.setToolTip(tr("Mark this moment: {label}. Hold the key to mark a stretch.").format(label=label))
 
     def what_lasts(self) -> list[LogEntry]:
         return self._model.entries()

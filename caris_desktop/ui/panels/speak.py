@@ -84,6 +84,7 @@ class SpeakPanel(Panel):
     """Enter says the line and empties the field; what is refused stays in it."""
 
     title = QT_TR_NOOP("Speak")
+    reads = ()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -106,8 +107,8 @@ class SpeakPanel(Panel):
         self._silence = ActionButton(self.theme, tr("Silence"), icon="speaker-slash", height_px=30, may_lose_words=True)
         self._silence.setObjectName("silence_button")
         self._silence.bind(self.table, "silence")
-        permitted = self.state.present.live and self.table.spec(TALK) is not None
-        self._talk = [TalkButton(self.theme, self.table, self.hold, self.state)] if permitted else []
+        self._talk: list[TalkButton] = []
+        self._offer_talking()
         self._voice = ActionButton(self.theme, icon="sliders-horizontal", height_px=30)
         self._voice.setObjectName("voice_button")
         self._voice.setAccessibleName(tr("Voice"))
@@ -150,6 +151,12 @@ class SpeakPanel(Panel):
         self._on_speech_changed(self.state.speech.value)
         self._show_hints()
 
+    def _offer_talking(self) -> None:
+        permitted = self.state.present.live and self.table.spec(TALK) is not None
+        if permitted != bool(self._talk):
+            self._talk = [TalkButton(self.theme, self.table, self.hold, self.state)] if permitted else []
+            self.controls_changed.emit()
+
     def title_widgets(self) -> list[QWidget]:
         return [*self._talk, self._voice, self._silence] if self.state.present.live else [self._silence]
 
@@ -165,6 +172,13 @@ class SpeakPanel(Panel):
 
     def take_over(self, lasting: str) -> None:
         self.field.bring(lasting)
+
+    def show_scenario(self) -> None:
+        self._say_instead = None  # a suggestion of the scenario before is a line like any other
+        self._offer_talking()
+        self._phrases.show_scenario()
+        self.catch_up()
+        self._fit()
 
     def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
         self.field.bring(text)

@@ -57,7 +57,7 @@ class VideoPanel(Panel):
     """Title bar with rate and age, photo button where the scenario allows one, and the picture."""
 
     title = QT_TR_NOOP("Video")
-    reads = ("permissions.photos", "permissions.driving", "permissions.naming_people")
+    reads = ("permissions.driving", "permissions.naming_people")
     drives = True
 
     def __init__(self, context: PanelContext) -> None:
@@ -73,11 +73,7 @@ class VideoPanel(Panel):
         self._parts.addWidget(self.view, 1)
         self._parts.addWidget(self.strip)
         self._photo: ActionButton | None = None
-        if self.table.spec("photo") is not None:
-            self._photo = ActionButton(self.theme, tr("Photo"), icon="camera", height_px=30, may_lose_words=True)
-            self._photo.setObjectName("photo_button")
-            self._photo.setToolTip(tr("Photo"))
-            self._photo.bind(self.table, "photo")
+        self._offer_photos()
         self._cameras = DropDown(self.theme, "video_camera", tr("Which camera is shown"))
         self._cameras.setMinimumContentsLength(6)
         self._cameras.activated.connect(self._on_camera_chosen)
@@ -124,6 +120,21 @@ class VideoPanel(Panel):
             self._on_frame_changed(state.frame.value)
         self._on_freshness_changed(state.frame.freshness)
         self.strip.look()
+
+    def show_scenario(self) -> None:
+        self._offer_photos()
+
+    def _offer_photos(self) -> None:
+        permitted = self.table.spec("photo") is not None
+        if permitted == (self._photo is not None):
+            return
+        self._photo = None
+        if permitted:
+            self._photo = ActionButton(self.theme, tr("Photo"), icon="camera", height_px=30, may_lose_words=True)
+            self._photo.setObjectName("photo_button")
+            self._photo.setToolTip(tr("Photo"))
+            self._photo.bind(self.table, "photo")
+        self.controls_changed.emit()
 
     def title_widgets(self) -> list[QWidget]:
         return [self._cameras, *([self._photo] if self._photo is not None else [])]

@@ -15,6 +15,9 @@ from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.key_cap import KeyCap
 
 _UNTITLED = QT_TR_NOOP("General")
+_GESTURES = tuple(f"gesture_{number}" for number in range(1, MOST_GESTURES + 1))
+_CHIPS = (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler", *_GESTURES)
+"""The rows of the table that have a chip here, in the order in which they stand."""
 
 
 class PhraseRows(QWidget):
@@ -25,37 +28,16 @@ class PhraseRows(QWidget):
         self._theme = theme
         self._console = console
         self._actions = actions
-        groups = phrase_groups(console.scenario.phrases)
-        self._titles = [
-            ActionButton(theme, group.title or tr(_UNTITLED), look="ghost", height_px=28) for group in groups
-        ]
+        self._titles: list[ActionButton] = []
         tabs = self._tabs = QWidget()
-        tabs_row = QHBoxLayout(tabs)
-        tabs_row.setContentsMargins(0, 0, 0, 0)
-        tabs_row.setSpacing(4)
-        for number, title in enumerate(self._titles):
-            title.setCheckable(True)
-            title.setObjectName(f"phrase_group_{number + 1}")
-            title.clicked.connect(lambda _checked=False, number=number: self._choose(number))
-            tabs_row.addWidget(title)
-        tabs_row.addWidget(KeyCap(theme, actions.key_text("next_phrases")))
-        tabs_row.addStretch(1)
+        self._tabs_row = QHBoxLayout(tabs)
+        self._tabs_row.setContentsMargins(0, 0, 0, 0)
+        self._tabs_row.setSpacing(4)
+        self._next_key = KeyCap(theme)
+        self._tabs_row.addWidget(self._next_key)
+        self._tabs_row.addStretch(1)
         self._flow = FlowRow(gap_px=6)
         self._chips: dict[str, ActionButton] = {}
-        for action_id in (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler"):
-            if any(spec.id == action_id for spec in actions.all_specs):
-                chip = ActionButton(theme, key_first=True, height_px=32, may_shrink=True)
-                chip.setObjectName(action_id)
-                chip.bind(actions, action_id)
-                self._flow.add(chip)
-                self._chips[action_id] = chip
-        for action_id in (f"gesture_{number}" for number in range(1, MOST_GESTURES + 1)):
-            if any(spec.id == action_id for spec in actions.all_specs):
-                chip = ActionButton(theme, icon="hand-waving", key_first=True, height_px=32, may_shrink=True)
-                chip.setObjectName(action_id)
-                chip.bind(actions, action_id)
-                self._flow.add(chip)
-                self._chips[action_id] = chip
         self._next = ActionButton(theme, key_first=True, look="ghost", height_px=32, may_shrink=True)
         self._next.setObjectName("next_phrases")
         self._next.bind(actions, "next_phrases")
@@ -68,11 +50,52 @@ class PhraseRows(QWidget):
         column.addWidget(tabs)
         column.addWidget(self._flow)
         column.addWidget(self._keyless)
-        self._tell_keyless()
         actions.rows_changed.connect(self._refresh)
         theme.changed.connect(self._style)
         self._style()
+        self.show_scenario()
+
+    def show_scenario(self) -> None:
+        """The groups, phrases and gestures of the scenario whose rows the table has; what is there already is used."""
+        groups = phrase_groups(self._console.scenario.phrases)
+        while len(self._titles) > len(groups):
+            title = self._titles.pop()
+            title.hide()
+            title.deleteLater()
+        for number in range(len(self._titles), len(groups)):
+            self._titles.append(self._new_title(number))
+        for title, group in zip(self._titles, groups, strict=True):
+            title.set_label(group.title or tr(_UNTITLED))
+        self._next_key.set_text(self._actions.key_text("next_phrases"))
+        there = {spec.id for spec in self._actions.all_specs}
+        wanted = [action_id for action_id in _CHIPS if action_id in there]
+        for action_id in self._chips.keys() - set(wanted):
+            chip = self._chips.pop(action_id)
+            self._flow.remove(chip)
+            chip.deleteLater()
+        for action_id in wanted:
+            if action_id not in self._chips:
+                self._chips[action_id] = self._new_chip(action_id)
+        self._flow.arrange([*(self._chips[action_id] for action_id in wanted), self._next])
+        self._tell_keyless()
         self._refresh()
+
+    def _new_title(self, number: int) -> ActionButton:
+        title = ActionButton(self._theme, look="ghost", height_px=28)
+        title.setCheckable(True)
+        title.setObjectName(f"phrase_group_{number + 1}")
+        title.clicked.connect(lambda: self._choose(number))
+        self._tabs_row.insertWidget(number, title)
+        title.show()
+        return title
+
+    def _new_chip(self, action_id: str) -> ActionButton:
+        icon = "hand-waving" if action_id in _GESTURES else ""
+        chip = ActionButton(self._theme, icon=icon, key_first=True, height_px=32, may_shrink=True)
+        chip.setObjectName(action_id)
+        chip.bind(self._actions, action_id)
+        self._flow.add(chip)
+        return chip
 
     def set_size(self, *, chip_px: int, text_px: int, gap_px: int, low: bool) -> None:
         """``low``: there is no room for a line of all groups; the next one stands among the phrases then."""

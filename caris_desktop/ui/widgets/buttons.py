@@ -133,6 +133,7 @@ class ActionButton(QAbstractButton):
         binding = _Binding(self, actions, action_id)
         actions.keys_changed.connect(binding.refresh)
         actions.availability_changed.connect(binding.refresh)
+        actions.rebuilt.connect(binding.refresh)
         binding.refresh()
 
     def sizeHint(self) -> QSize:

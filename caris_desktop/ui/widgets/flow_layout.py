@@ -1,5 +1,7 @@
 """A layout that wraps its items like words in a line."""
 
+from collections.abc import Sequence
+
 from PySide6.QtCore import QMargins, QPoint, QRect, QSize, Qt
 from PySide6.QtWidgets import QLayout, QLayoutItem, QSizePolicy, QWidget
 
@@ -20,6 +22,10 @@ class FlowRow(QWidget):
     def remove(self, widget: QWidget) -> None:
         self._flow.removeWidget(widget)
         widget.hide()
+
+    def arrange(self, widgets: Sequence[QWidget]) -> None:
+        """Put those that are there already into this order; ``widgets`` are all of them."""
+        self._flow.arrange(widgets)
 
     def set_gap(self, gap_px: int) -> None:
         self._flow.set_gap(gap_px)
@@ -45,7 +51,14 @@ class FlowLayout(QLayout):
         self.setContentsMargins(QMargins(0, 0, 0, 0))
 
     def set_gap(self, gap_px: int) -> None:
-        self._gap_px = gap_px
+        if gap_px != self._gap_px:
+            self._gap_px = gap_px
+            self.invalidate()
+
+    def arrange(self, widgets: Sequence[QWidget]) -> None:
+        """Put the items into the order of ``widgets``, which are those of all items."""
+        place_of: dict[QWidget | None, int] = {widget: place for place, widget in enumerate(widgets)}
+        self._items.sort(key=lambda item: place_of[item.widget()])
         self.invalidate()
 
     def addItem(self, item: QLayoutItem) -> None:
