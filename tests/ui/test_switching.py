@@ -5,18 +5,22 @@ import itertools
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QTimer
+from PySide6.QtCore import Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.live.status import AssistantSetup
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.scenario.phrases import PhraseGroup
 from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_table import PANELS
+from caris_desktop.ui.panels.assistant import AssistantPanel
+from caris_desktop.ui.panels.speak import SpeakPanel
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, open_window
@@ -98,6 +102,32 @@ def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
     assert {name for name in every if window.panels[name].in_view} == {"video", behind}
 
 
+def test_nothing_turns_any_more_once_all_stand(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+    for scenario in (ALONE, samples.MENTAL):
+        switch(console, scenario)
+        qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+        assert not window.board._turn.isActive()
+
+
+def test_what_lies_behind_other_tabs_gets_its_room_when_it_comes(
+    qtbot: QtBot, settings: MemorySettings, theme: Theme
+) -> None:
+    tabs = TabNode(("people", "drive"), "people")
+    tabbed = dataclasses.replace(
+        ALONE, layout=SplitNode("vertical", (PanelLeaf("map"), tabs), (0.8, 0.2)), path=Path("/layouts/low.yaml")
+    )
+    console = FakeConsole(ALONE)
+    window = open_window(qtbot, console, settings, theme)
+    for scenario in (tabbed, ALONE, tabbed):
+        switch(console, scenario)
+        qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+        docks = window.dock_host
+        assert scenario is ALONE or docks.docks["people"].height() >= docks.docks["drive"].least()[1]
+        there = {name: dock.geometry() for name, dock in docks.docks.items()}
+        docks.lay_out()
+        assert there == {name: dock.geometry() for name, dock in docks.docks.items()}
+
+
 def test_who_asks_for_a_panel_meanwhile_gets_it(window: MainWindow, console: FakeConsole) -> None:
     switch(console, samples.MENTAL)
     window.open_panel("diagnostics")
@@ -132,6 +162,68 @@ def test_a_panel_that_goes_on_says_what_a_new_one_would(qtbot: QtBot, settings: 
         assert differ == {}, scenario.title
         went_on |= set(kept)
     assert went_on >= {"video", "map", "people", "drive", "conversation", "speak", "assistant", "session", "notes"}
+
+
+def test_phrases_and_labels_do_what_they_say_after_another_scenario(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    grouped = dataclasses.replace(
+        samples.TOUR,
+        phrases=("One.", PhraseGroup("More", ("Two.", "Three."))),
+        recording=dataclasses.replace(samples.TOUR.recording, labels=("Laughs", "Leaves")),
+        filler="",
+        path=Path("/layouts/grouped.yaml"),
+    )
+    for scenario in (grouped, samples.TOUR, grouped):
+        before = {name: window.panels[name] for name in ("speak", "session")}
+        switch(console, scenario)
+        assert {name: window.panels[name] for name in before} == before
+        QTest.qWait(0)
+        speak, session = before["speak"], before["session"]
+        chips = {chip.objectName(): chip for chip in speak.findChildren(QAbstractButton) if chip.isVisible()}
+        chosen = [name for name in chips if name.startswith("phrase_") and "group" not in name]
+        of_group = ["One."] if scenario is grouped else list(samples.TOUR.phrases)
+        assert [chips[f"phrase_{number}"].text() for number in range(1, len(chosen) + 1)] == of_group[:10]
+        assert ("filler" in chips) is bool(scenario.filler)
+        console.calls.clear()
+        chips["phrase_1"].click()
+        assert console.named("say_phrase") or console.named("say"), console.calls
+        window.open_panel("session")
+        labels = [button for button in session.findChildren(QAbstractButton) if "_label_" in button.objectName()]
+        there = sorted(button.text() for button in labels if not button.isHidden())
+        assert there == sorted(scenario.recording.labels)
+
+
+def test_words_for_the_model_that_were_being_changed_never_go_into_another_scenario(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    setup = AssistantSetup(system_prompt="You are a guide.")
+    console.state.assistant_setup.set(setup)
+    panel = window.panels["assistant"]
+    assert isinstance(panel, AssistantPanel)
+    panel.field.setText("And wh")
+    panel.setup_bar.words.click()
+    panel._words.field.setPlainText("You are a guide who jokes.")
+    console.state.assistant_setup.set(dataclasses.replace(setup, system_prompt="You are a nurse."))
+    switch(console, samples.MENTAL)
+    window.board.complete()
+    assert window.panels["assistant"] is panel and panel.field.isVisible(), "back from the words"
+    assert panel.field.text() == "And wh"
+    panel.setup_bar.words.click()
+    assert panel._words.field.toPlainText() == "You are a nurse." and not panel._words.save.isEnabled()
+
+
+def test_a_suggestion_that_was_being_changed_is_a_line_like_any_other_afterwards(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    said: list[str] = []
+    window.panels["speak"].edit_first("It stops.", lambda text: not said.append(text))
+    switch(console, samples.MENTAL)
+    window.focus_speak()
+    panel = window.panels["speak"]
+    assert isinstance(panel, SpeakPanel)
+    QTest.keyClick(panel.field, Qt.Key.Key_Return)
+    assert (said, console.named("say")) == ([], [("It stops.", "typed")])
 
 
 def _said(window: MainWindow, name: PanelName) -> list[tuple[str, ...]]:
