@@ -35,6 +35,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.held_motion import WISHES, HeldMotion, Hold
+from caris_desktop.ui.kept_keys import KeptKeys, had_the_keys
 from caris_desktop.ui.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings, PressedKey, pressed_key
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, KeyboardGrabs, PhysicalKeys
@@ -99,6 +100,7 @@ class HoldToDrive(QObject):
         self._key_owner: KeyOwner = "elsewhere"
         self._last_escape = _NEVER
         self._keys = PhysicalKeys()
+        self._kept_keys = KeptKeys(self._keys.focused_window, self)
         app = QApplication.instance()
         assert isinstance(app, QApplication)  # noqa: S101 (a widget exists, so the application does)
         self._app = app
@@ -121,6 +123,7 @@ class HoldToDrive(QObject):
         self.release_all(QT_TR_NOOP("The window was closed"))
         self._app.removeEventFilter(self)
         self._app.removeNativeEventFilter(self._grabs)
+        self._kept_keys.give_back()
 
     def ask_next_key(
         self, letters: str, answer: Callable[[str], None], *, after: Qt.KeyboardModifier = _CTRL_SHIFT
@@ -214,6 +217,9 @@ class HoldToDrive(QObject):
         elif kind in (QEvent.Type.Show, QEvent.Type.Hide) and isinstance(watched, QWidget) and watched.isWindow():
             if kind == QEvent.Type.Show and _takes_over(watched):
                 self.release_all(QT_TR_NOOP("A dialog or menu opened"))
+            elif kind == QEvent.Type.Hide and watched is not self._window and had_the_keys(watched):
+                # Closed by a button: an Esc that comes right behind it must find somebody as well.
+                self._kept_keys.keep_for_heir_of(watched, self._window)
             # Qt takes note of popups and dialogs only after this event.
             QTimer.singleShot(0, self, self._on_windows_changed)
         return False
@@ -444,6 +450,8 @@ class HoldToDrive(QObject):
     def _on_keyboard_taken(self) -> None:
         if self._app.activePopupWidget() is not None or not self._is_ours(self._app.activeWindow()):
             return  # our own menus take it too
+        if self._kept_keys.just_taken:
+            return
         key = self._keys.stop_key_down()
         if key is not None:
             # A stop is a stop, also where the window manager keeps Alt+Escape for itself.
@@ -462,13 +470,18 @@ class HoldToDrive(QObject):
     def _close_what_escape_closes(self) -> None:
         popup = self._app.activePopupWidget()
         # A dialog that is not modal closes while it is in front: who stops from the main window keeps it.
-        dialog = self._app.activeModalWidget() or self._app.activeWindow()
+        front = self._app.activeModalWidget() or self._app.activeWindow()
         if popup is not None:
             popup.hide()  # closed, its native window would be gone, and with it the next Esc that was on its way there
-        elif isinstance(dialog, QDialog):
-            dialog.reject()
+            return
+        if front is not None and front is not self._window:
+            self._kept_keys.keep_for_heir_of(front, self._window)
+        if isinstance(front, QDialog):
+            front.reject()
         else:
             self.escape_pressed.emit()
+        if front is not None and front is not self._window and front.isVisible():
+            self._kept_keys.give_back()  # it stays, and the keys stay with it
 
     def _on_gamepad_button(self, action_id: str) -> None:
         if action_id == "stop":

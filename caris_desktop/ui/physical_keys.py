@@ -86,6 +86,9 @@ class PhysicalKeys:
             x11.XkbGetState.argtypes = [ctypes.c_void_p, ctypes.c_uint, ctypes.POINTER(_XkbState)]
             x11.XkbKeycodeToKeysym.argtypes = [ctypes.c_void_p, ctypes.c_ubyte, ctypes.c_uint, ctypes.c_uint]
             x11.XkbKeycodeToKeysym.restype = ctypes.c_ulong
+            x11.XGetInputFocus.argtypes = [
+                ctypes.c_void_p, ctypes.POINTER(ctypes.c_ulong), ctypes.POINTER(ctypes.c_int),
+            ]  # fmt: skip
             # Qt's xcb plugin needs this library, so it is there.
             self._xkbcommon = ctypes.CDLL("libxkbcommon.so.0")
         except (OSError, AttributeError, TypeError) as error:
@@ -143,6 +146,14 @@ class PhysicalKeys:
             if code and keymap.raw[code // 8] >> code % 8 & 1:
                 return key, int(code)
         return None
+
+    def focused_window(self) -> int:
+        """Number of the window that the X server sends keys to, whoever has taken them; 0 where that is not known."""
+        if self._x11 is None:
+            return 0
+        window, revert_to = ctypes.c_ulong(), ctypes.c_int()
+        self._x11.XGetInputFocus(self._display, ctypes.byref(window), ctypes.byref(revert_to))
+        return int(window.value)
 
     def letters(self, codes: Mapping[str, int]) -> dict[str, str]:
         """What the present layout types on the keys with these codes; empty where the system does not tell."""

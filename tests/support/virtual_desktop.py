@@ -2,9 +2,12 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 TOOLS = ("Xvfb", "openbox", "xdotool", "setxkbmap")
@@ -98,6 +101,15 @@ class VirtualDesktop:
 
     def use_layout(self, layout: str) -> None:
         subprocess.run(["setxkbmap", layout], env=self.environment, check=True, timeout=20, capture_output=True)
+
+    @contextmanager
+    def busy_manager(self) -> Iterator[None]:
+        """Meanwhile the window manager comes to nothing: the keys of a window that closes go to nobody."""
+        self._manager.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self._manager.send_signal(signal.SIGCONT)
 
     def start_program(self, code: str) -> "subprocess.Popen[bytes]":
         return subprocess.Popen([sys.executable, "-c", code], env=self.environment, stderr=subprocess.DEVNULL)

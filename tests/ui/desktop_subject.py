@@ -11,7 +11,7 @@ from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
 
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.ui import drive_keys
+from caris_desktop.ui import drive_keys, kept_keys
 from caris_desktop.ui.layout.rect import Rect
 from caris_desktop.ui.layout.tree import groups_in, panels_in, without
 from caris_desktop.ui.main_window import MainWindow
@@ -134,6 +134,10 @@ class Subject(ToldByLines):
 
     def do_dialog(self) -> None:
         self.window.sessions.open_start_dialog()
+
+    def do_keep_keys(self, seconds: str) -> None:
+        kept_keys.KEPT_S = float(seconds)
+        self.window.hold._kept_keys.give_back()
 
     def do_combo(self) -> None:
         self.combo.show()

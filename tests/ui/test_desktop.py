@@ -275,16 +275,8 @@ def test_every_stop_works(desktop: Desktop, whole_desktop: VirtualDesktop, situa
     desktop.do("keydown", "alt", "keydown", "shift", "key", "Escape", "keyup", "shift", "keyup", "alt")
     desktop.expect("stop")
     desktop = fresh()
-    if situation == "dialog":
-        # Until the window manager has given the keys to the window behind it, nobody gets them.
-        desktop.do("key", "Escape")
-        desktop.expect("stop")
-        desktop.expect_all("ACTIVE MainWindow", "KEYS driving")
-        desktop.do("key", "Escape")
-        desktop.expect("emergency_stop")
-    else:
-        desktop.do("key", "--delay", "60", "Escape", "Escape")
-        desktop.expect("stop", "emergency_stop")
+    desktop.do("key", "--delay", "60", "Escape", "Escape")
+    desktop.expect("stop", "emergency_stop")
     desktop = fresh()
     desktop.do("keydown", "alt", "keydown", "shift", "key", "Pause", "keyup", "shift", "keyup", "alt")
     desktop.expect("emergency_stop")
@@ -300,6 +292,57 @@ def test_an_escape_on_its_way_to_what_the_first_one_closes_is_not_lost(whole_des
         _completion(desktop)
         desktop.do("key", "--delay", "0", "Escape", "Escape")
         desktop.expect("stop", "emergency_stop")
+
+
+@pytest.mark.parametrize("closing", ["Escape", "space"])
+def test_no_stop_is_lost_while_the_keys_go_back_from_a_dialog(
+    desktop: Desktop, whole_desktop: VirtualDesktop, closing: str
+) -> None:
+    desktop.say("keep_keys 60")
+    _dialog(desktop)
+    desktop.say("focus start_dialog_cancel")
+    desktop.do("sleep", "0.1")
+    with whole_desktop.busy_manager():  # until it has given the keys to another window, nobody would get them
+        desktop.do("key", closing)
+        desktop.expect("DIALOG False")
+        desktop.do("key", "Escape")
+        if closing == "space":
+            desktop.expect("stop")
+            desktop.do("key", "Escape")
+        desktop.expect("emergency_stop")
+    assert len(desktop.intents("stop")) == len(desktop.intents("emergency_stop")) == 1
+    desktop.say("keep_keys 0.6")
+
+
+@pytest.mark.parametrize("delay_ms", [0, 4, 10, 20, 40])
+def test_two_quick_escapes_over_a_dialog_are_an_emergency_stop(whole_desktop: VirtualDesktop, delay_ms: int) -> None:
+    for _ in range(4):
+        desktop = Desktop(whole_desktop)
+        _dialog(desktop)
+        desktop.do("key", "--delay", str(delay_ms), "Escape", "Escape")
+        desktop.expect("stop", "emergency_stop")
+        assert len(desktop.intents("emergency_stop")) == 1
+
+
+def test_one_escape_that_closes_a_dialog_is_one_and_the_keys_are_the_windows_again(desktop: Desktop) -> None:
+    _dialog(desktop)
+    desktop.do("keydown", "Escape", "sleep", "0.3", "keyup", "Escape")
+    desktop.expect("stop")
+    desktop.expect_all("ACTIVE MainWindow", "KEYS driving")
+    assert not desktop.intents("emergency_stop")
+    other = desktop.start_other_program()
+    try:
+        desktop.expect("KEYS elsewhere", timeout_s=20.0)
+        desktop.do("sleep", "0.8", "key", "F1")  # not ours any more
+        other.terminate()
+        other.wait(timeout=15)
+        desktop.expect("KEYS driving")
+        desktop.do("key", "F2")
+        desktop.expect("say ('Please follow me.', 'phrase')")
+        assert len(desktop.intents("say")) == 1
+    finally:
+        other.kill()
+        other.wait(timeout=15)
 
 
 def test_the_gamepad_drives_stops_and_speaks(desktop: Desktop, whole_desktop: VirtualDesktop) -> None:
