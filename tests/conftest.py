@@ -76,7 +76,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesOnce | None:
-    return FilesOnce(config, log) if config.getoption("dist") == "loadfile" else None
+    by_test = [f"tests/{file}" for file in _BY_TEST]
+    return FilesOnce(config, log, by_test) if config.getoption("dist") == "loadfile" else None
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -103,6 +104,8 @@ _LONGEST_FIRST = (
 )  # fmt: skip
 # A rehearsal is played in real time; beside these, which start one console after the other, too little is left for it.
 _NOT_BESIDE_A_REHEARSAL = ("app/test_bad_input.py", "app/test_robot_room.py")
+# Long files without anything that their tests share: no worker is left with all of one at the end.
+_BY_TEST = ("app/test_bad_input.py",)
 
 
 def _turn(item: pytest.Item) -> int:

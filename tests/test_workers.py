@@ -18,7 +18,7 @@ def pytest_configure(config):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    return FilesOnce(config, log)
+    return FilesOnce(config, log, by_test=["test_apart.py"])
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node, error):
@@ -58,6 +58,14 @@ def test_hanging():
     open("hangs", "w").close()
     time.sleep(100)
 """
+_APART = """
+import os
+import pytest
+
+@pytest.mark.parametrize("number", range(6))
+def test_one_of_many(number):
+    open(f"{os.environ['PYTEST_XDIST_WORKER']}-{number}", "w").close()
+"""
 
 
 def start(folder: Path, files: dict[str, str]) -> "subprocess.Popen[str]":
@@ -81,6 +89,15 @@ def test_a_worker_that_dies_costs_the_test_it_died_in_and_no_other(tmp_path: Pat
     assert "1 failed, 50 passed" in printed
     assert "crashed while running 'test_m.py::test_fatal'" in printed
     assert "ended by signal 9" in printed
+
+
+def test_the_tests_of_a_file_that_shares_nothing_are_done_by_all(tmp_path: Path) -> None:
+    run = start(tmp_path, {"test_apart.py": _APART})
+    printed, _ = run.communicate(timeout=90)
+    assert run.returncode == pytest.ExitCode.OK, printed
+    done_by = sorted(path.name.split("-") for path in tmp_path.glob("gw*"))
+    assert {worker for worker, _ in done_by} == {"gw0", "gw1"}
+    assert sorted(number for _, number in done_by) == list("012345")
 
 
 def test_what_hangs_is_named_when_the_run_is_stopped(tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ handed such a file has nothing to run in it, so never reports, is never given mo
 """
 
 import subprocess
+from collections.abc import Collection
+from typing import Any
 
 import pytest
 from xdist.scheduler import LoadFileScheduling
@@ -12,7 +14,19 @@ from xdist.workermanage import WorkerController
 
 
 class FilesOnce(LoadFileScheduling):
-    """What a dead worker had left is done by the others; the test at which it died is not tried on them as well."""
+    """What a dead worker had left is done by the others; the test at which it died is not tried on them as well.
+
+    ``by_test``: files, as in the ids of their tests, whose tests share nothing: any worker that is free takes one of
+    them, so that nobody is left with a whole long file at the end.
+    """
+
+    def __init__(self, config: pytest.Config, log: Any, by_test: Collection[str] = ()) -> None:
+        super().__init__(config, log)
+        self._by_test = frozenset(by_test)
+
+    def _split_scope(self, nodeid: str) -> str:
+        file: str = super()._split_scope(nodeid)
+        return nodeid if file in self._by_test else file
 
     def remove_node(self, node: WorkerController) -> str | None:
         left = {
