@@ -48,7 +48,7 @@ from caris_desktop.ui.panel_board import PanelBoard
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.practice.practice_strip import PracticeStrip
 from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
-from caris_desktop.ui.problems import ProblemCards
+from caris_desktop.ui.problems import ProblemCards, ProblemLine
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.same_panels import same_panels
@@ -135,9 +135,11 @@ class MainWindow(QWidget):
         to_check = PreflightButton(self.theme, console)
         to_check.clicked.connect(self.show_preflight)
         alarms_button = AlarmsButton(self.theme, console)
-        self._status_bar = StatusBar(self.theme, console, KeyOwnerChip(self.theme, self.hold), alarms_button, to_check)
+        line = ProblemLine(self.theme)
+        first = KeyOwnerChip(self.theme, self.hold), alarms_button, to_check
+        self._status_bar = StatusBar(self.theme, console, *first, news=line)
         self._arrange()
-        self._problems = ProblemCards(self.theme, self.dock_host, console.state)
+        self._problems = ProblemCards(self.theme, self.dock_host, console.state, line)
         self._palette_overlay = CommandPalette(self.theme, self, PaletteMemory(self.wizards))
         self.wizard_keys = WizardKeys(self.wizards, self.actions_table, self._tell, self)
         self._sheet = ShortcutSheet(self.theme, self, self.actions_table, self.wizard_keys, self.hold)
@@ -269,6 +271,7 @@ class MainWindow(QWidget):
         parts.arrange(self.dock_host, self._middle, self._column, self._status_bar)
         self._replay_parts = parts
         replay.noticed.connect(self._problems.show_problem)
+        self._problems.line.clicked.connect(parts.show_panels)
         self.board.moment_wanted.connect(replay.seek)
         self.hold.escape_pressed.connect(parts.timeline.acts.give_up)
         self._place.use_replay()

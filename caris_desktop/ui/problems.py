@@ -1,4 +1,8 @@
-"""What needs somebody, as cards in a corner: what happened, what it means, what to do. Never a box in the way."""
+"""What needs somebody, as cards over a panel that can spare the room, or as a line at the lower edge of the window:
+what happened, what it means, what to do. Never a box in the way.
+"""
+
+from collections.abc import Sequence
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPen
@@ -14,8 +18,10 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.layout.card_place import card_place, in_the_corner
 from caris_desktop.ui.layout.dock_area import DockArea
 from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.status_button import StatusButton
 
 SHOWN_AT_ONCE = 3
 _GOES_AWAY_AFTER_MS = {"info": 8_000, "warning": 20_000}
@@ -26,17 +32,23 @@ LOOKS: dict[Severity, tuple[str, str, str]] = {
 }
 """Icon, colour and word of each severity."""
 
+_RANK: dict[Severity, int] = {"info": 0, "warning": 1, "error": 2}
+
 
 class ProblemCards(QWidget):
     """Alarms, and answers to what was asked, the newest few over the picture or another panel that is only looked at.
 
     The card of an alarm goes with it; dismissed, or a warning after a while, it is in the list of what is wrong all
     the same, and comes back when something is asked for that it stands in the way of. Of answers only serious ones
-    stay until they are dismissed.
+    stay until they are dismissed. Where no panel has room ``line`` tells the gravest, and a click on it shows the
+    cards.
     """
 
-    def __init__(self, theme: Theme, over: DockArea, state: LiveState) -> None:
+    def __init__(self, theme: Theme, over: DockArea, state: LiveState, line: "ProblemLine") -> None:
         super().__init__(over)
+        self.line = line
+        self._asked_for = False
+        line.clicked.connect(self._on_line_clicked)
         self.setObjectName("problem_cards")
         self._theme = theme
         self._over = over
@@ -108,25 +120,32 @@ class ProblemCards(QWidget):
             self._place()
 
     def _place(self) -> None:
-        self.setVisible(bool(self._cards))
-        if not self._cards:
+        place = self._free_place() if self._cards else None
+        self._asked_for = self._asked_for and bool(self._cards) and place is None
+        self.line.show_problems([card.problem for card in self._cards] if place is None else [], self._asked_for)
+        if place is None and self._asked_for:
+            place = in_the_corner(Rect(0, 0, self._over.width(), self._over.height()), self._height_for)
+        self.setVisible(place is not None)
+        if place is None:
             return
-        place = self._free_place()
         self.setFixedWidth(place.width)
         self.resize(place.width, place.height)
         self._column.activate()
         self.move(QPoint(place.left, place.top))
         self.raise_()
 
-    def _free_place(self) -> Rect:
+    def _on_line_clicked(self) -> None:
+        self._asked_for = not self._asked_for
+        self._place()
+
+    def _free_place(self) -> Rect | None:
         """One is whole, the newest of the most serious or the one that was clicked; the others only say what it is."""
-        rank = {"info": 0, "warning": 1, "error": 2}
-        whole = self._opened or max(reversed(self._cards), key=lambda card: rank[card.problem.severity])
+        whole = self._opened or gravest(self._cards)
         for card in self._cards:
             card.fold(card is not whole)
-        place = card_place(self._over.placing.groups, self._height_for)
-        area = Rect(0, 0, self._over.width(), self._over.height())
-        return in_the_corner(area, self._height_for) if place is None else place
+        if not self._over.isVisibleTo(self._over.window()):
+            return None
+        return card_place(self._over.placing.groups, self._height_for)
 
     def _open_whole(self, card: "ProblemCard") -> None:
         self._opened = card
@@ -141,9 +160,40 @@ class ProblemCards(QWidget):
             self._place()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self._over and event.type() == QEvent.Type.Resize:
+        if watched is self._over and event.type() in (QEvent.Type.Resize, QEvent.Type.Show, QEvent.Type.Hide):
             self._on_laid_out()
         return False
+
+
+def gravest(cards: Sequence["ProblemCard"]) -> "ProblemCard":
+    """The newest of the most serious."""
+    return max(reversed(cards), key=lambda card: _RANK[card.problem.severity])
+
+
+class ProblemLine(StatusButton):
+    """The gravest problem and how many there are, in the status bar: it covers nothing, and nothing moves for it."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__(theme, "problem_line", "")
+        self.setCheckable(True)
+        self.hide()
+
+    def show_problems(self, problems: Sequence[Problem], opened: bool) -> None:
+        """``opened`` says whether they are on show as cards."""
+        self.setChecked(opened)
+        if not problems:
+            self.show_words("", "", "dim", spoken="")
+            return
+        one = max(reversed(problems), key=lambda problem: _RANK[problem.severity])
+        icon, role, word = LOOKS[one.severity]
+        text = one.what
+        if len(problems) > 1:
+            text = tr("{number} · {problem}").format(number=len(problems), problem=text)
+        spoken = tr("{severity}: {what}").format(severity=tr(word), what=text)
+        self.show_words(text, icon, role, spoken=spoken)
+        said = " ".join(part for part in (one.meaning, one.advice) if part)
+        self.setAccessibleDescription(said)
+        self.setToolTip(wrapped_tip(one.what) + wrapped_tip(said) + wrapped_tip(tr("Click to open or to shut it.")))
 
 
 class ProblemCard(QWidget):

@@ -25,6 +25,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.status_button import StatusButton
 
 HEIGHT_PX = 32
 _SIDE_PX, _GAP_PX, _STEP_PX = 16, 20, 6
@@ -33,6 +34,7 @@ _MAY_GO = ("models", "round_trip", "listening", "perception", "battery", "lidar"
 # What is cut short then. What is recorded is neither.
 _MAY_BE_CUT = ("load", "link", "dropped", "perception", "refused", "battery", "disk", "pose", "microphone", "video")
 _LEAST_PX, _NAME_CHARACTERS = 90, 40
+_NEWS_PX = (120, 340)
 ROOM_LOW_S, ROOM_ALMOST_GONE_S = 30 * 60.0, 5 * 60.0
 BATTERY_OLD_AFTER_S = 60.0
 _LINK_WORDS = {
@@ -137,8 +139,8 @@ class StatusBar(QWidget):
 
     connection_clicked = Signal()
 
-    def __init__(self, theme: Theme, console: WizardConsole, *first: QWidget) -> None:
-        """``first`` are shown at the left end."""
+    def __init__(self, theme: Theme, console: WizardConsole, *first: QWidget, news: StatusButton) -> None:
+        """``first`` are shown at the left end, and ``news`` behind them, for which all else gives way."""
         super().__init__()
         self._in_replay = False
         self._told: tuple[object, ...] = ()
@@ -170,7 +172,9 @@ class StatusBar(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(_SIDE_PX, 0, _SIDE_PX, 0)
         row.setSpacing(_GAP_PX)
-        for widget in first:
+        self._news = news
+        news.words_changed.connect(self._fit)
+        for widget in (*first, news):
             row.addWidget(widget)
         for name, item in self.items.items():
             if name == "microphone":
@@ -285,9 +289,11 @@ class StatusBar(QWidget):
         told = {name: item for name, item in self.items.items() if item.text}
         widths = [widget.sizeHint().width() for widget in self._first if not widget.isHidden()]
         widths += [item.full_px for item in told.values()]
+        news_px = min(self._news.full_px, _NEWS_PX[1])
+        widths += [] if self._news.isHidden() else [news_px]
         missing_px = sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX - self.width()
         gone = []
-        for name in _MAY_GO:
+        for name in _MAY_GO if self._news.isHidden() else (*_MAY_GO, "video"):
             left_out = name in told and told[name].role == "dim" and missing_px > 0
             if left_out:
                 missing_px -= told[name].full_px + _GAP_PX
@@ -295,6 +301,8 @@ class StatusBar(QWidget):
             self.items[name].leave_out(left_out)
         self.setToolTip("<br>".join(html.escape(text) for text in gone))
         self.setAccessibleDescription(", ".join(gone))
+        if self._news.isHidden():
+            self.items["video"].leave_out(False)
         for name in _MAY_BE_CUT:
             item = self.items[name]
             if item.isHidden():
@@ -302,6 +310,7 @@ class StatusBar(QWidget):
             gives_px = min(max(0, missing_px), max(0, item.full_px - _LEAST_PX))
             item.use_room(item.full_px - gives_px)
             missing_px -= gives_px
+        self._news.use_room(max(_NEWS_PX[0], news_px - missing_px))
 
     def _say_battery(self) -> None:
         stream = self._console.state.battery

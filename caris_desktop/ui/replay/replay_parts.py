@@ -57,6 +57,11 @@ class ReplayParts(QObject):
         if self._panels is not None:
             self._panels.fit()
 
+    def show_panels(self) -> None:
+        """Shut the timeline where it is a drawer over them."""
+        if self._drawer and self._timeline_open:
+            self._open_timeline(False)
+
     def take_focus(self) -> None:
         """In a replay no field takes what is typed, and Space plays."""
         taker = self._window if self._drawer and not self._timeline_open else self.timeline

@@ -1,6 +1,6 @@
 """A few words at the lower edge of the window that open a list: always in the same place, reached by Tab."""
 
-from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QSizePolicy
 
@@ -8,15 +8,20 @@ from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 
+_ANY_PX = 16_777_215
+
 
 class StatusButton(QAbstractButton):
     """An icon and words in a colour. Without words it is hidden."""
+
+    words_changed = Signal()
 
     def __init__(self, theme: Theme, name: str, tip: str) -> None:
         super().__init__()
         self.setObjectName(name)
         self._theme = theme
         self._icon, self._role = "", "dim"
+        self._most_px = _ANY_PX
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setCursor(Qt.CursorShape.PointingHandCursor)
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
@@ -32,6 +37,7 @@ class StatusButton(QAbstractButton):
         """``spoken`` is what a screen reader says of it."""
         if not text:
             self.hide()
+            self.words_changed.emit()
         elif self.parentWidget() is not None:
             self.show()
         if (text, icon, role) == (self.text(), self._icon, self._role):
@@ -41,10 +47,22 @@ class StatusButton(QAbstractButton):
         self.setAccessibleName(spoken)
         self.updateGeometry()
         self.update()
+        self.words_changed.emit()
+
+    def use_room(self, width_px: int) -> None:
+        """Be no wider than this: the words are cut short."""
+        if width_px != self._most_px:
+            self._most_px = width_px
+            self.updateGeometry()
+            self.update()
+
+    @property
+    def full_px(self) -> int:
+        """How wide it is with its whole words."""
+        return round(QFontMetricsF(self._theme.font(tokens.STATUS_PX)).horizontalAdvance(self.text())) + 24
 
     def sizeHint(self) -> QSize:
-        width = QFontMetricsF(self._theme.font(tokens.STATUS_PX)).horizontalAdvance(self.text())
-        return QSize(round(width) + 24, 24)
+        return QSize(min(self.full_px, self._most_px), 24)
 
     def minimumSizeHint(self) -> QSize:
         return self.sizeHint()
@@ -60,4 +78,7 @@ class StatusButton(QAbstractButton):
         painter.setFont(theme.font(tokens.STATUS_PX))
         painter.setPen(theme.color("text" if self.underMouse() else role))
         rect = QRectF(22, 0, self.width() - 22, self.height())
-        painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), self.text())
+        text = self.text()
+        if self.full_px > self._most_px:
+            text = painter.fontMetrics().elidedText(text, Qt.TextElideMode.ElideRight, round(rect.width()))
+        painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), text)

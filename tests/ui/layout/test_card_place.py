@@ -1,14 +1,20 @@
 """Cards lie where least is missed: never on a title while there is room, and never on speaking or driving."""
 
 import pytest
+from PySide6.QtCore import QPoint, QRect
+from PySide6.QtWidgets import QApplication, QWidget
+from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.layout.card_place import card_place, in_the_corner
 from caris_desktop.ui.layout.placing import TITLE_PX, GroupPlace, place
 from caris_desktop.ui.layout.rect import Rect
 from caris_desktop.ui.main_window import MainWindow
-from tests.ui.conftest import click
+from tests.support.window_check import flaws
+from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole
 
 AREA = Rect(0, 0, 1300, 600)
@@ -83,3 +89,72 @@ def test_a_click_shows_an_older_one_whole(window: MainWindow, console: FakeConso
     first, second = window.problems.cards
     click(qtbot, first)  # type: ignore[arg-type]
     assert first.height() > second.height() and "Do that." in second.toolTip()
+
+
+def _place_of(part: QWidget, window: QWidget) -> QRect:
+    return QRect(part.mapTo(window, QPoint()), part.size())
+
+
+def _taken(window: MainWindow) -> dict[str, QRect]:
+    """What no problem may cover: titles, tabs, the panels that are typed into and clicked, and the red button."""
+    taken = {"emergency stop": _place_of(find(window, "emergency_stop"), window)}
+    for name, dock in window.dock_host.docks.items():
+        title, panel = dock.titleBarWidget(), dock.widget()
+        if title.isVisible():
+            taken[f"title of {name}"] = _place_of(title, window)
+        if panel is not None and panel.isVisible() and name in ("speak", "drive"):
+            taken[name] = _place_of(panel, window)
+    for number, bar in enumerate(window.dock_host.bars):
+        taken[f"tabs {number}"] = _place_of(bar, window)
+    return taken
+
+
+@pytest.mark.parametrize("scenario", sorted(path.stem for path in layouts_dir().glob("*.yaml")))
+def test_on_small_screens_problems_cover_nothing_that_is_needed(
+    window: MainWindow, console: FakeConsole, scenario: str
+) -> None:
+    console.scenario = load_scenario(layouts_dir() / f"{scenario}.yaml")
+    console.state.scenario.set_anew(console.scenario)
+    freshen(console)
+    for number in range(3):
+        console.state.take(
+            Problem(1, "error", f"The camera of the robot sends no picture {number}", "It means this.", "Do that.")
+        )
+    told = set()
+    for size in ((683, 384), (911, 512), (1366, 768), (683, 384)):
+        window.resize(*size)
+        for _ in range(10):
+            QApplication.processEvents()
+        cards, line = window.problems, window.problems.line
+        assert cards.isVisible() is not line.isVisible(), "one of the two tells of them"
+        told.add(line.isVisible())
+        if cards.isVisible():
+            shown = _place_of(cards, window)
+            assert [name for name, place in _taken(window).items() if place.intersects(shown)] == []
+        else:
+            assert line.text().startswith("3 · The camera of the robot")
+            assert line.width() >= 120 and "Do that." in line.toolTip()
+        assert [flaw for flaw in flaws(window) if "The camera of the robot" in flaw] == []
+    assert True in told
+
+
+def test_the_line_opens_the_cards_and_goes_with_the_last_of_them(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    window.resize(683, 384)
+    QApplication.processEvents()
+    console.state.take(Problem(1, "error", "It stopped", "It means this.", "Do that."))
+    line = find(window, "problem_line")
+    assert (line.property("text"), line.accessibleName()) == ("It stopped", "Serious problem: It stopped")
+    assert not window.problems.isVisible()
+    click(qtbot, line)
+    (card,) = window.problems.cards
+    assert card.isVisible() and window.problems.isVisible()
+    assert not _place_of(window.problems, window).intersects(_place_of(find(window, "emergency_stop"), window))
+    click(qtbot, line)
+    assert not window.problems.isVisible()
+    click(qtbot, line)
+    click(qtbot, find(card, "problem_dismiss"))
+    assert window.problems.cards == () and not line.isVisible() and not window.problems.isVisible()
+    console.state.take(Problem(1, "error", "It stopped again", "", ""))
+    assert line.isVisible() and not window.problems.isVisible(), "each one begins as a line"
