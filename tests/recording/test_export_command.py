@@ -5,7 +5,6 @@ import json
 import multiprocessing
 import os
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -165,22 +164,36 @@ def test_sessions_of_one_name_do_not_meet(session: Path, tmp_path: Path) -> None
     assert all("is not empty" in problem for problem in again.problems)
 
 
-def test_ctrl_c_leaves_whole_exports_only(
-    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupt(_line: object, progress: ExportProgress) -> None:
-        if progress.what.startswith("three: "):
-            signal.raise_signal(signal.SIGINT)
+_INTERRUPTED = """
+import signal
+import sys
+from caris_desktop.recording import command
+from tests.recording.test_export_command import run
 
-    monkeypatch.setattr(command._ProgressLine, "show", interrupt)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a test that runs beside others ignores it
-    try:
-        assert run(study, "--to", "csv", tmp_path / "out") == 130
-    finally:
-        signal.signal(signal.SIGINT, before)
+def interrupt(_line, progress):
+    if progress.what.startswith("three: "):
+        signal.raise_signal(signal.SIGINT)
+
+command._ProgressLine.show = interrupt
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background inherits that it is ignored
+sys.exit(run(sys.argv[1], "--to", "csv", sys.argv[2]))
+"""
+
+
+def test_ctrl_c_leaves_whole_exports_only(study: Path, tmp_path: Path) -> None:
+    """In a program of its own, as an interruption in the midst of a library's code may end a process."""
+    ended = subprocess.run(
+        [sys.executable, "-X", "faulthandler", "-c", _INTERRUPTED, study, tmp_path / "out"],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        timeout=90,
+        check=False,
+    )
+    assert ended.returncode == 130, ended.stderr
     assert names(tmp_path / "out") == ["one"]
     assert is_whole(tmp_path / "out" / "one")
-    assert "Cancelled. 1 of 3 exports are whole" in capsys.readouterr().err
+    assert "Cancelled. 1 of 3 exports are whole" in ended.stderr
 
 
 def test_progress_is_shown_in_one_line_of_a_terminal(

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import Drive, RenewLease
-from caris_desktop.domain.events import LinkChanged
+from caris_desktop.domain.events import DriveEnded, LinkChanged
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.robot.link import LinkSettings, run_control_link
 from caris_desktop.robot.profile import load_profile
@@ -133,6 +133,18 @@ class LinkProcess:
             return until()
 
         return wait_for(observe, what, timeout_s=timeout_s)
+
+    def drive_until(self, until: Callable[[], V], what: str, *, turn_radps: float) -> V:
+        """Hold, and press anew as a wizard does when the drive has ended: a machine too busy for the lease ends it."""
+        ended = -1
+
+        def observe() -> V:
+            nonlocal ended
+            if ended != (ended := len(self.of(DriveEnded))):
+                self.drive(0.0, turn_radps)
+            return until()
+
+        return self.hold(observe, what)
 
     def of(self, kind: type[V]) -> list[V]:
         return [value for value in list(self.values) if isinstance(value, kind)]
