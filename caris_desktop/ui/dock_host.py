@@ -28,6 +28,7 @@ from caris_desktop.ui.panel import Panel
 
 _FLOATING: tuple[int, int] = (480, 360)
 _CASCADE_PX = 36
+_LEAVE_MS = 1
 LOCKED = QT_TR_NOOP("The layout is locked, so nothing was moved. Unlock it in the menu Layout.")
 
 
@@ -54,7 +55,7 @@ class DockHost(DockArea):
         self.screens: Callable[[], Sequence[Rect]] = available_screens
         self._before_resize: Arrangement | None = None
         self._leaving: deque[Dock] = deque()
-        self._leave = QTimer(self, interval=0)
+        self._leave = QTimer(self, interval=_LEAVE_MS)
         self._leave.timeout.connect(self._delete_next)
         self._follow(self)
         app = QGuiApplication.instance()
@@ -240,8 +241,9 @@ class DockHost(DockArea):
 
     def set_locked(self, locked: bool) -> None:
         """Locked, nothing can be moved, closed or floated."""
-        self.locked = locked
-        self.show_everything()
+        if locked != self.locked:
+            self.locked = locked
+            self.show_everything()
 
     def edit(self, what: str, after: Arrangement | None) -> bool:
         """The wizard did ``what``, in words; whether it was done."""

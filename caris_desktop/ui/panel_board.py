@@ -1,8 +1,8 @@
 """The panels on show: made from the table for each scenario, opened, closed and given the focus.
 
-Another scenario's panels are made one in each turn of the event loop, so that keys, the stop among them, and pictures
-get their turns in between: those that are seen first, then their arrangement, and then those behind other tabs, whose
-places are kept so far. Whoever asks for a panel meanwhile gets it: then the rest is made at once.
+Another scenario's panels are made one at a time, and keys, the stop among them, and pictures get their turns in
+between: those that are seen first, then their arrangement, and then those behind other tabs, whose places are kept so
+far. Whoever asks for a panel meanwhile gets it: then the rest is made at once.
 """
 
 from collections import deque
@@ -20,6 +20,9 @@ from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
 from caris_desktop.ui.layout.tree import panels_in, permitted
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
+
+TURN_MS = 1
+"""From one piece of work to the next. A timer that repeats without any interval comes first again and again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +64,8 @@ class PanelBoard(QObject):
         self._building: _Building | None = None
         self._missing: deque[PanelName] = deque()
         self._behind: deque[PanelName] = deque()
-        self._turn = QTimer(self, interval=0)
+        self._without_room: PanelName | None = None
+        self._turn = QTimer(self, singleShot=True, interval=TURN_MS)
         self._turn.timeout.connect(self._build_next)
         app = QApplication.instance()
         if isinstance(app, QApplication):
@@ -124,7 +128,7 @@ class PanelBoard(QObject):
     @property
     def whole(self) -> bool:
         """Whether every panel is there, also those behind other tabs."""
-        return self._building is None and not self._behind
+        return self._building is None and not self._behind and self._without_room is None
 
     def complete(self) -> None:
         """Make what is still missing, now."""
@@ -132,10 +136,11 @@ class PanelBoard(QObject):
             self._build_next()
 
     def _build_next(self) -> None:
-        """One panel that is seen, or their arrangement, or at last one of the others, and then nothing any more."""
-        if self._missing:
-            name = self._missing.popleft()
-            self._docks.make_room(name, self._make(name))
+        """One panel that is seen, or its room, or the arrangement of all, or at last one of the others."""
+        if self._without_room is not None:
+            self._give_room()
+        elif self._missing:
+            self._make_next(self._missing)
         elif self._building is not None:
             building, self._building = self._building, None
             self._drop_all_but(building.arrangement.panels)
@@ -148,15 +153,24 @@ class PanelBoard(QObject):
                 self._panels[name].catch_up()
             building.arranged()
         elif self._behind:
-            name = self._behind.popleft()
-            self._docks.make_room(name, self._make(name))
-            if not self._behind:
+            self._make_next(self._behind)
+        if not self.whole:
+            self._turn.start()
+
+    def _make_next(self, names: deque[PanelName]) -> None:
+        name = self._without_room = names.popleft()
+        self._make(name).setParent(self._docks)  # unseen, and gone with the window
+
+    def _give_room(self) -> None:
+        name, self._without_room = self._without_room, None
+        if name is not None:
+            self._docks.make_room(name, self._panels[name])
+            if self.whole:
                 self._bind_driving()
-        if self.whole:
-            self._turn.stop()
 
     def _stop_building(self) -> None:
         self._turn.stop()
+        self._give_room()
         self._missing.clear()
         self._behind.clear()
         self._building = None

@@ -57,23 +57,30 @@ def test_other_things_have_their_turn_between_two_panels(
     window: MainWindow, console: FakeConsole, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     window.show_scenario(ALONE)
-    others, turns_before = QTimer(interval=0), []
-    ticks = itertools.count()
+    others, turns_before = QTimer(interval=1), []
+    ticks, pieces = itertools.count(), []
     others.timeout.connect(lambda: next(ticks))
     make, before = window.board._make, dict(window.panels)
+    build_next = window.board._build_next
 
     def noting(name: PanelName) -> Panel:
         turns_before.append(next(ticks))
         return make(name)
 
+    def noting_piece() -> None:
+        pieces.append(next(ticks))
+        build_next()
+
     monkeypatch.setattr(window.board, "_make", noting)
+    window.board._turn.timeout.disconnect()
+    window.board._turn.timeout.connect(noting_piece)
     others.start()
     switch(console, samples.MENTAL)
     qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
     others.stop()
     made = [name for name, panel in window.panels.items() if panel is not before.get(name)]
     assert len(turns_before) == len(made) >= 3
-    assert all(after - before >= 2 for before, after in itertools.pairwise(turns_before))
+    assert all(after - before >= 2 for before, after in itertools.pairwise(pieces)), "between any two pieces of work"
 
 
 def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
@@ -100,6 +107,23 @@ def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
     assert {type(panel) for panel in window.panels.values()} == {PANELS[name].load() for name in every}
     assert window.panels[behind].isVisible() and window.panels[behind].in_view
     assert {name for name in every if window.panels[name].in_view} == {"video", behind}
+
+
+def test_a_panel_that_has_no_room_yet_when_another_scenario_is_chosen_goes_on_or_goes(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    for chosen in (samples.TOUR, STRICT):
+        window.show_scenario(ALONE)
+        switch(console, samples.MENTAL)
+        qtbot.waitUntil(lambda: window.board._without_room is not None, timeout=60_000)
+        begun = window.board._without_room
+        assert begun is not None
+        switch(console, chosen)
+        qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+        shown = {name for name, panel in window.panels.items() if panel.isVisible()}
+        assert (begun in window.panels) is (begun in panels_in(chosen.layout)) and "map" in shown
+        assert set(window.dock_host.docks) == set(window.panels)
+        assert all(dock.widget() is window.panels[name] for name, dock in window.dock_host.docks.items())
 
 
 def test_nothing_turns_any_more_once_all_stand(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:

@@ -178,7 +178,6 @@ class SpeakPanel(Panel):
         self._offer_talking()
         self._phrases.show_scenario()
         self.catch_up()
-        self._fit()
 
     def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
         self.field.bring(text)
