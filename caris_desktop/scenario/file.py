@@ -15,10 +15,11 @@ from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.scenario.gestures import Gesture, gesture_problems
 from caris_desktop.scenario.layout import layout_problems
 from caris_desktop.scenario.migrations import migrate
 from caris_desktop.scenario.model import DEFAULT_ROBOT, Scenario
-from caris_desktop.scenario.phrases import PhraseEntry, phrase_problems
+from caris_desktop.scenario.phrases import PhraseEntry, phrase_groups, phrase_problems
 from caris_desktop.scenario.protocol import ProtocolSettings, protocol_problems
 from caris_desktop.scenario.text_editing import UnusualLayoutError, edited
 
@@ -258,6 +259,10 @@ def _meaning_problems(
         seen_places.add(name)
     for path, problem in phrase_problems(value_from(tuple[PhraseEntry, ...], data.get("phrases", []))):
         yield ("phrases", *path), problem
+    phrases = phrase_groups(value_from(tuple[PhraseEntry, ...], data.get("phrases", [])))
+    keys = [phrase.key for group in phrases for phrase in group.phrases]
+    for path, problem in gesture_problems(value_from(tuple[Gesture, ...], data.get("gestures", [])), keys):
+        yield ("gestures", *path), problem
     protocol = value_from(ProtocolSettings, data.get("protocol", {}))
     for path, problem in protocol_problems(protocol, [place["name"] for place in data.get("places", [])]):
         yield ("protocol", *path), problem

@@ -1,13 +1,17 @@
 """What the robot does at one key without a word: it nods, looks at somebody, or uses a control of its own."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.key_path import Problem
+from caris_desktop.scenario import own_key
 
 NOD, LOOK = "nod", "look"
 MOST_GESTURES = 6
-"""Ctrl+4 to Ctrl+9."""
+KEYS_BY_PLACE = tuple(f"Ctrl+{number}" for number in range(4, 4 + MOST_GESTURES))
+"""Of those that have no key of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,3 +27,28 @@ class Gesture:
             longest=80,
         ),
     ]
+    key: Annotated[
+        str,
+        Rule(
+            "A key of its own, instead of the one that it has by its place.",
+            pressed=True,
+            pattern=own_key.PATTERN,
+            allowed=own_key.ALLOWED,
+            quiet=True,
+        ),
+    ] = ""
+
+
+def gesture_problems(gestures: Iterable[Gesture], of_phrases: Iterable[str]) -> Iterator[Problem]:
+    """Keys that two would have, of which ``of_phrases`` have some; the paths begin at their list."""
+    gestures = tuple(gestures)
+    taken = {
+        key: f"is already that of the gesture '{gesture.title}' by its place"
+        for key, gesture in zip(KEYS_BY_PLACE, gestures, strict=False)
+        if not gesture.key
+    }
+    taken |= dict.fromkeys(of_phrases, "already says a phrase")
+    for index, gesture in enumerate(gestures):
+        if gesture.key and gesture.key in taken:
+            yield (index, "key"), f"the key {gesture.key} {taken[gesture.key]}."
+        taken[gesture.key] = f"is already that of the gesture '{gesture.title}'"

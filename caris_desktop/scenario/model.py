@@ -383,8 +383,8 @@ class Scenario:
     gestures: Annotated[
         tuple[Gesture, ...],
         Rule(
-            "What the robot does without a word, on Ctrl+4 to Ctrl+9 in this order. What the robot at hand cannot do "
-            "is not shown.",
+            "What the robot does without a word, on Ctrl+4 to Ctrl+9 in this order or on keys of their own. What the "
+            "robot at hand cannot do is not shown.",
             section="Phrases",
             longest=MOST_GESTURES,
             quiet=True,

@@ -6,10 +6,10 @@ from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.key_path import Problem
+from caris_desktop.scenario import own_key
 
 KEYS_OF_A_GROUP = 8
 """F1 to F8."""
-_OF_TEXT_FIELDS = "ACVXYZ"
 
 Sentence = Annotated[str, Rule(shortest=1, longest=500)]
 
@@ -24,8 +24,8 @@ class Phrase:
         Rule(
             "A key of its own, which works whatever group is on show.",
             pressed=True,
-            pattern=rf"^(Ctrl\+(?![{_OF_TEXT_FIELDS}]$)(Shift\+)?[A-Z0-9])?$",
-            allowed="Ctrl or Ctrl+Shift with a letter or digit, as Ctrl+G; not the keys with which text is edited.",
+            pattern=own_key.PATTERN,
+            allowed=own_key.ALLOWED,
             quiet=True,
         ),
     ] = ""

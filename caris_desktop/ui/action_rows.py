@@ -11,7 +11,7 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
-from caris_desktop.scenario.gestures import LOOK, MOST_GESTURES, NOD
+from caris_desktop.scenario.gestures import KEYS_BY_PLACE, LOOK, MOST_GESTURES, NOD
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import KEYS_OF_A_GROUP, Phrase, phrase_groups
 from caris_desktop.ui.action_spec import ActionSpec
@@ -20,7 +20,6 @@ from caris_desktop.ui.step_acts import PROTOCOL_ACTIONS
 
 PHRASE_COUNT = KEYS_OF_A_GROUP
 SUGGESTION_COUNT = 3
-_FIRST_GESTURE_KEY = SUGGESTION_COUNT + 1
 LABEL_COUNT = 8
 PLACE_COUNT = 9
 CODE_COUNT = 9
@@ -259,7 +258,7 @@ ACTIONS: tuple[ActionSpec, ...] = (
     *(
         ActionSpec(
             f"gesture_{number}", QT_TR_NOOP("Gesture {number}"), "hand-waving",
-            (f"Ctrl+{_FIRST_GESTURE_KEY + number - 1}",), intent=perform_nth_gesture, argument=number,
+            (KEYS_BY_PLACE[number - 1],), intent=perform_nth_gesture, argument=number,
             group=SPEAKING_GROUP,
         )
         for number in range(1, MOST_GESTURES + 1)

@@ -31,9 +31,9 @@ class ActionSpec:
     ``by_position``: letters and digits among the keys mean the places of those keys on a US keyboard, whatever the
     present layout types there; hold-to-drive listens for them.
     ``also`` is another permission that it needs. ``panel``: what it does happens in that panel. ``needs`` is what the
-    robot must have. ``within`` names the part of the window that listens for the keys itself
-    while it has the focus; empty for keys that work anywhere. ``text`` and ``group`` stand here as ``tr`` looks them
-    up; {number} in the text is ``argument``.
+    robot must have. ``within`` names the part of the window that listens for the keys itself while it has the focus;
+    empty for keys that work anywhere. ``own_key``: its key is the scenario's, and gives way where it is that of another
+    row. ``text`` and ``group`` stand here as ``tr`` looks them up; {number} in the text is ``argument``.
     """
 
     id: str
@@ -53,6 +53,7 @@ class ActionSpec:
     within: Literal["", "timeline", "queue"] = ""
     also: Permission | None = None
     panel: PanelName | None = None
+    own_key: bool = False
 
     @property
     def permissions(self) -> tuple[Permission, ...]:

@@ -104,7 +104,8 @@ def _of_gesture(spec: ActionSpec, scenario: Scenario) -> ActionSpec | None:
     if scenario.permissions.withheld((permission,)) is not None:
         return None
     text = tr("Gesture: {gesture}").format(gesture=gesture.title)
-    return replace(spec, text=text, permission=permission, needs="head" if moves_head else None)
+    spec = replace(spec, text=text, permission=permission, needs="head" if moves_head else None)
+    return replace(spec, keys=(gesture.key,), own_key=True) if gesture.key else spec
 
 
 def keyed_phrases(scenario: Scenario) -> list[Phrase]:
@@ -115,7 +116,7 @@ def keyed_phrases(scenario: Scenario) -> list[Phrase]:
 def _of_keyed_phrase(number: int, phrase: Phrase) -> ActionSpec:
     return ActionSpec(
         f"keyed_phrase_{number}", phrase.say, "chat-text", (phrase.key,), permission="speech", intent=say_keyed_phrase,
-        argument=phrase, group=SPEAKING_GROUP,
+        argument=phrase, group=SPEAKING_GROUP, own_key=True,
     )  # fmt: skip
 
 

@@ -41,7 +41,8 @@ Choices = Mapping[str, Keys]
 class Settled:
     """``rows`` with the chosen keys. Of ``fallen_back`` the chosen keys could not be used; each says why.
 
-    ``clashes`` are phrases whose own key, as the scenario has it, is that of another row; it does not work.
+    ``clashes`` are phrases and gestures whose own key, as the scenario has it, is that of another row: it does not
+    work.
     """
 
     rows: tuple[ActionSpec, ...] = ()
@@ -163,7 +164,7 @@ def settle(specs: Iterable[ActionSpec], choices: Choices) -> Settled:
                 told.append(tr("“{act}”: {why}").format(act=spec.text, why=why))
             else:
                 chosen[spec.id] = keys
-    firm = [spec for spec in standard if spec.id in chosen or spec.intent is not say_keyed_phrase]
+    firm = [spec for spec in standard if spec.id in chosen or not spec.own_key]
     by_id = {spec.id: spec for spec in firm}
     while True:
         rows = [with_keys(spec, chosen.get(spec.id)) for spec in firm]
@@ -179,10 +180,10 @@ def settle(specs: Iterable[ActionSpec], choices: Choices) -> Settled:
                 act=by_id[loser].text, key=key, other=by_id[other].text
             )
         )
-    return _with_phrases(standard, rows, tuple(told))
+    return _with_own_keys(standard, rows, tuple(told))
 
 
-def _with_phrases(standard: Sequence[ActionSpec], firm: Sequence[ActionSpec], told: tuple[str, ...]) -> Settled:
+def _with_own_keys(standard: Sequence[ActionSpec], firm: Sequence[ActionSpec], told: tuple[str, ...]) -> Settled:
     taken = {normalized(key): spec for spec in firm for key in (*spec.keys, *spec.driving_keys)}
     settled = {spec.id: spec for spec in firm}
     clashes = []

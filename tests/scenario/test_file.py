@@ -302,7 +302,7 @@ COMPLETE = Scenario(
     phrases=("Hello",),
     filler="Well",
     fillers=("So",),
-    gestures=(Gesture("Wave", "wave"),),
+    gestures=(Gesture("Wave", "wave", "Ctrl+Shift+W"),),
     preflight=("Consent form signed", ManualCheck("Lights on", "Switch them on.", needed=False)),
     places=(Place("Door", Pose2D(1.0, 2.0, 0.5)),),
     protocol=ProtocolSettings(

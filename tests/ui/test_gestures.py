@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
@@ -66,6 +66,59 @@ def test_each_has_a_button_with_its_key_and_does_what_it_says(
     assert len(done(console)) == 2
     QTest.keyClick(gestured, Qt.Key.Key_6, Qt.KeyboardModifier.ControlModifier)
     assert len(done(console)) == 3
+
+
+def test_one_with_a_key_of_its_own_has_that_wherever_it_stands(
+    qtbot: QtBot, gestured: MainWindow, console: FakeConsole
+) -> None:
+    nod = dataclasses.replace(GESTURES[1], key="Ctrl+Shift+W")
+    for gestures in ((GESTURES[0], nod, GESTURES[2]), (nod, GESTURES[0], GESTURES[2])):
+        console.scenario = dataclasses.replace(console.scenario, gestures=gestures)
+        console.state.scenario.set_anew(console.scenario)
+        keys = {spec.text: gestured.actions_table.key_text(spec.id) for spec in gestured.actions_table.specs}
+        assert keys["Gesture: Nod"] == "⇧Ctrl W"
+        place = gestures.index(GESTURES[0])
+        assert keys["Gesture: Wave"] == f"Ctrl {4 + place}", "the others keep that of their place"
+        before = len(done(console))
+        QTest.keyClick(gestured, Qt.Key.Key_W, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
+        assert [name.casefold() for name, _ in done(console)[before:]] == ["nod"]
+    before = len(done(console))
+    QTest.keyClick(gestured, Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
+    assert len(done(console)) == before, "nothing is on the place's key"
+
+
+def test_a_key_that_does_something_else_goes_on_doing_that(gestured: MainWindow, console: FakeConsole) -> None:
+    nod = dataclasses.replace(GESTURES[1], key="Ctrl+P")
+    console.scenario = dataclasses.replace(console.scenario, gestures=(nod,))
+    console.state.scenario.set_anew(console.scenario)
+    table = gestured.actions_table
+    assert (table.key_text("gesture_1"), table.key_text("photo")) == ("", "Ctrl P")
+    assert [(lost.text, other.id) for lost, other in table.settled.clashes] == [("Gesture: Nod", "photo")]
+    told = [label.text() for label in gestured.board.panels["speak"].findChildren(QLabel) if label.isVisible()]
+    assert any("the gesture “Nod” is without it" in text for text in told)
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        (
+            "  - {title: A, does: nod, key: Ctrl+G}\n  - {title: B, does: look, key: Ctrl+G}\n",
+            "of the gesture 'A'",
+        ),
+        ("  - {title: A, does: nod}\n  - {title: B, does: look, key: Ctrl+4}\n", "'A' by its place"),
+        ("  - {title: A, does: nod, key: Ctrl+H}\n", "already says a phrase"),
+        ("  - {title: A, does: nod, key: Ctrl+C}\n", "key"),
+        ("  - {title: A, does: nod, key: G}\n", "key"),
+    ],
+)
+def test_a_key_that_two_would_have_is_refused_with_its_line(lines: str, told: str) -> None:
+    text = "version: 1\ntitle: Visit\nlayout: {panel: speak}\nphrases:\n  - {say: Hello, key: Ctrl+H}\ngestures:\n"
+    with pytest.raises(ScenarioError, match=told) as refused:
+        parse_scenario(text + lines, path=Path("visit.yaml"))
+    assert "line" in str(refused.value)
+    fine = "  - {title: A, does: nod, key: Ctrl+4}\n  - {title: B, does: look, key: Ctrl+Shift+W}\n"
+    keys = [gesture.key for gesture in parse_scenario(text + fine, path=Path("visit.yaml")).gestures]
+    assert keys == ["Ctrl+4", "Ctrl+Shift+W"]
 
 
 def test_who_is_spoken_to_is_looked_at(gestured: MainWindow, console: FakeConsole) -> None:

@@ -22,11 +22,12 @@ def key_of_entry(data: Any, path: KeyPath) -> str:
         case ("recording", "labels", int(index)):
             return _KEYS.get(f"label_{index + 1}", "")
         case ("gestures", int(index)):
-            return _KEYS.get(f"gesture_{index + 1}", "")
+            own = _keys_in(value_at(data, path)).get("key")
+            return str(own) if own else _KEYS.get(f"gesture_{index + 1}", "")
         case ("places", int(index)):
             return _KEYS.get(f"place_{index + 1}", "")
     return ""
 
 
 def _keys_in(entry: Any) -> Any:
-    return entry if isinstance(entry, dict) else ()
+    return entry if isinstance(entry, dict) else {}

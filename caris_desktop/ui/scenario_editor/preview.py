@@ -90,13 +90,7 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
         for key, phrase in zip(keys, group.phrases, strict=False):
             own = f" {_cap(phrase.key, colors)}" if phrase.key else ""
             taken = _taken(phrase.key)
-            told = (
-                f'<br><span style="color:{colors.amber}">'
-                + escape(tr("{key} does something else already: {what}").format(key=phrase.key, what=taken))
-                + "</span>"
-                if taken
-                else ""
-            )
+            told = _told_taken(phrase.key, taken, colors)
             rows.append(
                 f'<tr><td style="padding:3px 8px 3px 0">{_cap(key, colors)}</td>'
                 f'<td style="padding:3px 0">{escape(phrase.say)}{own}{told}</td></tr>'
@@ -112,12 +106,21 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
         parts.append(_line(escape(tr("Without a word, where the robot can:")), colors, "dim"))
         keys = [spec.keys[0] for spec in ACTIONS if spec.intent is perform_nth_gesture]
         for key, gesture in zip(keys, gestures, strict=False):
-            parts.append(_line(f"{_cap(key, colors)} {escape(gesture.title)}", colors))
+            told = _told_taken(gesture.key, _taken(gesture.key, but=perform_nth_gesture), colors)
+            parts.append(_line(f"{_cap(gesture.key or key, colors)} {escape(gesture.title)}{told}", colors))
     return "".join(parts)
 
 
-def _taken(key: str) -> str:
-    return next((spec.text for spec in ACTIONS if key and key in spec.keys), "")
+def _told_taken(key: str, taken: str, colors: Colors) -> str:
+    if not taken:
+        return ""
+    told = escape(tr("{key} does something else already: {what}").format(key=key, what=taken))
+    return f'<br><span style="color:{colors.amber}">{told}</span>'
+
+
+def _taken(key: str, *, but: object = None) -> str:
+    """What has the key by the table; those of gestures are theirs only where there are so many."""
+    return next((spec.text for spec in ACTIONS if key and key in spec.keys and spec.intent is not but), "")
 
 
 def _protocol(document: ScenarioDocument, colors: Colors) -> str:

@@ -208,8 +208,8 @@ class ShortcutSheet(Overlay):
         self._reset_all.setVisible(self._keys.any_changed)
         self._clashes.setText(
             "\n".join(
-                tr("“{phrase}” cannot be said by {key}: “{act}” has it. Give one of the two another key.").format(
-                    phrase=phrase.text, key=self._actions.caps(phrase, phrase.keys)[0], act=other.text
+                tr("“{what}” is not on {key}: “{act}” has it. Give one of the two another key.").format(
+                    what=phrase.text, key=self._actions.caps(phrase, phrase.keys)[0], act=other.text
                 )
                 for phrase, other in self._actions.settled.clashes
             )

@@ -140,11 +140,23 @@ class PhraseRows(QWidget):
         """A key that does something else goes on doing that."""
         lost = {spec.argument for spec, _other in self._actions.settled.clashes}
         keyless = [phrase for phrase in keyed_phrases(self._console.scenario) if phrase in lost]
+        scenario = self._console.scenario
+        gestures = [
+            scenario.gestures[spec.argument - 1]
+            for spec, _other in self._actions.settled.clashes
+            if spec.intent is perform_nth_gesture and spec.argument <= len(scenario.gestures)
+        ]
         told = [
             tr("{key} does something else already: “{phrase}” is without it.").format(
                 key=cap_text(phrase.key), phrase=phrase.say
             )
             for phrase in keyless
+        ]
+        told += [
+            tr("{key} does something else already: the gesture “{gesture}” is without it.").format(
+                key=cap_text(gesture.key), gesture=gesture.title
+            )
+            for gesture in gestures
         ]
         self._keyless.setText(" ".join(told))
         self._keyless.setVisible(bool(told))

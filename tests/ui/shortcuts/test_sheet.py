@@ -239,10 +239,7 @@ def test_a_phrase_whose_key_another_act_has_is_shown(desk: Desk, window: MainWin
     window.wizard_keys.take_up()
     desk.qtbot.waitUntil(lambda: desk.sheet.is_built)
     words = find(desk.sheet, "shortcut_clashes")
-    assert (
-        words.property("text")
-        == "“Goodbye.” cannot be said by Ctrl 6: “Photo” has it. Give one of the two another key."
-    )
+    assert words.property("text") == "“Goodbye.” is not on Ctrl 6: “Photo” has it. Give one of the two another key."
     desk.choose("photo", Key.Key_7, CTRL)
     assert not words.isVisible()
     desk.qtbot.waitUntil(lambda: desk.sheet.is_built)
