@@ -107,6 +107,7 @@ class PanelBoard(QObject):
                 del self._panels[name]
         if self._panels:
             self._docks.keep_only(self._panels)
+            self._docks.show_everything()  # no tab and no room of what is gone is left
         else:
             self._docks.clear()
         actions.rebuild(scenario)

@@ -126,6 +126,19 @@ def test_a_panel_that_has_no_room_yet_when_another_scenario_is_chosen_goes_on_or
         assert all(dock.widget() is window.panels[name] for name, dock in window.dock_host.docks.items())
 
 
+def test_the_window_may_be_resized_and_tabs_pressed_meanwhile(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    docks = window.dock_host
+    for scenario in (STRICT, samples.TOUR, samples.MENTAL):
+        switch(console, scenario)
+        assert {name for bar in docks.bars for name in bar.panels} <= set(docks.docks), "no tab of what is gone"
+        window.resize(window.width() - 40, window.height() - 20)
+        docks.retitle()
+        qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+        assert set(docks.docks) == set(window.panels)
+
+
 def test_nothing_turns_any_more_once_all_stand(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     for scenario in (ALONE, samples.MENTAL):
         switch(console, scenario)
