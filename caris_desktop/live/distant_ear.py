@@ -104,9 +104,7 @@ class DistantEar(QObject):
             self._told = True
             self._bus.problem(
                 "warning",
-                tr("{microphone} cannot be heard: no sound comes from it.").format(
-                    microphone=f"{self._whose[0].upper()}{self._whose[1:]}"
-                ),
+                tr("No sound comes from a microphone that is open: {microphone}.").format(microphone=self._whose),
                 tr("Nothing that is said there is heard, recorded or written down until it is back."),
                 tr("Check its link, and that the robot publishes its sound as the profile says."),
                 until="microphone",

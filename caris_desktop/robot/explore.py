@@ -18,6 +18,7 @@ from typing import Any, Literal
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.pictures import picture_size
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.robot.preflight import (
     LinkProbe,
     NamedTopic,
@@ -151,13 +152,13 @@ async def explore_robot(
         When nothing answers at the address, or it does not tell what it has.
     """
     tell = on_progress or (lambda _words: None)
-    tell("Connecting")
+    tell(QT_TR_NOOP("Connecting"))
     async with _connected(address, security, timeout_s) as ros:
         try:
             async with asyncio.timeout(timeout_s):
-                tell("Asking what the robot has")
+                tell(QT_TR_NOOP("Asking what the robot has"))
                 offer = await take_offer(ros)
-                tell("Listening for frames and joints")
+                tell(QT_TR_NOOP("Listening for frames and joints"))
                 offer = await _with_what_is_heard(ros, offer)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot at %s does not tell what it has: %s", without_credentials(address), error)
@@ -227,8 +228,15 @@ async def check_streams(
             logger.info("The robot does not tell what it has: %s", error)
             raise _no_rosapi(error) from error
         if inventory.dialect not in (None, Dialect(profile.ros)):
-            what = f"The robot runs ROS {3 - profile.ros}, but the profile says ROS {profile.ros}."
-            raise ExploreError(what, "Nothing of it can be listened to.", f"Write 'ros: {3 - profile.ros}' instead.")
+            raise ExploreError(
+                filled(
+                    QT_TR_NOOP("The robot runs ROS {found}, but the profile says ROS {said}."),
+                    found=3 - profile.ros,
+                    said=profile.ros,
+                ),
+                QT_TR_NOOP("Nothing of it can be listened to."),
+                filled(QT_TR_NOOP("Write 'ros: {found}' instead."), found=3 - profile.ros),
+            )
         offset_ns = await _clock_offset_ns(ros)
         ears = []
         for named in named_in(profile):
@@ -239,18 +247,19 @@ async def check_streams(
             elif kind is None:
                 say(_absent(named))
             elif kind and not any(same_type(kind, wanted) for wanted in named.types):
-                say(_unfit(named, f"It carries {kind}; {' or '.join(named.types)} was expected."))
+                carries = QT_TR_NOOP("It carries {kind}; {expected} was expected.")
+                say(_unfit(named, filled(carries, kind=kind, expected=" / ".join(named.types))))
             elif named.published:
                 ears.append(_Ear(ros, profile, named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
             else:
                 say(await _listened_to(ros, named))
         for key, label, service in services_of(profile):
             there = inventory.has_service(service)
-            words = "The robot has this service." if there else "The robot has no service of this name."
+            words = _HAS_SERVICE if there else QT_TR_NOOP("The robot has no service of this name.")
             say(StreamCheck(key, label, service, "good" if there else "nothing", None, None, words))
         for service in map_services_of(profile):
             there = inventory.has_service(service)
-            words = "The robot has this service." if there else "Not now; it is there in one mode of the robot only."
+            words = _HAS_SERVICE if there else QT_TR_NOOP("Not now; it is there in one mode of the robot only.")
             say(StreamCheck("maps", "Maps", service, "good" if there else "quiet", None, None, words))
         for key, label, action in actions_of(profile):
             say(_action_check(key, label, action, there=inventory.has_action(action)))
@@ -273,10 +282,11 @@ async def _connected(address: str, security: SecuritySettings | None, timeout_s:
             async with asyncio.timeout(timeout_s):
                 what, advice = await probe.outcome
         except TimeoutError:
-            what, advice = f"Nothing answers at {without_credentials(address)} within {timeout_s:g} s.", ""
+            nothing = QT_TR_NOOP("Nothing answers at {address} within {seconds} s.")
+            what, advice = filled(nothing, address=without_credentials(address), seconds=f"{timeout_s:g}"), ""
         if what:
-            advice = advice or "Check the address, and that rosbridge runs on the robot."
-            raise ExploreError(what, "The robot was not asked anything.", advice)
+            advice = advice or QT_TR_NOOP("Check the address, and that rosbridge runs on the robot.")
+            raise ExploreError(what, QT_TR_NOOP("The robot was not asked anything."), advice)
         yield ros
     finally:
         await ros.aclose(_GOODBYE_S)
@@ -284,10 +294,12 @@ async def _connected(address: str, security: SecuritySettings | None, timeout_s:
 
 def _no_rosapi(error: Exception) -> ExploreError:
     return ExploreError(
-        f"The robot does not tell what it has: {what_rosapi_said(error)}",
-        "No mapping can be proposed.",
-        "Start the node 'rosapi' beside rosbridge (rosbridge_websocket.launch starts both), or write the profile by "
-        "hand.",
+        filled(QT_TR_NOOP("The robot does not tell what it has: {why}"), why=what_rosapi_said(error)),
+        QT_TR_NOOP("No mapping can be proposed."),
+        QT_TR_NOOP(
+            "Start the node 'rosapi' beside rosbridge (rosbridge_websocket.launch starts both), or write the profile "
+            "by hand."
+        ),
     )
 
 
@@ -434,9 +446,9 @@ class _Ear:
     def verdict(self, offset_ns: int | None) -> StreamCheck:
         named = self._named
         if self._count == 0:
-            detail = "Nothing came."
+            detail = QT_TR_NOOP("Nothing came.")
             if named.expected_hz is None:
-                detail = "Nothing came; it is sent only at times."
+                detail = QT_TR_NOOP("Nothing came; it is sent only at times.")
             state: StreamState = "quiet" if named.expected_hz is None else "nothing"
             return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
         took_s = self._last_s - self._first_s
@@ -445,7 +457,7 @@ class _Ear:
         try:
             detail = self._describe(self._message)
         except (MessageError, ValueError) as error:
-            wrong = f"What comes cannot be used: {error}."
+            wrong = filled(QT_TR_NOOP("What comes cannot be used: {error}."), error=error)
             return StreamCheck(named.field, named.label, named.topic, "wrong", rate_hz, age_s, wrong)
         state = "good"
         if named.expected_hz is not None and (rate_hz or 0.0) < named.expected_hz and age_s > 0.5 / named.expected_hz:
@@ -453,7 +465,8 @@ class _Ear:
         late_s = self._late_s(offset_ns)
         if late_s is not None and _OLD_S < late_s < _UNRELATED_S and named.expected_hz is not None:
             state = "slow"
-            detail += f" It is {late_s:.1f} s old when it arrives."
+            late = filled(QT_TR_NOOP("It is {late} s old when it arrives."), late=f"{late_s:.1f}")
+            detail = joined((detail, late))
         return StreamCheck(named.field, named.label, named.topic, state, rate_hz, age_s, detail)
 
     def _late_s(self, offset_ns: int | None) -> float | None:
@@ -478,9 +491,13 @@ async def _clock_offset_ns(ros: SafeRos) -> int | None:
     return None if robot_ns is None else robot_ns - (asked_ns + time.time_ns()) // 2
 
 
+_HAS_SERVICE = QT_TR_NOOP("The robot has this service.")
+
+
 def _absent(named: NamedTopic) -> StreamCheck:
     state: StreamState = "nothing" if named.needed else "quiet"
-    detail = "The robot has no topic of this name." if named.published else "Nothing on the robot listens to it."
+    nobody = QT_TR_NOOP("Nothing on the robot listens to it.")
+    detail = QT_TR_NOOP("The robot has no topic of this name.") if named.published else nobody
     return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
 
 
@@ -491,27 +508,31 @@ def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
 async def _listened_to(ros: SafeRos, named: NamedTopic) -> StreamCheck:
     listeners = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=named.topic)
     if listeners:
-        return StreamCheck(
-            named.field, named.label, named.topic, "good", None, None, f"{_short(listeners)} listens to it."
-        )
+        detail = filled(QT_TR_NOOP("{who} listens to it."), who=_short(listeners))
+        return StreamCheck(named.field, named.label, named.topic, "good", None, None, detail)
     speakers = await _names(ros, "publishers", "Publishers", "publishers", topic=named.topic)
     if speakers:
-        detail = f"{_short(speakers)} publishes it, and nothing listens."
+        detail = filled(QT_TR_NOOP("{who} publishes it, and nothing listens."), who=_short(speakers))
         return StreamCheck(named.field, named.label, named.topic, "nothing", None, None, detail)
     # A topic without either is one whose nodes the robot does not tell.
-    return StreamCheck(named.field, named.label, named.topic, "good", None, None, "The robot has this topic.")
+    return StreamCheck(
+        named.field, named.label, named.topic, "good", None, None, QT_TR_NOOP("The robot has this topic.")
+    )
 
 
 def _action_check(key: str, label: str, action: str, *, there: bool | None) -> StreamCheck:
     if there is None:
-        return StreamCheck(key, label, action, "quiet", None, None, "The robot does not tell its actions.")
-    words = "The robot has this action." if there else "The robot has no action of this name."
+        return StreamCheck(key, label, action, "quiet", None, None, QT_TR_NOOP("The robot does not tell its actions."))
+    words = QT_TR_NOOP("The robot has this action.") if there else QT_TR_NOOP("The robot has no action of this name.")
     return StreamCheck(key, label, action, "good" if there else "nothing", None, None, words)
 
 
 def _short(names: Iterable[str]) -> str:
     listed = sorted(names)
-    return ", ".join(listed[:2]) + (f" and {len(listed) - 2} more" if len(listed) > 2 else "")
+    few = ", ".join(listed[:2])
+    if len(listed) <= 2:
+        return few
+    return filled(QT_TR_NOOP("{names} and {number} more"), names=few, number=len(listed) - 2)
 
 
 def _description_of(named: NamedTopic, profile: RobotProfile) -> Callable[[Any], str]:
@@ -520,49 +541,68 @@ def _description_of(named: NamedTopic, profile: RobotProfile) -> Callable[[Any],
         joints = (profile.head.pan_joint, profile.head.tilt_joint)
         return lambda message: _joints(message, joints)
     if named.types == ("sensor_msgs/Image",):
-        return lambda message: f"{_raw_picture(message)} Not compressed: {republish_advice(named.topic)}."
+        advice = filled(QT_TR_NOOP("Not compressed: {advice}."), advice=republish_advice(named.topic))
+        return lambda message: joined((_raw_picture(message), advice))
     for control in profile.controls:
         if control.reading is not None and named.field == f"controls.{control.id}.shows":
             path = control.reading.field
-            return lambda message: f"Now {value_at(message, path)}."
-    return _DESCRIPTIONS.get(named.types[0], lambda _message: "It comes.")
+            return lambda message: filled(QT_TR_NOOP("Now {value}."), value=value_at(message, path))
+    return _DESCRIPTIONS.get(named.types[0], lambda _message: QT_TR_NOOP("It comes."))
 
 
 def _joints(message: Any, wanted: tuple[str, str]) -> str:
     known = joint_messages.decode_joint_state(message).positions
     lacking = [joint for joint in wanted if joint not in known]
     # A robot may tell its joints in several messages, so one without them proves nothing.
-    return f"Not in the last message: {', '.join(lacking)}." if lacking else "Both joints of the head are told."
+    if not lacking:
+        return QT_TR_NOOP("Both joints of the head are told.")
+    return filled(QT_TR_NOOP("Not in the last message: {joints}."), joints=", ".join(lacking))
 
 
 def _scan(message: Any) -> str:
     scan = messages.decode_laser_scan(message, stamp_ns=0)
     span_deg = abs(math.degrees(scan.angle_increment_rad * (len(scan.ranges_m) - 1)))
-    return f"{len(scan.ranges_m)} beams over {span_deg:.0f} degrees, up to {scan.range_max_m:g} m."
+    return filled(
+        QT_TR_NOOP("{beams} beams over {angle} degrees, up to {range} m."),
+        beams=len(scan.ranges_m), angle=f"{span_deg:.0f}", range=f"{scan.range_max_m:g}",
+    )  # fmt: skip
 
 
 def _picture(message: Any) -> str:
     image = messages.decode_compressed_image(message)
     size = picture_size(image.content)
-    pixels = f" of {size[0]}x{size[1]} pixels" if size else ""
-    return f"{image.encoding}{pixels}, {len(image.content) / 1000:.0f} kB."
+    kilobytes = f"{len(image.content) / 1000:.0f}"
+    if not size:
+        return filled(QT_TR_NOOP("{encoding}, {size} kB."), encoding=image.encoding, size=kilobytes)
+    return _pixels(image.encoding, size[0], size[1], kilobytes)
 
 
 def _raw_picture(message: Any) -> str:
     height_px, width_px = decode_image(message).image_bgr.shape[:2]
     size_kb = message["step"] * height_px / 1000
-    return f"{message['encoding']} of {width_px}x{height_px} pixels, {size_kb:.0f} kB."
+    return _pixels(message["encoding"], width_px, height_px, f"{size_kb:.0f}")
+
+
+def _pixels(encoding: str, width_px: int, height_px: int, kilobytes: str) -> str:
+    return filled(
+        QT_TR_NOOP("{encoding} of {width}x{height} pixels, {size} kB."),
+        encoding=encoding, width=width_px, height=height_px, size=kilobytes,
+    )  # fmt: skip
 
 
 def _grid(message: Any) -> str:
     grid = messages.decode_occupancy_grid(message, stamp_ns=0)
     height, width = grid.cells.shape
-    return f"{width * grid.resolution_m:.0f} x {height * grid.resolution_m:.0f} m in cells of {grid.resolution_m:g} m."
+    cell_m = grid.resolution_m
+    return filled(
+        QT_TR_NOOP("{width} x {height} m in cells of {cell} m."),
+        width=f"{width * cell_m:.0f}", height=f"{height * cell_m:.0f}", cell=f"{cell_m:g}",
+    )  # fmt: skip
 
 
 def _battery(message: Any) -> str:
     fraction = messages.decode_battery_state(message, stamp_ns=0).charge_fraction
-    return "It does not tell its charge." if fraction is None else f"{100 * fraction:.0f} %."
+    return QT_TR_NOOP("It does not tell its charge.") if fraction is None else f"{100 * fraction:.0f} %."
 
 
 def _odometry(message: Any) -> str:
@@ -572,12 +612,21 @@ def _odometry(message: Any) -> str:
 
 def _pose(message: Any) -> str:
     pose = messages.decode_pose_with_covariance_stamped(message, stamp_ns=0).pose_in_map
-    return f"At {pose.x_m:.1f}, {pose.y_m:.1f} m, heading {math.degrees(pose.heading_rad):.0f} degrees."
+    return filled(
+        QT_TR_NOOP("At {x}, {y} m, heading {heading} degrees."),
+        x=f"{pose.x_m:.1f}", y=f"{pose.y_m:.1f}", heading=f"{math.degrees(pose.heading_rad):.0f}",
+    )  # fmt: skip
 
 
 def _transforms(message: Any) -> str:
     frames = sorted({each.child_frame for each in messages.decode_tf_message(message)})
-    return f"Frames {_short(frames)}." if frames else "It holds no frames."
+    if not frames:
+        return QT_TR_NOOP("It holds no frames.")
+    return filled(QT_TR_NOOP("Frames {frames}."), frames=_short(frames))
+
+
+def _path(message: Any) -> str:
+    return filled(QT_TR_NOOP("{number} points."), number=len(navigation_messages.decode_path(message).points_m))
 
 
 _DESCRIPTIONS: dict[str, Callable[[Any], str]] = {
@@ -588,8 +637,10 @@ _DESCRIPTIONS: dict[str, Callable[[Any], str]] = {
     "nav_msgs/Odometry": _odometry,
     "geometry_msgs/PoseWithCovarianceStamped": _pose,
     "tf2_msgs/TFMessage": _transforms,
-    "nav_msgs/Path": lambda message: f"{len(navigation_messages.decode_path(message).points_m)} points.",
-    "std_msgs/Bool": lambda message: f"Now {str(messages.decode_bool(message)).lower()}.",
+    "nav_msgs/Path": _path,
+    "std_msgs/Bool": lambda message: filled(
+        QT_TR_NOOP("Now {value}."), value=str(messages.decode_bool(message)).lower()
+    ),
 }
 
 
@@ -600,7 +651,7 @@ def value_at(message: Any, path: str) -> bool | float | str:
         try:
             found = found[int(step[1:-1])] if step.startswith("[") else found[step]
         except (LookupError, TypeError) as error:
-            raise ValueError(f"the message has no {path}") from error
+            raise ValueError(filled(QT_TR_NOOP("the message has no {path}"), path=path)) from error
     if not isinstance(found, (bool, int, float, str)):
-        raise ValueError(f"{path} is not one value")  # noqa: TRY004 - one kind of error for whoever shows it
+        raise ValueError(filled(QT_TR_NOOP("{path} is not one value"), path=path))  # noqa: TRY004 - one kind of error for whoever shows it
     return found

@@ -356,7 +356,7 @@ class RobotDialog(QDialog):
     # ---- what the explorer tells
 
     def _on_progress(self, step: str) -> None:
-        self._note.show_note("blue", "hourglass", f"{step}…")
+        self._note.show_note("blue", "hourglass", f"{tr(step)}…")
 
     def _on_explored(self, found: "Exploration | ToldFailure") -> None:
         self._set_busy("")
@@ -437,7 +437,8 @@ class RobotDialog(QDialog):
         self.saved.emit(choice)
 
     def _show_failure(self, failure: ToldFailure) -> None:
-        self._note.show_note("red", "warning-octagon", f"{failure.what} {failure.meaning} {failure.advice}")
+        told = " ".join(map(tr, (failure.what, failure.meaning, failure.advice)))
+        self._note.show_note("red", "warning-octagon", told)
 
     # ---- what is on show
 

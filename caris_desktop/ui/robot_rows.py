@@ -30,14 +30,14 @@ _SHORT_LIST = 12
 def rate_words(check: "StreamCheck") -> str:
     """comes, 10.0 Hz, 0.1 s old · 720 beams over 360 degrees."""
     if check.detail and check.age_s is None:
-        return check.detail  # nothing was counted, so the sentence says it all
+        return tr(check.detail)  # nothing was counted, so the sentence says it all
     parts = [tr(_CHECK_LOOKS[check.state][2])]
     if check.rate_hz is not None:
         parts.append(f"{check.rate_hz:.1f} Hz")
     if check.age_s is not None:
         parts.append(tr("{age} old").format(age=words.age(check.age_s)))
     line = ", ".join(parts)
-    return f"{line} · {check.detail}" if check.detail else line
+    return f"{line} · {tr(check.detail)}" if check.detail else line
 
 
 class NoteLine(QWidget):

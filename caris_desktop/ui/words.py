@@ -249,16 +249,23 @@ def drive_line(drive: DriveStatus) -> str:
     return motion(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
 
 
-def goal_speed(robot: RobotProfile | None, drive: DriveStatus) -> tuple[str, bool]:
-    """How fast the robot drives to a goal, and whether that is as Drive says; empty where it drives to none."""
+def goal_speed(robot: RobotProfile | None, drive: DriveStatus, *, begins: bool = False) -> tuple[str, bool]:
+    """How fast the robot drives to a goal, and whether that is as Drive says; empty where it drives to none.
+    ``begins`` is for what a line or a sentence begins with.
+    """
     server = robot.navigation if robot is not None else None
     if server is None:
         return "", True
     if drive.goal_limit_mps is not None:
         return tr("{speed} m/s at most").format(speed=f"{drive.goal_limit_mps:.2f}"), True
     if server.max_mps is None:
-        return tr("at its navigation’s own speed"), False
-    return tr("at its navigation’s own speed, up to {speed} m/s").format(speed=f"{server.max_mps:.2f}"), False
+        return tr("At its navigation’s own speed") if begins else tr("at its navigation’s own speed"), False
+    up_to = (
+        tr("At its navigation’s own speed, up to {speed} m/s")
+        if begins
+        else tr("at its navigation’s own speed, up to {speed} m/s")
+    )
+    return up_to.format(speed=f"{server.max_mps:.2f}"), False
 
 
 def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotProfile | None) -> str:

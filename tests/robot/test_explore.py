@@ -1,14 +1,17 @@
 """Exploring a robot: what is proposed for whatever it offers, and what is said of each stream."""
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from caris_desktop.domain.pictures import picture_size
+from caris_desktop.domain.translation import Filled
 from caris_desktop.robot.explore import (
+    _DESCRIPTIONS,
     ExploreError,
     StreamCheck,
     check_streams,
@@ -30,6 +33,20 @@ from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
 from caris_desktop.ros.dialect import Dialect
 from tests.support.simulated_robot import SimulatedRobot
 
+_POSE = {"pose": {"position": {"x": 0.0, "y": 0.0}, "orientation": {"z": 0.0, "w": 1.0}}}
+_FRAME = {
+    "header": {"stamp": {"secs": 1, "nsecs": 0}, "frame_id": "base"},
+    "transform": {"translation": {"x": 0.0, "y": 0.0, "z": 0.0}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}},
+}
+DESCRIBED: dict[str, tuple[Callable[[Any], str], dict[str, Any]]] = {
+    "path": (_DESCRIPTIONS["nav_msgs/Path"], {"header": {"frame_id": "map"}, "poses": [_POSE, _POSE]}),
+    "bool": (_DESCRIPTIONS["std_msgs/Bool"], {"data": True}),
+    "battery": (_DESCRIPTIONS["sensor_msgs/BatteryState"], {"percentage": float("nan")}),
+    "frames": (
+        _DESCRIPTIONS["tf2_msgs/TFMessage"],
+        {"transforms": [{**_FRAME, "child_frame_id": name} for name in ("a", "b", "c")]},
+    ),
+}
 ROS1 = {
     "/cmd_vel": "geometry_msgs/Twist",
     "/scan": "sensor_msgs/LaserScan",
@@ -235,6 +252,28 @@ def test_a_simulator_s_clock_is_noticed() -> None:
     assert profile_of(found, propose(found).chosen, name="a", title="A", address="ws://a").simulation_time
 
 
+def in_words(detail: str) -> str:
+    """The text that is looked up for the wizard, and what is put into it."""
+    if not isinstance(detail, Filled):
+        return f"<{detail}>"
+    return " ".join(
+        [
+            f"<{detail.template}>",
+            *(f"{name}={in_words(said) if isinstance(said, Filled) else said}" for name, said in detail.values.items()),
+        ]
+    )
+
+
+def test_what_is_said_of_a_message_can_be_said_in_another_language() -> None:
+    said = {kind: in_words(describe({**message})) for kind, (describe, message) in DESCRIBED.items()}
+    assert said == {
+        "path": "<{number} points.> number=2",
+        "bool": "<Now {value}.> value=true",
+        "battery": "<It does not tell its charge.>",
+        "frames": "<Frames {frames}.> frames=<{names} and {number} more> names=a, b number=1",
+    }
+
+
 def heard(profile: RobotProfile, address: str) -> dict[str, StreamCheck]:
     """The checks once everything was heard: a busy machine publishes late, so it may take a longer listening."""
     for seconds in (1.2, 3.0, 6.0):
@@ -322,6 +361,9 @@ def test_a_wrong_profile_is_told_line_by_line(robot: SimulatedRobot, tmp_path: P
     }
     assert "sensor_msgs/LaserScan was expected" in checks["scan"].detail
     assert "the message has no dat" in checks["controls.a.shows"].detail
+    assert in_words(checks["scan"].detail).startswith("<It carries {kind}; {expected} was expected.>")
+    unread = in_words(checks["controls.a.shows"].detail)
+    assert unread == "<What comes cannot be used: {error}.> error=<the message has no {path}> path=dat"
 
 
 def test_the_other_ros_is_refused_before_anything_is_subscribed(robot: SimulatedRobot) -> None:

@@ -286,9 +286,10 @@ class DrivePanel(Panel):
         if self.hold.held or self.hold.motion.wish.moving:
             return tr("Let go to stop."), "dim"
         if going_to:
-            speed, as_drive_says = words.goal_speed(self.state.robot.value, drive)
-            stops = tr("{key} stops it.").format(key=self.table.key_text("stop"))
-            return f"{speed[:1].upper()}{speed[1:]}. {stops}" if speed else stops, "dim" if as_drive_says else "amber"
+            speed, as_drive_says = words.goal_speed(self.state.robot.value, drive, begins=True)
+            told = tr("{speed}. {key} stops it.") if speed else tr("{key} stops it.")
+            told = told.format(speed=speed, key=self.table.key_text("stop"))
+            return told, "dim" if as_drive_says else "amber"
         owner = self.hold.key_owner
         sentence = owner_sentence(owner, [self.table.key_text(action_id) for action_id in _DIRECTIONS])
         return sentence, "amber" if owner in ("dialog", "menu", "elsewhere") else "dim"

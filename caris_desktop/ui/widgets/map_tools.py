@@ -161,8 +161,7 @@ class MapTools(QObject):
 
     def goal_speed(self) -> str:
         """How fast a goal is driven to; said before one is chosen."""
-        text, _as_drive_says = words.goal_speed(self._state.robot.value, self._state.drive.value)
-        return text[:1].upper() + text[1:]
+        return words.goal_speed(self._state.robot.value, self._state.drive.value, begins=True)[0]
 
     def _on_ground_clicked(self, at: QPointF, where: QPointF) -> None:
         if not self.may_go or self._refuse_place():

@@ -331,7 +331,7 @@ def test_a_robot_that_sends_no_sound_is_told_once_and_keeps_nobody_waiting(
     bench.service._distant.look()
     bench.service._distant.look()
     assert bench.begun == 1
-    assert bench.told == ["The robot's microphone cannot be heard: no sound comes from it."]
+    assert bench.told == ["No sound comes from a microphone that is open: the robot's microphone."]
     monkeypatch.undo()
     hear_robot(bench)
     assert bench.state.microphone.value.state == "on"
