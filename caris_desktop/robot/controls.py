@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from caris_desktop.domain import translation
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import UseControl
 from caris_desktop.domain.controls import (
@@ -304,7 +305,8 @@ class RobotControls:
             message = fitted(content, definition, rounds=control.kind == "slider")
         except MessageMismatchError as error:
             logger.warning("Control %s: %s", control.id, error)
-            self._tell(command, "failed", f"nothing was sent, for {error}")
+            why = translation.filled(QT_TR_NOOP("nothing was sent, for {why}"), why=error)
+            self._tell(command, "failed", why)
             return
         match effect:
             case PublishMessage(topic=topic, type=type_):
@@ -353,7 +355,8 @@ class RobotControls:
         if goal is not None and not goal.heard and wire_id not in server.lost:
             del server.goals[wire_id]
             server.cancel(wire_id)
-            self._tell(goal.command, "failed", f"the robot did not answer within {NO_ANSWER_S:g} s")
+            late = translation.filled(QT_TR_NOOP("the robot did not answer within {time} s"), time=f"{NO_ANSWER_S:g}")
+            self._tell(goal.command, "failed", late)
 
     def _give_up_lost(self, server: _Server, wire_id: str) -> None:
         if not self._ros.is_connected:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.actions import action_package_and_name
 from caris_desktop.ros.definitions import (
@@ -102,7 +103,7 @@ def definition_from_rosapi(typedefs: Any) -> Definition:
         names, types, lengths = (typedef.get(key) for key in ("fieldnames", "fieldtypes", "fieldarraylen"))
         lists = [names, types, lengths]
         if not all(isinstance(items, list) and len(items) <= _MOST_FIELDS for items in lists):
-            raise ValueError(f"rosapi does not tell the fields of {typedef['type']}")
+            raise ValueError(filled(QT_TR_NOOP("rosapi does not tell the fields of {type}"), type=typedef["type"]))
         fields = tuple(
             FieldType(str(name), str(kind), None if length == -1 else max(0, int(length)))
             for name, kind, length in zip(*lists, strict=True)
@@ -124,7 +125,7 @@ def fitted(message: Mapping[str, Any], definition: Definition | None, *, rounds:
         For an unknown field, a value of the wrong kind and one out of range.
     """
     if definition is None:
-        _check_plain(message, "the message", 0)
+        _check_plain(message, _named(""), 0)
         return dict(message)
     return _message(message, definition.fields, definition, "", rounds)
 
@@ -133,17 +134,27 @@ def _message(
     value: Any, fields: tuple[FieldType, ...], definition: Definition, where: str, rounds: bool
 ) -> dict[str, Any]:
     if not isinstance(value, Mapping):
-        raise MessageMismatchError(f"{_named(where)} must be a group of fields, but it is {_told(value)}")
+        raise MessageMismatchError(
+            filled(
+                QT_TR_NOOP("{where} must be a group of fields, but it is {value}"),
+                where=_named(where),
+                value=_told(value),
+            )
+        )
     if where.count(".") > _DEEPEST:
-        raise MessageMismatchError(f"{_named(where)} lies too deep")
+        raise MessageMismatchError(filled(QT_TR_NOOP("{where} lies too deep"), where=_named(where)))
     by_name = {field.name: field for field in fields}
     sent = {}
     for name, item in value.items():
         field = by_name.get(name)
         inside = f"{where}.{name}" if where else str(name)
         if field is None:
-            allowed = ", ".join(sorted(by_name)[:12]) or "none at all"
-            raise MessageMismatchError(f"there is no field {inside!r}; the robot knows {allowed}")
+            allowed = ", ".join(sorted(by_name)[:12]) or filled(QT_TR_NOOP("none at all"))
+            raise MessageMismatchError(
+                filled(
+                    QT_TR_NOOP("there is no field {field}; the robot knows {known}"), field=repr(inside), known=allowed
+                )
+            )
         sent[name] = _field(item, field, definition, inside, rounds)
     return sent
 
@@ -154,11 +165,24 @@ def _field(value: Any, field: FieldType, definition: Definition, where: str, rou
     if field.type in ("uint8", "char", "byte", "octet") and isinstance(value, (str, bytes)):
         return value
     if not isinstance(value, (list, tuple)):
-        raise MessageMismatchError(f"{_named(where)} must be a list, but it is {_told(value)}")
+        raise MessageMismatchError(
+            filled(QT_TR_NOOP("{where} must be a list, but it is {value}"), where=_named(where), value=_told(value))
+        )
     if field.length and len(value) != field.length:
-        raise MessageMismatchError(f"{_named(where)} must have {field.length} entries, but it has {len(value)}")
+        raise MessageMismatchError(
+            filled(
+                QT_TR_NOOP("{where} must have {length} entries, but it has {number}"),
+                where=_named(where),
+                length=field.length,
+                number=len(value),
+            )
+        )
     if len(value) > LONGEST_LIST:
-        raise MessageMismatchError(f"{_named(where)} has {len(value)} entries, which is too many")
+        raise MessageMismatchError(
+            filled(
+                QT_TR_NOOP("{where} has {number} entries, which is too many"), where=_named(where), number=len(value)
+            )
+        )
     return [_single(item, field.type, definition, f"{where}[{index}]", rounds) for index, item in enumerate(value)]
 
 
@@ -171,13 +195,23 @@ def _single(value: Any, type_: str, definition: Definition, where: str, rounds: 
         return _number(value, base, where)
     if base in TRUTHS:
         if not isinstance(value, bool):
-            raise MessageMismatchError(f"{_named(where)} must be true or false, but it is {_told(value)}")
+            raise MessageMismatchError(
+                filled(
+                    QT_TR_NOOP("{where} must be true or false, but it is {value}"),
+                    where=_named(where),
+                    value=_told(value),
+                )
+            )
         return value
     if base in TEXTS:
         if not isinstance(value, str):
-            raise MessageMismatchError(f"{_named(where)} must be a text, but it is {_told(value)}")
+            raise MessageMismatchError(
+                filled(QT_TR_NOOP("{where} must be a text, but it is {value}"), where=_named(where), value=_told(value))
+            )
         if len(value) > LONGEST_TEXT:
-            raise MessageMismatchError(f"{_named(where)} is longer than {LONGEST_TEXT} characters")
+            raise MessageMismatchError(
+                filled(QT_TR_NOOP("{where} is longer than {most} characters"), where=_named(where), most=LONGEST_TEXT)
+            )
         return value
     if plain in TIMES:
         return _time(value, where)
@@ -195,20 +229,34 @@ def _whole_number(value: Any, range_: tuple[int, int], where: str, rounds: bool)
         value = round(value)
     if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= highest:
         raise MessageMismatchError(
-            f"{_named(where)} must be a whole number from {lowest} to {highest}, but it is {_told(value)}"
+            filled(
+                QT_TR_NOOP("{where} must be a whole number from {lowest} to {highest}, but it is {value}"),
+                where=_named(where),
+                lowest=lowest,
+                highest=highest,
+                value=_told(value),
+            )
         )
     return value
 
 
 def _number(value: Any, type_: str, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise MessageMismatchError(f"{_named(where)} must be a number, but it is {_told(value)}")
+        raise MessageMismatchError(
+            filled(QT_TR_NOOP("{where} must be a number, but it is {value}"), where=_named(where), value=_told(value))
+        )
     try:
         number = float(value)
     except OverflowError as error:
-        raise MessageMismatchError(f"{_named(where)} is too large") from error
+        raise MessageMismatchError(filled(QT_TR_NOOP("{where} is too large"), where=_named(where))) from error
     if not math.isfinite(number) or (type_ in ("float32", "float") and abs(number) > LARGEST_FLOAT32):
-        raise MessageMismatchError(f"{_named(where)} must be a finite number, but it is {_told(value)}")
+        raise MessageMismatchError(
+            filled(
+                QT_TR_NOOP("{where} must be a finite number, but it is {value}"),
+                where=_named(where),
+                value=_told(value),
+            )
+        )
     return number
 
 
@@ -218,26 +266,36 @@ def _time(value: Any, where: str) -> Any:
     whole = all(isinstance(part, int) and not isinstance(part, bool) for part in parts.values())
     # rosbridge of ROS 1 puts the time of the robot for this word.
     if value != "now" and not (parts and whole and any(set(parts) <= allowed for allowed in names)):
-        raise MessageMismatchError(f"{_named(where)} must be a time of whole seconds and nanoseconds")
+        raise MessageMismatchError(
+            filled(QT_TR_NOOP("{where} must be a time of whole seconds and nanoseconds"), where=_named(where))
+        )
     return value
 
 
 def _check_plain(value: Any, where: str, depth: int) -> None:
     """That the value can be written as JSON at all."""
     if depth > _DEEPEST:
-        raise MessageMismatchError(f"{where} lies too deep")
+        raise MessageMismatchError(filled(QT_TR_NOOP("{where} lies too deep"), where=where))
     if isinstance(value, Mapping):
         for item in value.values():
             _check_plain(item, where, depth + 1)
     elif isinstance(value, (list, tuple)):
         if len(value) > LONGEST_LIST:
-            raise MessageMismatchError(f"{where} has a list of {len(value)} entries, which is too many")
+            raise MessageMismatchError(
+                filled(
+                    QT_TR_NOOP("{where} has a list of {number} entries, which is too many"),
+                    where=where,
+                    number=len(value),
+                )
+            )
         for item in value:
             _check_plain(item, where, depth + 1)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise MessageMismatchError(f"{where} has a number that is not finite")
+        raise MessageMismatchError(filled(QT_TR_NOOP("{where} has a number that is not finite"), where=where))
     elif value is not None and not isinstance(value, (bool, int, float, str)):
-        raise MessageMismatchError(f"{where} has a value that cannot be sent: {_told(value)}")
+        raise MessageMismatchError(
+            filled(QT_TR_NOOP("{where} has a value that cannot be sent: {value}"), where=where, value=_told(value))
+        )
 
 
 def _package_and_name(type_: str) -> tuple[str, str]:
@@ -246,16 +304,17 @@ def _package_and_name(type_: str) -> tuple[str, str]:
 
 
 def _named(where: str) -> str:
-    return f"the field {where!r}" if where else "the message"
+    return filled(QT_TR_NOOP("the field {field}"), field=repr(where)) if where else filled(QT_TR_NOOP("the message"))
 
 
 def _told(value: Any) -> str:
     if value is None:
-        return "nothing"
+        return filled(QT_TR_NOOP("nothing"))
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return f"the text {value[:40]!r}"
+        return filled(QT_TR_NOOP("the text {said}"), said=repr(value[:40]))
     if isinstance(value, (int, float)):
         return str(value)[:40]
-    return "a list" if isinstance(value, (list, tuple)) else "a group of fields"
+    a_list = isinstance(value, (list, tuple))
+    return filled(QT_TR_NOOP("a list")) if a_list else filled(QT_TR_NOOP("a group of fields"))

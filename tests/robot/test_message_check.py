@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.controls import filled
+from caris_desktop.domain.translation import tr, use_translator
 from caris_desktop.robot.message_check import MessageMismatchError, definition_from_rosapi, fitted
 from caris_desktop.ros.definitions import shipped_definition, shipped_definitions
 
@@ -135,3 +136,18 @@ def test_the_robot_explains_its_own_types() -> None:
 def test_answers_of_rosapi_that_explain_nothing(typedefs: Any) -> None:
     with pytest.raises((ValueError, TypeError)):
         definition_from_rosapi(typedefs)
+
+
+def test_what_does_not_fit_is_said_in_the_language_of_the_wizard() -> None:
+    german = {
+        "{where} must be a text, but it is {value}": "{where} muss ein Text sein, ist aber {value}",
+        "the field {field}": "das Feld {field}",
+        "a list": "eine Liste",
+    }
+    with pytest.raises(MessageMismatchError) as raised:
+        check("std_msgs/String", {"data": []})
+    use_translator(lambda text, _meant, _number: german.get(text, text))
+    try:
+        assert tr(str(raised.value)) == "das Feld 'data' muss ein Text sein, ist aber eine Liste"
+    finally:
+        use_translator(None)

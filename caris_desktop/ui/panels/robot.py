@@ -317,9 +317,9 @@ class ControlEntry(QWidget):
         self._face.show_state(state)
         words = {"requested": tr("asked the robot…"), "failed": tr("did not work")}.get(state, "")
         if status is not None and state == "failed" and status.detail:
-            words = tr("did not work: {detail}").format(detail=status.detail)
+            words = tr("did not work: {detail}").format(detail=tr(status.detail))
         elif status is not None and state == "succeeded" and status.detail:
-            words = tr("done: {detail}").format(detail=status.detail)
+            words = tr("done: {detail}").format(detail=tr(status.detail))
         compact = control.kind in _COMPACT
         shown = "" if compact and state == "requested" else words
         self._note.setFont(self._theme.font(tokens.STATUS_PX))
