@@ -99,7 +99,7 @@ _LONGEST_FIRST = (
     "app/test_nothing_lost.py",
     "robot/test_link_faults.py", "conversation/test_speech.py", "robot/test_every_profile.py",
     "robot/test_guard_in_simulator.py", "app/test_rehearsal.py",
-    "robot/test_link_and_simulator.py", "perception/test_inference.py",
+    "robot/test_link_and_simulator.py", "perception/test_inference.py", "app/test_track_command.py",
     "recording/recorder/test_recorder_process.py", "perception/backends/test_export.py", "simulator/test_slow_link.py",
     "people/test_returning.py", "recording/forgetting/test_study.py", "recording/session/test_two_clocks.py",
     "live/test_face_page_in_chromium.py", "simulator/test_command.py", "simulator/test_picture.py",
