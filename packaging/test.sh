@@ -51,7 +51,7 @@ if [[ $(uname -s) == Linux ]]; then
 fi
 
 # Several times what the slowest of three runs takes on a slow machine.
-longest_run=45m
+longest_run=35m
 unsteady=()
 failures=.pytest_cache/v/cache/lastfailed
 failed_tests() { .venv/bin/python -c 'import json, sys; print(*json.load(open(sys.argv[1])), sep="\n")' "$failures"; }
@@ -75,15 +75,15 @@ run_tests() {
 }
 
 if (($# == 0)); then
-  # Those of the whole program mostly wait for the dozen processes that each of them starts: among the others, which keep
-  # a core busy, they cost little. Theirs is the order of tests/conftest.py.
-  check "tests" run_tests -n 3 -m "not alone" tests
+  check "tests, other rooms" run_tests -n 3 -m "not alone" --ignore tests/app tests
   started=$SECONDS status=0
   printf '\n== types (mypy) and rooms (import-linter)\n'
   wait "$types" || status=$?
   cat -- "$of_types"
   rm -f -- "$of_types"
   keep "types and rooms" $((SECONDS - started)) "$status"
+  # Those of the whole program start a dozen processes each.
+  check "tests, whole program" run_tests -n 2 -m "not alone" tests/app
   mapfile -t of_real_time < <(grep -rl --include='test_*.py' 'pytest.mark.alone' tests)
   check "tests of real time" run_tests -n 2 -m alone "${of_real_time[@]}"
 else

@@ -91,14 +91,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 # Those that take longest begin first, so that no worker has one of them left when the others are done.
-# A rehearsal comes a while later: packaging/test.sh has the types checked meanwhile, which keeps a core busy, and those
-# before and after it mostly wait.
 _LONGEST_FIRST = (
+    "app/test_rehearsal.py",
     "app/test_safety.py", "robot/test_link.py", "app/test_type_and_drive.py", "app/test_console_and_robot.py",
     "app/test_stops_and_kills.py", "app/test_beside_a_misbehaving_model.py", "ui/test_desktop.py",
     "app/test_nothing_lost.py",
     "robot/test_link_faults.py", "conversation/test_speech.py", "robot/test_every_profile.py",
-    "robot/test_guard_in_simulator.py", "app/test_rehearsal.py",
+    "robot/test_guard_in_simulator.py",
     "robot/test_link_and_simulator.py", "perception/test_inference.py", "app/test_track_command.py",
     "recording/recorder/test_recorder_process.py", "perception/backends/test_export.py", "simulator/test_slow_link.py",
     "people/test_returning.py", "recording/forgetting/test_study.py", "recording/session/test_two_clocks.py",
@@ -111,30 +110,15 @@ _NOT_BESIDE_A_REHEARSAL = ("app/test_bad_input.py", "app/test_robot_room.py")
 _BY_TEST = ("app/test_bad_input.py",)
 
 
-def _file(item: pytest.Item) -> str:
-    return item.path.relative_to(Path(__file__).parent).as_posix()
-
-
-def _turns(items: list[pytest.Item]) -> dict[str, float]:
-    """When whose turn is, by file or by the id of a test: the longest first, and after them those of the whole program
-    evenly among the others. They start a dozen processes and wait for them, while the others keep a core busy.
-    """
-    program: dict[str, None] = {}
-    late: dict[str, None] = {}
-    others: dict[str, None] = {}
-    for item in items:
-        file = _file(item)
-        among = late if file in _NOT_BESIDE_A_REHEARSAL else program if file.startswith("app/") else others
-        among[item.nodeid if file in _BY_TEST else file] = None
-    turns = {each: at / len(among) for among in (program, others) for at, each in enumerate(among)}
-    turns |= {each: 0.4 + 0.5 * at / len(late) for at, each in enumerate(late)}
-    return turns | {file: float(at - len(_LONGEST_FIRST)) for at, file in enumerate(_LONGEST_FIRST)}
+def _turn(item: pytest.Item) -> int:
+    file = item.path.relative_to(Path(__file__).parent).as_posix()
+    if file in _NOT_BESIDE_A_REHEARSAL:
+        return len(_LONGEST_FIRST) + 1
+    return _LONGEST_FIRST.index(file) if file in _LONGEST_FIRST else len(_LONGEST_FIRST)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    turns = _turns(items)
-    # Two of the same turn: a file stays together.
-    items.sort(key=lambda item: (turns[item.nodeid if _file(item) in _BY_TEST else _file(item)], _file(item)))
+    items.sort(key=_turn)
     if config.getoption("--long"):
         return
     for item in items:
