@@ -212,7 +212,7 @@ class ControlLink:
                 self._stopper = command.actor
                 self._lease.stop(now_s)
                 self._send_zero_first()
-                reason = f"stopped by {in_words(command.actor)}"
+                reason = filled(QT_TR_NOOP("stopped by {who}"), who=filled(in_words(command.actor)))
                 self._navigator.cancel_all(reason, command.actor)
                 self._controls.cancel_goals(reason)
             case commands.SetEmergencyStop():
@@ -275,7 +275,8 @@ class ControlLink:
         self._driver = command.actor
         if command.target.moving:
             # Taking the wheel takes it from the navigation.
-            self._navigator.cancel(f"{in_words(command.actor)} drives", command.actor)
+            who = filled(in_words(command.actor))
+            self._navigator.cancel(filled(QT_TR_NOOP("{who} drives"), who=who), command.actor)
         self._lease.drive(command.target, command.source, given_s)
 
     def _motion_refusal(self) -> str:
@@ -511,7 +512,8 @@ class ControlLink:
         self._sensors.link_lost()
         self._measurement.link_lost()
         if not self._closing:
-            self._report.changed("lost", f"The link to the robot was lost: {reason}")
+            lost = QT_TR_NOOP("The link to the robot was lost: {reason}")
+            self._report.changed("lost", filled(lost, reason=reason))
 
     def link_unreachable(self, what: str, advice: str) -> None:
         self._report.unreachable(what, advice)

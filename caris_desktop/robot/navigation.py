@@ -11,7 +11,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import GoTo
 from caris_desktop.domain.events import GoalChanged, GoalState
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.profile import NavigationServer
 from caris_desktop.robot.transport import SafeRos
@@ -244,7 +244,8 @@ class Navigator:
         if self._fate is not None:
             return
         self._server.cancel(self._goal.wire_id)
-        self._end("failed", f"the robot's navigation did not answer within {NO_ANSWER_S:g} s")
+        late = QT_TR_NOOP("the robot's navigation did not answer within {seconds} s")
+        self._end("failed", filled(late, seconds=f"{NO_ANSWER_S:g}"))
 
     def _await_fate(self) -> None:
         if self._fate is not None:
@@ -262,7 +263,8 @@ class Navigator:
         if self._fate is not None:
             return
         self._server.cancel_all()
-        self._end("cancelled", f"{self._goal.cancelling}; the robot did not confirm it")
+        unconfirmed = QT_TR_NOOP("{why}; the robot did not confirm it")
+        self._end("cancelled", filled(unconfirmed, why=filled(self._goal.cancelling)))
         self._unconfirmed()
 
     def _cancel_again(self, epoch: int) -> None:

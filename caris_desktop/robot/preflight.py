@@ -7,7 +7,7 @@ from typing import Any
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.controls import CallService, PublishMessage, SendActionGoal
+from caris_desktop.domain.controls import CallService, PublishMessage, RobotControl, SendActionGoal
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
@@ -17,7 +17,6 @@ from caris_desktop.ros.raw_image import republish_advice
 
 _GOODBYE_S = 0.3
 _LEAST_PICTURES_HZ = 3.0
-_CONTROL = "Control "
 _SAID_AT_MOST = 300
 
 
@@ -124,19 +123,20 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
             )
         )
     useless: dict[str, None] = {}
+    control_titles = {f"controls.{control.id}": control.title for control in profile.controls}
 
     def lacks(field: str, label: str, sentence: str) -> None:
         # A profile may have many controls, and the wizard needs to know which are without effect, not why each of them.
         if field.startswith("controls."):
-            useless[label.removeprefix(_CONTROL)] = None
+            useless[control_titles[field.removesuffix(".shows")]] = None
         else:
-            sentences.append(filled("{label}: {sentence}", label=label, sentence=sentence))
+            sentences.append(filled("{label}: {sentence}", label=filled(label), sentence=sentence))
 
     for named in named_in(profile):
         kind = inventory.topics.get(_absolute(named.topic))
         otherwise = picture_advice(named, inventory)
         if otherwise:
-            sentences.append(filled("{label}: {sentence}", label=named.label, sentence=otherwise))
+            sentences.append(filled("{label}: {sentence}", label=filled(named.label), sentence=otherwise))
             continue
         wanted = " or ".join(in_dialect(dialect, one) for one in named.types)
         if kind is None:
@@ -211,17 +211,19 @@ def map_services_of(profile: RobotProfile) -> tuple[str, ...]:
 def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
     """Every topic that the profile names, with what it should carry."""
     bare = profile.velocity.type
-    yield NamedTopic("velocity", "Driving", profile.velocity.topic, (f"geometry_msgs/{bare}",), published=False)
+    yield NamedTopic(
+        "velocity", QT_TR_NOOP("Driving"), profile.velocity.topic, (f"geometry_msgs/{bare}",), published=False
+    )
     streams: tuple[tuple[str, str, TopicSource | None, str, float | None, bool], ...] = (
-        ("scan", "LIDAR", profile.scan, "sensor_msgs/LaserScan", 5.0, True),
-        ("odometry", "Odometry", profile.odometry, "nav_msgs/Odometry", 5.0, True),
-        ("pose", "Pose", profile.pose, "geometry_msgs/PoseWithCovarianceStamped", None, profile.tf is None),
-        ("tf", "Transforms", profile.tf, "tf2_msgs/TFMessage", 5.0, False),
-        ("tf_static", "Fixed transforms", profile.tf_static, "tf2_msgs/TFMessage", None, False),
-        ("map", "Map", profile.map, "nav_msgs/OccupancyGrid", None, True),
-        ("map_updates", "Map updates", profile.map_updates, "map_msgs/OccupancyGridUpdate", None, False),
-        ("path", "Path", profile.path, "nav_msgs/Path", None, False),
-        ("battery", "Battery", profile.battery, "sensor_msgs/BatteryState", 0.1, True),
+        ("scan", QT_TR_NOOP("LIDAR"), profile.scan, "sensor_msgs/LaserScan", 5.0, True),
+        ("odometry", QT_TR_NOOP("Odometry"), profile.odometry, "nav_msgs/Odometry", 5.0, True),
+        ("pose", QT_TR_NOOP("Pose"), profile.pose, "geometry_msgs/PoseWithCovarianceStamped", None, profile.tf is None),
+        ("tf", QT_TR_NOOP("Transforms"), profile.tf, "tf2_msgs/TFMessage", 5.0, False),
+        ("tf_static", QT_TR_NOOP("Fixed transforms"), profile.tf_static, "tf2_msgs/TFMessage", None, False),
+        ("map", QT_TR_NOOP("Map"), profile.map, "nav_msgs/OccupancyGrid", None, True),
+        ("map_updates", QT_TR_NOOP("Map updates"), profile.map_updates, "map_msgs/OccupancyGridUpdate", None, False),
+        ("path", QT_TR_NOOP("Path"), profile.path, "nav_msgs/Path", None, False),
+        ("battery", QT_TR_NOOP("Battery"), profile.battery, "sensor_msgs/BatteryState", 0.1, True),
     )
     for key, label, source, kind, expected_hz, needed in streams:
         if source is not None:
@@ -229,17 +231,18 @@ def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
             kinds = (kind, "tf/tfMessage") if key == "tf" else (kind,)
             yield NamedTopic(key, label, source.topic, kinds, expected_hz=expected_hz, needed=needed)
     for index, camera in enumerate(profile.cameras):
-        label = f"Camera {camera.name}"
+        label = filled(QT_TR_NOOP("Camera {name}"), name=camera.name)
         yield NamedTopic(
             f"cameras.{index}", label, camera.topic, (f"sensor_msgs/{camera.type}",), expected_hz=_LEAST_PICTURES_HZ
         )
         if camera.info is not None:
-            yield NamedTopic(
-                f"cameras.{index}.info", f"{label}: lens", camera.info, ("sensor_msgs/CameraInfo",), needed=False
-            )
+            lens = filled(QT_TR_NOOP("Camera {name}: lens"), name=camera.name)
+            yield NamedTopic(f"cameras.{index}.info", lens, camera.info, ("sensor_msgs/CameraInfo",), needed=False)
     if profile.initial_pose is not None:
         kinds = ("geometry_msgs/PoseWithCovarianceStamped",)
-        yield NamedTopic("initial_pose", "Setting the pose", profile.initial_pose, kinds, published=False, needed=False)
+        yield NamedTopic(
+            "initial_pose", QT_TR_NOOP("Setting the pose"), profile.initial_pose, kinds, published=False, needed=False
+        )
     yield from _voice_and_stop(profile)
     yield from _sound(profile)
     head = profile.head
@@ -247,10 +250,12 @@ def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
         kind = "trajectory_msgs/JointTrajectory"
         if head.kind == "joint_angles":
             kind = "naoqi_bridge_msgs/JointAnglesWithSpeed"
-        yield NamedTopic("head", "Head", head.topic, (kind,), published=False)
-        yield NamedTopic("head.joint_states", "Joints", head.joint_states, ("sensor_msgs/JointState",), expected_hz=2.0)
+        yield NamedTopic("head", QT_TR_NOOP("Head"), head.topic, (kind,), published=False)
+        yield NamedTopic(
+            "head.joint_states", QT_TR_NOOP("Joints"), head.joint_states, ("sensor_msgs/JointState",), expected_hz=2.0
+        )
     for control in profile.controls:
-        key, label = f"controls.{control.id}", _CONTROL + control.title
+        key, label = f"controls.{control.id}", _label_of(control)
         if isinstance(control.effect, PublishMessage):
             yield NamedTopic(key, label, control.effect.topic, (control.effect.type,), published=False)
         if control.reading is not None:
@@ -260,18 +265,22 @@ def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
 def _voice_and_stop(profile: RobotProfile) -> Iterator[NamedTopic]:
     speech, stop = profile.speech, profile.emergency_stop
     if speech is not None and speech.topic is not None:
-        yield NamedTopic("speech", "Speech", speech.topic, ("std_msgs/String",), published=False)
+        yield NamedTopic("speech", QT_TR_NOOP("Speech"), speech.topic, ("std_msgs/String",), published=False)
     if speech is not None and speech.speaking is not None:
-        yield NamedTopic("speech.speaking", "Speech: is speaking", speech.speaking, ("std_msgs/Bool",))
+        yield NamedTopic("speech.speaking", QT_TR_NOOP("Speech: is speaking"), speech.speaking, ("std_msgs/Bool",))
     if speech is not None and speech.stop is not None:
-        yield NamedTopic("speech.stop", "Speech: be quiet", speech.stop, ("std_msgs/Empty",), published=False)
+        yield NamedTopic(
+            "speech.stop", QT_TR_NOOP("Speech: be quiet"), speech.stop, ("std_msgs/Empty",), published=False
+        )
     if speech is not None and speech.says is not None:
-        yield NamedTopic("speech.says", "Speech: what it says", speech.says, ("std_msgs/String",))
+        yield NamedTopic("speech.says", QT_TR_NOOP("Speech: what it says"), speech.says, ("std_msgs/String",))
     if stop is not None and stop.topic is not None:
-        yield NamedTopic("emergency_stop.topic", "Emergency stop", stop.topic, ("std_msgs/Bool",))
+        yield NamedTopic("emergency_stop.topic", QT_TR_NOOP("Emergency stop"), stop.topic, ("std_msgs/Bool",))
     if stop is not None and stop.command_topic is not None:
         kinds = ("std_msgs/Bool",)
-        yield NamedTopic("emergency_stop.command_topic", "Emergency stop", stop.command_topic, kinds, published=False)
+        yield NamedTopic(
+            "emergency_stop.command_topic", QT_TR_NOOP("Emergency stop"), stop.command_topic, kinds, published=False
+        )
 
 
 def _sound(profile: RobotProfile) -> Iterator[NamedTopic]:
@@ -279,12 +288,14 @@ def _sound(profile: RobotProfile) -> Iterator[NamedTopic]:
     if audio is None:
         return
     if audio.topic is not None:
-        yield NamedTopic("audio", "Microphone", audio.topic, (f"audio_common_msgs/{audio.type}",))
+        yield NamedTopic("audio", QT_TR_NOOP("Microphone"), audio.topic, (f"audio_common_msgs/{audio.type}",))
     if audio.info is not None:
-        yield NamedTopic("audio.info", "Microphone: form", audio.info, ("audio_common_msgs/AudioInfo",), needed=False)
+        yield NamedTopic(
+            "audio.info", QT_TR_NOOP("Microphone: form"), audio.info, ("audio_common_msgs/AudioInfo",), needed=False
+        )
     if audio.speaker is not None:
         yield NamedTopic(
-            "audio.speaker", "Loudspeaker", audio.speaker, ("audio_common_msgs/AudioData",), published=False
+            "audio.speaker", QT_TR_NOOP("Loudspeaker"), audio.speaker, ("audio_common_msgs/AudioData",), published=False
         )
 
 
@@ -295,25 +306,29 @@ def services_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
         for key in ("service", "set_service", "clear_service"):
             service = getattr(stop, key)
             if service is not None:
-                yield f"emergency_stop.{key}", "Emergency stop", service
+                yield f"emergency_stop.{key}", QT_TR_NOOP("Emergency stop"), service
     if profile.speech is not None and profile.speech.service is not None:
-        yield "speech.service", "Speech", profile.speech.service.name
+        yield "speech.service", QT_TR_NOOP("Speech"), profile.speech.service.name
         if profile.speech.service.stop is not None:
-            yield "speech.service.stop", "Speech: be quiet", profile.speech.service.stop
+            yield "speech.service.stop", QT_TR_NOOP("Speech: be quiet"), profile.speech.service.stop
     for control in profile.controls:
         if isinstance(control.effect, CallService):
-            yield f"controls.{control.id}", _CONTROL + control.title, control.effect.service
+            yield f"controls.{control.id}", _label_of(control), control.effect.service
 
 
 def actions_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
     """(field, label, name) of every action that the profile names."""
     if profile.navigation is not None:
-        yield "navigation", "Navigation", profile.navigation.name
+        yield "navigation", QT_TR_NOOP("Navigation"), profile.navigation.name
     if profile.speech is not None and profile.speech.action is not None:
-        yield "speech.action", "Speech", profile.speech.action.name
+        yield "speech.action", QT_TR_NOOP("Speech"), profile.speech.action.name
     for control in profile.controls:
         if isinstance(control.effect, SendActionGoal):
-            yield f"controls.{control.id}", _CONTROL + control.title, control.effect.action
+            yield f"controls.{control.id}", _label_of(control), control.effect.action
+
+
+def _label_of(control: RobotControl) -> str:
+    return filled(QT_TR_NOOP("Control {title}"), title=control.title)
 
 
 def in_dialect(dialect: Dialect, kind: str) -> str:

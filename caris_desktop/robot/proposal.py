@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.robot.profile import (
     AudioInterface,
     CameraTopic,
@@ -106,17 +107,23 @@ def propose(offer: Offer, *, namespace: str | None = None) -> Proposal:
     cameras = ranked.cameras()
     for index in range(min(MOST_CAMERAS, len(_distinct_cameras(cameras)))):
         fields.append(_camera_proposal(index, cameras))
-    fields.append(_proposal("navigation", "Navigation", ranked.navigation()))
+    fields.append(_proposal("navigation", QT_TR_NOOP("Navigation"), ranked.navigation()))
     fields += [_proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least) for kind in _TOPICS_AFTER]
-    fields.append(_proposal("speech", "Voice", ranked.voices()))
+    fields.append(_proposal("speech", QT_TR_NOOP("Voice"), ranked.voices()))
     for kind in _SPEECH_TOPICS:
         fields.append(_proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least))
     fields += [_proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least) for kind in _SOUND_TOPICS]
-    fields.append(_proposal("emergency_stop.topic", "Emergency stop state", ranked.topics(_STOP_STATE), least=0.6))
-    fields.append(_proposal("emergency_stop.service", "Emergency stop", ranked.emergency_stops(), least=0.6))
-    fields.append(_proposal("head", "Head", ranked.heads()))
+    fields.append(
+        _proposal("emergency_stop.topic", QT_TR_NOOP("Emergency stop state"), ranked.topics(_STOP_STATE), least=0.6)
+    )
+    fields.append(
+        _proposal("emergency_stop.service", QT_TR_NOOP("Emergency stop"), ranked.emergency_stops(), least=0.6)
+    )
+    fields.append(_proposal("head", QT_TR_NOOP("Head"), ranked.heads()))
     for node, service in (("slam_toolbox", "serialize_map"), ("map_server", "load_map"), ("map_saver", "save_map")):
-        fields.append(_proposal(f"maps.{node}", f"Maps: {node}", ranked.map_nodes(service)))
+        fields.append(
+            _proposal(f"maps.{node}", filled(QT_TR_NOOP("Maps: {node}"), node=node), ranked.map_nodes(service))
+        )
     return Proposal(chosen_namespace, namespaces, tuple(fields), tuple(_notes(offer, fields)))
 
 
@@ -214,7 +221,7 @@ class _Kind:
 _SPEECH_WORDS = re.compile(r"(^|[/_])(tts|speech|say|speak|speaking|talk|voice)([/_]|$)", re.IGNORECASE)
 _TOPICS_FIRST = (
     _Kind(
-        "velocity", "Driving", ("geometry_msgs/Twist", "geometry_msgs/TwistStamped"),
+        "velocity", QT_TR_NOOP("Driving"), ("geometry_msgs/Twist", "geometry_msgs/TwistStamped"),
         ("cmd_vel", "key_vel", "cmd_vel_teleop", "teleop", "cmd_vel_key", "joy_vel", "cmd_vel_joy", "tab_vel",
          "cmd_vel_unstamped", "velocity"),
         ("nav", "smooth", "safe", "out", "raw", "assisted", "turtle", "odom", "command_velocity", "measured",
@@ -222,42 +229,45 @@ _TOPICS_FIRST = (
         published=False,
     ),
     _Kind(
-        "scan", "LIDAR", ("sensor_msgs/LaserScan",),
+        "scan", QT_TR_NOOP("LIDAR"), ("sensor_msgs/LaserScan",),
         ("scan", "scan_raw", "base_scan", "scan_filtered", "front_scan", "scan_front", "laser", "laser_scan"),
         ("rear", "back", "depth", "cliff", "sonar", "camera", "virtual", "ground", "shovel"),
     ),
     _Kind(
-        "odometry", "Odometry", ("nav_msgs/Odometry",), ("odom", "odometry", "filtered"),
+        "odometry", QT_TR_NOOP("Odometry"), ("nav_msgs/Odometry",), ("odom", "odometry", "filtered"),
         ("ground_truth", "visual", "vo", "gps", "rf2o", "camera", "t265"),
     ),
     _Kind(
-        "pose", "Pose in the map", ("geometry_msgs/PoseWithCovarianceStamped",),
+        "pose", QT_TR_NOOP("Pose in the map"), ("geometry_msgs/PoseWithCovarianceStamped",),
         ("amcl_pose", "pose", "robot_pose", "localization_pose"), ("initialpose", "initial", "set_pose", "gps"),
     ),
-    _Kind("tf", "Transforms", ("tf2_msgs/TFMessage", "tf/tfMessage"), ("tf",), ("tf_static",)),
-    _Kind("tf_static", "Fixed transforms", ("tf2_msgs/TFMessage",), ("tf_static",), least=0.7),
+    _Kind("tf", QT_TR_NOOP("Transforms"), ("tf2_msgs/TFMessage", "tf/tfMessage"), ("tf",), ("tf_static",)),
+    _Kind("tf_static", QT_TR_NOOP("Fixed transforms"), ("tf2_msgs/TFMessage",), ("tf_static",), least=0.7),
     _Kind(
-        "map", "Map", ("nav_msgs/OccupancyGrid",), ("map",),
+        "map", QT_TR_NOOP("Map"), ("nav_msgs/OccupancyGrid",), ("map",),
         ("costmap", "local", "global", "visibility", "keepout", "mask", "filter"), least=0.6,
     ),
     _Kind(
-        "map_updates", "Map updates", ("map_msgs/OccupancyGridUpdate",), ("map_updates",), ("costmap", "local"),
-        least=0.6,
+        "map_updates", QT_TR_NOOP("Map updates"), ("map_msgs/OccupancyGridUpdate",), ("map_updates",),
+        ("costmap", "local"), least=0.6,
     ),
     _Kind(
-        "path", "Planned way", ("nav_msgs/Path",), ("plan", "global_plan", "received_global_plan", "path"),
+        "path", QT_TR_NOOP("Planned way"), ("nav_msgs/Path",), ("plan", "global_plan", "received_global_plan", "path"),
         ("local", "transformed", "trajectory", "odom", "history", "smoothed"),
     ),
-    _Kind("battery", "Battery", ("sensor_msgs/BatteryState",), ("battery_state", "battery", "state"), ("dock", "arm")),
+    _Kind(
+        "battery", QT_TR_NOOP("Battery"), ("sensor_msgs/BatteryState",), ("battery_state", "battery", "state"),
+        ("dock", "arm"),
+    ),
 )  # fmt: skip
 _TOPICS_AFTER = (
     _Kind(
-        "initial_pose", "Set the pose", ("geometry_msgs/PoseWithCovarianceStamped",), ("initialpose", "initial_pose"),
-        least=0.7, published=False,
+        "initial_pose", QT_TR_NOOP("Set the pose"), ("geometry_msgs/PoseWithCovarianceStamped",),
+        ("initialpose", "initial_pose"), least=0.7, published=False,
     ),
 )  # fmt: skip
 _CAMERA = _Kind(
-    "cameras.0", "Camera", ("sensor_msgs/CompressedImage",), ("compressed",),
+    "cameras.0", QT_TR_NOOP("Camera"), ("sensor_msgs/CompressedImage",), ("compressed",),
     ("depth", "infra", "ir", "left", "right", "stereo", "theora", "debug", "overlay", "mask", "bottom", "rear", "back"),
 )  # fmt: skip
 _RAW_CAMERA = replace(
@@ -267,28 +277,31 @@ _RAW_CAMERA = replace(
 )
 _SPEECH_TOPICS = (
     _Kind(
-        "speech.speaking", "Voice: is speaking", ("std_msgs/Bool",), ("speaking", "is_speaking", "tts_active"),
-        least=0.7,
+        "speech.speaking", QT_TR_NOOP("Voice: is speaking"), ("std_msgs/Bool",),
+        ("speaking", "is_speaking", "tts_active"), least=0.7,
     ),
     _Kind(
-        "speech.stop", "Voice: be quiet", ("std_msgs/Empty",), ("stop", "tts_stop", "stop_speaking", "shut_up"),
-        least=0.7, published=False, about=_SPEECH_WORDS,
+        "speech.stop", QT_TR_NOOP("Voice: be quiet"), ("std_msgs/Empty",),
+        ("stop", "tts_stop", "stop_speaking", "shut_up"), least=0.7, published=False, about=_SPEECH_WORDS,
     ),
 )  # fmt: skip
 _SOUND_TYPES = ("audio_common_msgs/AudioData", "audio_common_msgs/AudioDataStamped")
 _SOUND_TOPICS = (
     _Kind(
-        "audio.topic", "Microphone", _SOUND_TYPES, ("audio", "audio_stamped", "audio_raw", "mic", "microphone"),
-        ("speaker", "play", "tts", "out"),
+        "audio.topic", QT_TR_NOOP("Microphone"), _SOUND_TYPES,
+        ("audio", "audio_stamped", "audio_raw", "mic", "microphone"), ("speaker", "play", "tts", "out"),
     ),
-    _Kind("audio.info", "Microphone: form", ("audio_common_msgs/AudioInfo",), ("audio_info", "info"), least=0.6),
     _Kind(
-        "audio.speaker", "Loudspeaker", _SOUND_TYPES[:1], ("audio", "speaker", "play", "audio_play"), least=0.6,
-        published=False, about=re.compile(r"speaker|play", re.IGNORECASE),
+        "audio.info", QT_TR_NOOP("Microphone: form"), ("audio_common_msgs/AudioInfo",), ("audio_info", "info"),
+        least=0.6,
+    ),
+    _Kind(
+        "audio.speaker", QT_TR_NOOP("Loudspeaker"), _SOUND_TYPES[:1], ("audio", "speaker", "play", "audio_play"),
+        least=0.6, published=False, about=re.compile(r"speaker|play", re.IGNORECASE),
     ),
 )  # fmt: skip
 _STOP_STATE = _Kind(
-    "emergency_stop.topic", "Emergency stop state", ("std_msgs/Bool",),
+    "emergency_stop.topic", QT_TR_NOOP("Emergency stop state"), ("std_msgs/Bool",),
     ("emergency_stop", "e_stop", "estop", "emergency_stop_state", "emergency_button", "is_emergency", "is_stopped"),
 )  # fmt: skip
 _STOP_WORDS = re.compile(r"e_?stop|emergency|runstop", re.IGNORECASE)
@@ -342,7 +355,7 @@ class _Ranking:
             replace(
                 candidate,
                 confidence=_clipped(candidate.confidence - 0.3),
-                why=f"{candidate.why}, but not compressed: a heavy load",
+                why=joined((candidate.why, QT_TR_NOOP("But it is not compressed: a heavy load."))),
             )
             for candidate in self.topics(_RAW_CAMERA)
         ]
@@ -353,9 +366,9 @@ class _Ranking:
         for action, found_type in self._offer.actions.items():
             last = action.rsplit("/", 1)[-1]
             if any(same_type(found_type, wanted) for wanted in _NAVIGATION):
-                certainty, why = 0.95, f"an action server of {found_type}"
+                certainty, why = 0.95, filled(QT_TR_NOOP("It is an action server of {type}."), type=found_type)
             elif not found_type and last in ("move_base", "navigate_to_pose"):
-                certainty, why = 0.75, "an action server of the usual name"
+                certainty, why = 0.75, filled(QT_TR_NOOP("It is an action server of the usual name."))
             else:
                 continue
             found.append(self._in_namespace(Candidate(action, found_type, certainty, why)))
@@ -365,13 +378,15 @@ class _Ranking:
         found = []
         for action, found_type in self._offer.actions.items():
             if any(same_type(found_type, known) for known, _ in _SPEECH_ACTIONS):
-                found.append(Candidate(action, found_type, 0.95, "a speech action: it tells when it has finished"))
+                why = QT_TR_NOOP("It is a speech action, which tells when it has finished.")
+                found.append(Candidate(action, found_type, 0.95, why))
         for topic, found_type in self._offer.topics.items():
             spoken = same_type(found_type, "std_msgs/String") and _SPEECH_WORDS.search(topic)
             if spoken and not _HEARING_WORDS.search(topic):
                 last = topic.rsplit("/", 1)[-1]
                 certainty = 0.8 if last in ("tts", "speech", "say") else 0.55
-                found.append(Candidate(topic, found_type, certainty, f"text, and named '{last}'"))
+                why = filled(QT_TR_NOOP("It takes text, and is named “{name}”."), name=last)
+                found.append(Candidate(topic, found_type, certainty, why))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def emergency_stops(self) -> list[Candidate]:
@@ -383,15 +398,15 @@ class _Ranking:
                 continue
             switch = _SWITCH_WORDS.search(service)
             if any(same_type(found_type, known) for known, _field in _STOP_SERVICES):
-                why = f"a service of {found_type} with a name of its kind"
+                why = QT_TR_NOOP("It is a service of {type} with a name of its kind.")
                 if switch:
-                    why = f"a service of {found_type} that switches the motors: false stops"
-                found.append(Candidate(service, found_type, 0.7 if switch else 0.9, why))
+                    why = QT_TR_NOOP("It is a service of {type} that switches the motors: false stops.")
+                found.append(Candidate(service, found_type, 0.7 if switch else 0.9, filled(why, type=found_type)))
             elif any(same_type(found_type, known) for known in _PAIRED_SERVICES):
                 release = _release_of(service, services)
                 if release is not None:
-                    why = f"two services of {found_type}: one stops, the other releases"
-                    found.append(Candidate(f"{service} | {release}", found_type, 0.7, why))
+                    why = QT_TR_NOOP("They are two services of {type}: one stops, the other releases.")
+                    found.append(Candidate(f"{service} | {release}", found_type, 0.7, filled(why, type=found_type)))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def heads(self) -> list[Candidate]:
@@ -402,10 +417,11 @@ class _Ranking:
             if kind is None or (kind == "joint_trajectory" and "head" not in topic.lower() and "neck" not in topic):
                 continue
             if joints is None:
-                why = "its type fits, but no head joints were heard among the joint states"
+                why = QT_TR_NOOP("Its type fits, but no head joints were heard among the joint states.")
                 found.append(Candidate(topic, found_type, 0.3, why))
             else:
-                found.append(Candidate(topic, found_type, 0.85, f"moves joints, and {joints[0]} and {joints[1]} exist"))
+                why = QT_TR_NOOP("It moves joints, and {pan} and {tilt} exist.")
+                found.append(Candidate(topic, found_type, 0.85, filled(why, pan=joints[0], tilt=joints[1])))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def map_nodes(self, service: str) -> list[Candidate]:
@@ -413,34 +429,36 @@ class _Ranking:
         for name, found_type in self._offer.services.items():
             node, _, last = name.rpartition("/")
             if last == service and node:
-                found.append(Candidate(node, found_type, 0.9, f"has the service {name}"))
+                why = filled(QT_TR_NOOP("It has the service {name}."), name=name)
+                found.append(Candidate(node, found_type, 0.9, why))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def _rated(self, kind: _Kind, topic: str, found_type: str) -> Candidate:
         words = [word for word in topic.lower().split("/") if word]
         last = words[-1] if words else ""
-        reasons = [f"carries {found_type}"]
+        reasons = [filled(QT_TR_NOOP("It carries {type}."), type=found_type)]
         if last in kind.names:
             certainty = 0.95 - 0.03 * kind.names.index(last)
-            reasons.append(f"is named '{last}'")
+            reasons.append(filled(QT_TR_NOOP("It is named “{name}”."), name=last))
         elif any(name in last for name in kind.names):
             certainty = 0.65
-            reasons.append(f"its name holds '{next(name for name in kind.names if name in last)}'")
+            held = next(name for name in kind.names if name in last)
+            reasons.append(filled(QT_TR_NOOP("Its name holds “{word}”."), word=held))
         else:
             certainty = 0.45
         doubts = [word for word in kind.against if _has_word(words, word)]
         if doubts:
             certainty -= 0.4
-            reasons.append(f"but '{doubts[0]}' speaks against it")
+            reasons.append(filled(QT_TR_NOOP("But “{word}” speaks against it."), word=doubts[0]))
         # A short name is the robot's own; long ones belong to a part of it.
         certainty -= 0.02 * max(0, len(words) - 1)
         count = (self._offer.publishers if kind.published else self._offer.subscribers).get(topic)
         if count == 0 and kind.published:
             certainty -= 0.25
-            reasons.append("but nothing publishes it now")
+            reasons.append(filled(QT_TR_NOOP("But nothing publishes it now.")))
         elif count:
             certainty += 0.03
-        return self._in_namespace(Candidate(topic, found_type, _clipped(certainty), ", ".join(reasons)))
+        return self._in_namespace(Candidate(topic, found_type, _clipped(certainty), joined(reasons)))
 
     def _in_namespace(self, candidate: Candidate) -> Candidate:
         # tf is common to all robots of a server unless one has its own.
@@ -449,21 +467,22 @@ class _Ranking:
             return candidate
         if f"{candidate.value}/".startswith(f"/{self._namespace}/"):
             return replace(candidate, confidence=_clipped(candidate.confidence + 0.1))
+        elsewhere = QT_TR_NOOP("But it is not in the namespace {namespace}.")
         return replace(
             candidate,
             confidence=_clipped(candidate.confidence - 0.5),
-            why=f"{candidate.why}, but it is not in the namespace {self._namespace}",
+            why=joined((candidate.why, filled(elsewhere, namespace=self._namespace))),
         )
 
 
 def _proposal(key: str, label: str, candidates: list[Candidate], *, least: float = 0.4) -> FieldProposal:
     best = candidates[0] if candidates and candidates[0].confidence >= least else None
     if best is not None:
-        why = best.why[:1].upper() + best.why[1:] + "."
+        why = best.why
     elif candidates:
-        why = f"{len(candidates)} of this type, none with a name that fits."
+        why = filled(QT_TR_NOOP("{count} of this type, none with a name that fits."), count=len(candidates))
     else:
-        why = "The robot offers nothing of this kind."
+        why = QT_TR_NOOP("The robot offers nothing of this kind.")
     return FieldProposal(key, label, best.value if best else "", tuple(candidates), why)
 
 
@@ -471,8 +490,8 @@ def _camera_proposal(index: int, candidates: list[Candidate]) -> FieldProposal:
     best = _distinct_cameras(candidates)[index]
     # Only the first is proposed on a doubt: each further picture costs bandwidth.
     value = best.value if index == 0 or best.confidence >= 0.7 else ""
-    why = best.why[:1].upper() + best.why[1:] + "."
-    return FieldProposal(f"cameras.{index}", f"Camera {index + 1}", value, tuple(candidates), why)
+    label = filled(QT_TR_NOOP("Camera {number}"), number=index + 1)
+    return FieldProposal(f"cameras.{index}", label, value, tuple(candidates), best.why)
 
 
 def _distinct_cameras(candidates: Iterable[Candidate]) -> list[Candidate]:
@@ -501,22 +520,27 @@ def _namespaces(offer: Offer) -> tuple[str, ...]:
 
 def _notes(offer: Offer, fields: Iterable[FieldProposal]) -> Iterator[str]:
     values = {proposal.field: proposal.value for proposal in fields}
-    yield (
-        f"Speeds begin slow, at {CAUTIOUS.forward_mps} m/s. "
-        "Set 'limits' and 'footprint' in the file to those of the robot."
+    slow = QT_TR_NOOP(
+        "Speeds begin slow, at {speed} m/s. Set “limits” and “footprint” in the file to those of the robot."
     )
+    yield filled(slow, speed=CAUTIOUS.forward_mps)
     if not values.get("velocity"):
-        yield "Nothing was found to drive with; choose the topic by hand if the robot listens to one."
+        yield QT_TR_NOOP("Nothing was found to drive with; choose the topic by hand if the robot listens to one.")
     if _runs_on_simulation_time(offer):
-        yield "The robot publishes /clock, so its time is that of a simulator."
+        yield QT_TR_NOOP("The robot publishes /clock, so its time is that of a simulator.")
     if values.get("cameras.0"):
-        yield "Where the camera is cannot be asked: add 'model' to it, and clicks in the video find the floor."
+        yield QT_TR_NOOP(
+            "Where the camera is cannot be asked: add “model” to it, and clicks in the video find the floor."
+        )
     for index in range(MOST_CAMERAS):
         topic = values.get(f"cameras.{index}", "")
         if same_type(offer.topics.get(topic, ""), "sensor_msgs/Image"):
-            yield f"{topic} is not compressed, too much for a wireless link. Better, {republish_advice(topic)}."
+            heavy = QT_TR_NOOP("{topic} is not compressed, too much for a wireless link. Better, {advice}.")
+            yield filled(heavy, topic=topic, advice=republish_advice(topic))
     if values.get("velocity") and _has_multiplexer(offer):
-        yield "There is a velocity multiplexer: drive through an input for a person, so that navigation gives way."
+        yield QT_TR_NOOP(
+            "There is a velocity multiplexer: drive through an input for a person, so that navigation gives way."
+        )
 
 
 def _has_multiplexer(offer: Offer) -> bool:

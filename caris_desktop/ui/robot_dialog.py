@@ -399,7 +399,7 @@ class RobotDialog(QDialog):
         self._note.show_note(
             "green", "check-circle", tr("The robot answers. Check the mapping, then listen to it live.")
         )
-        notes = " ".join(found.proposal.notes)
+        notes = " ".join(map(tr, found.proposal.notes))
         if notes:
             self._note.show_note("amber", "info", notes)
         self.name_field.setFocus(Qt.FocusReason.OtherFocusReason)
@@ -417,8 +417,8 @@ class RobotDialog(QDialog):
         if isinstance(checks, ToldFailure):
             self._show_failure(checks)
             return
-        bad = [check.label for check in checks if check.state in ("nothing", "wrong")]
-        slow = [check.label for check in checks if check.state == "slow"]
+        bad = [tr(check.label) for check in checks if check.state in ("nothing", "wrong")]
+        slow = [tr(check.label) for check in checks if check.state == "slow"]
         if bad:
             wrong = tr("Not right yet: {streams}. Choose another topic, or leave it out.")
             self._note.show_note("amber", "warning", wrong.format(streams=", ".join(dict.fromkeys(bad))))

@@ -91,6 +91,7 @@ class MappingRow(QWidget):
         self.proposal = proposal
         self._check: StreamCheck | None = None
         self._words = ""
+        label = tr(label)
         name = QLabel(label)
         name.setFixedWidth(150)
         self._verdict = QLabel()
@@ -116,7 +117,7 @@ class MappingRow(QWidget):
             for candidate in proposal.candidates:
                 self.box.addItem(candidate.value, candidate.value)
                 self.box.setItemData(
-                    self.box.count() - 1, f"{candidate.type}\n{candidate.why}".strip(), Qt.ItemDataRole.ToolTipRole
+                    self.box.count() - 1, f"{candidate.type}\n{tr(candidate.why)}".strip(), Qt.ItemDataRole.ToolTipRole
                 )
             self.box.setCurrentIndex(max(0, self.box.findData(proposal.value)))
             self.box.setEnabled(bool(proposal.candidates))
@@ -163,7 +164,11 @@ class MappingRow(QWidget):
         else:
             chosen = next((each for each in self.proposal.candidates if each.value == self.value), None)
             text = (
-                chosen.why if chosen is not None else self.proposal.why if not self.proposal.value else tr("left out")
+                tr(chosen.why)
+                if chosen is not None
+                else tr("left out")
+                if self.proposal.value
+                else tr(self.proposal.why)
             )
         self._words = text
         self._elide()

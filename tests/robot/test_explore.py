@@ -78,7 +78,7 @@ def test_the_usual_names_are_proposed_and_what_is_not_there_is_left_empty() -> N
     )
     assert (values["map"], values["speech"], values["navigation"]) == ("", "", "")
     assert why(proposal, "map") == "The robot offers nothing of this kind."
-    assert why(proposal, "scan") == "Carries sensor_msgs/LaserScan, is named 'scan'."
+    assert why(proposal, "scan") == "It carries sensor_msgs/LaserScan. It is named “scan”."
 
 
 def test_a_microphone_and_a_loudspeaker_are_told_apart() -> None:
@@ -131,7 +131,7 @@ def test_of_several_the_robot_s_own_comes_first_and_the_doubtful_ones_are_candid
     assert values["scan"] == "/scan"
     scan = next(each for each in proposal.fields if each.field == "scan")
     assert [candidate.value for candidate in scan.candidates] == ["/scan", "/rear_scan"]
-    assert "'rear' speaks against it" in scan.candidates[1].why
+    assert "“rear” speaks against it" in scan.candidates[1].why
 
 
 def test_raw_pictures_are_taken_where_there_are_no_compressed_ones_and_that_is_told() -> None:

@@ -67,25 +67,22 @@ class ServerEngine:
         except (httpx.HTTPError, TimeoutError, OSError, LanguageModelError) as error:
             late = isinstance(error, (TimeoutError, httpx.TimeoutException))
             detail = shortened(without(self._key, str(error))) or type(error).__name__
-            why = (
-                filled(QT_TR_NOOP("did not answer in time"))
+            what = (
+                QT_TR_NOOP("The transcription server at {server} did not answer in time.")
                 if late
-                else filled(QT_TR_NOOP("cannot be reached ({detail})"), detail=detail)
+                else QT_TR_NOOP("The transcription server at {server} cannot be reached ({detail}).")
             )
-            raise self._away(why, QT_TR_NOOP("It is asked again with what is said next.")) from error
+            again = QT_TR_NOOP("It is asked again with what is said next.")
+            raise self._away(what, again, detail=detail) from error
         if status != 200:
-            raise self._away(
-                filled(QT_TR_NOOP("answered {status} ({reason})"), status=status, reason=_reason(body, self._key)),
-                _advice(status),
-            )
+            refused = QT_TR_NOOP("The transcription server at {server} answered {status} ({reason}).")
+            raise self._away(refused, _advice(status), status=status, reason=_reason(body, self._key))
         try:
             answer = json.loads(body)
             return HeardText(tuple(_words(answer, len(sound) / _RATE_HZ)), str(answer.get("language") or self.language))
         except (ValueError, TypeError, AttributeError, LookupError) as error:
-            raise self._away(
-                filled(QT_TR_NOOP("answered with something that is no transcription")),
-                QT_TR_NOOP("Correct listening.server."),
-            ) from error
+            what = QT_TR_NOOP("The transcription server at {server} answered with something that is no transcription.")
+            raise self._away(what, QT_TR_NOOP("Correct listening.server.")) from error
 
     async def _check(self) -> str | None:
         async with connected(self._endpoint, local_only=self._local_only):
@@ -109,12 +106,8 @@ class ServerEngine:
                     raise httpx.DecodingError("the answer has no end")
             return response.status_code, body
 
-    def _away(self, what: str, advice: str) -> EngineAway:
-        return EngineAway(
-            filled(QT_TR_NOOP("The transcription server at {server} {what}."), server=self._endpoint.server, what=what),
-            _NO_TEXT,
-            advice,
-        )
+    def _away(self, what: str, advice: str, **values: object) -> EngineAway:
+        return EngineAway(filled(what, server=self._endpoint.server, **values), _NO_TEXT, advice)
 
 
 def _wav(sound: NDArray[np.float32]) -> bytes:
