@@ -474,20 +474,20 @@ class HoldToDrive(QObject):
         if popup is not None:
             popup.hide()  # closed, its native window would be gone, and with it the next Esc that was on its way there
             return
+
+        def close() -> None:
+            if not isinstance(front, QDialog):
+                self.escape_pressed.emit()
+            elif front.isVisible():  # once, also where two keys came for it
+                front.reject()
+            if front is not None and front is not self._window and front.isVisible():
+                self._kept_keys.give_back()  # it stays, and the keys stay with it
+
         kept = front not in (None, self._window) and self._kept_keys.keep_for_heir_of(front, self._window)
         if isinstance(front, QDialog) and kept:
-            QTimer.singleShot(ON_THEIR_WAY_MS, front, lambda: self._close(front))
+            QTimer.singleShot(ON_THEIR_WAY_MS, front, close)
         else:
-            self._close(front)
-
-    def _close(self, front: QWidget | None) -> None:
-        if isinstance(front, QDialog):
-            if front.isVisible():  # once, also where two keys came for it
-                front.reject()
-        else:
-            self.escape_pressed.emit()
-        if front is not None and front is not self._window and front.isVisible():
-            self._kept_keys.give_back()  # it stays, and the keys stay with it
+            close()
 
     def _on_gamepad_button(self, action_id: str) -> None:
         if action_id == "stop":
