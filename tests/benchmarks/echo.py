@@ -308,7 +308,8 @@ def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words
         if not any(first <= now < end for first, end in scene.lost):
             ear.hear(chunk)
         while (stretch := ear.wanted(engine.every_s)) is not None:
-            ear.take(stretch, engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause))
+            heard = engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause, voice_s=stretch.voice_s)
+            ear.take(stretch, heard)
     return finished
 
 

@@ -132,7 +132,9 @@ class Participant:
             wanted = ear.wanted(self._engine.every_s) if coming is None else None
             if wanted is not None:
                 began_s = time.process_time()
-                text = self._engine.transcribe(wanted.sound, wanted.before, careful=wanted.at_pause)
+                text = self._engine.transcribe(
+                    wanted.sound, wanted.before, careful=wanted.at_pause, voice_s=wanted.voice_s
+                )
                 coming = self._now_s + time.process_time() - began_s, wanted, text
             ear.judge()
 

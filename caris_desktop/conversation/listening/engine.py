@@ -33,7 +33,7 @@ class Engine(Protocol):
     language: str
     every_s: float
 
-    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool) -> HeardText:
+    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
         """Of ``sound`` at 16 kHz, mono. ``before`` was said just before it. ``careful``: this may be the last time, so
-        take some more time for it. Raises EngineAway.
+        take some more time for it. ``voice_s``: until then somebody is known to speak in it. Raises EngineAway.
         """

@@ -35,6 +35,11 @@ class Stretch:
     before: str
     at_pause: bool
 
+    @property
+    def voice_s(self) -> float:
+        """Where the voice ended in its sound."""
+        return self.voice_ended_s - self.from_s
+
 
 class HeardTurn:
     """Sound comes in windows. Costs stay bounded however long it goes on: what is committed is not looked at again."""

@@ -18,6 +18,7 @@ _RATE_HZ = 16_000
 _FRAMES_PER_S = 100
 # Whisper always looks at 30 s. What it is told of silence costs four fifths of the time: this much is enough.
 _BEAM_AT_PAUSE = 5
+_MORE_IS_SAID_S = 0.5
 _TOKENS_AT_LEAST, _TOKENS_A_SECOND = 16, 10  # it may be stuck on a phrase, and would write on for long
 _SILENCE_BEHIND_S, _SEEN_AT_LEAST_S, _SEEN_AT_MOST_S = 2, 5, 30
 
@@ -65,7 +66,7 @@ class LocalEngine:
             )
         self.transcribe(np.zeros(_RATE_HZ, np.float32), "", careful=False)  # the first time takes longer
 
-    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool) -> HeardText:
+    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
         """As Engine says."""
         seconds = math.ceil(len(sound) / _RATE_HZ) + _SILENCE_BEHIND_S
         self._model.see_s = min(_SEEN_AT_MOST_S, max(_SEEN_AT_LEAST_S, seconds))
@@ -81,13 +82,19 @@ class LocalEngine:
         )
         words = [
             HeardWord(word.word.strip(), float(word.start), float(word.end), float(word.probability))
-            # Whatever it makes of the silence behind the first window's last word was not said.
-            for segment in itertools.takewhile(lambda each: each.seek == 0, segments)
+            for segment in itertools.takewhile(lambda each: _is_of_voice(each, voice_s), segments)
             if not is_nothing(segment.text, no_speech=segment.no_speech_prob, log_probability=segment.avg_logprob)
             for word in segment.words or ()
             if word.word.strip()
         ]
         return HeardText(tuple(words), str(info.language))
+
+
+def _is_of_voice(segment: Any, voice_s: float) -> bool:
+    """Whether there is voice where the model looked for that. Now and then it ends after the first of two sentences,
+    and looks for the next from there on; what it makes of the silence behind the last word was not said.
+    """
+    return bool(segment.seek == 0 or segment.seek / _FRAMES_PER_S <= voice_s - _MORE_IS_SAID_S)
 
 
 def _open(folder: str, threads: int) -> Any:

@@ -55,7 +55,7 @@ class ServerEngine:
         except LanguageModelError as error:
             raise NoEngine(error.what, _NO_TEXT, error.advice) from error
 
-    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool) -> HeardText:
+    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
         """As Engine says."""
         fields = {"model": self._endpoint.model, "response_format": "verbose_json", "temperature": "0"}
         if self.language:

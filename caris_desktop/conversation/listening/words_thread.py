@@ -68,7 +68,9 @@ class WordsThread:
         while (stretch := self._asked.get()) is not None:
             began_s, text, away = time.monotonic(), None, None
             try:
-                text = engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause)
+                text = engine.transcribe(
+                    stretch.sound, stretch.before, careful=stretch.at_pause, voice_s=stretch.voice_s
+                )
             except EngineAway as error:
                 away = error
             except Exception:
