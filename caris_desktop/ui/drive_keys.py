@@ -35,7 +35,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.held_motion import WISHES, HeldMotion, Hold
-from caris_desktop.ui.kept_keys import ON_THEIR_WAY_MS, KeptKeys, had_the_keys
+from caris_desktop.ui.kept_keys import KeptKeys, had_the_keys
 from caris_desktop.ui.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings, PressedKey, pressed_key
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, KeyboardGrabs, PhysicalKeys
@@ -474,20 +474,14 @@ class HoldToDrive(QObject):
         if popup is not None:
             popup.hide()  # closed, its native window would be gone, and with it the next Esc that was on its way there
             return
-
-        def close() -> None:
-            if not isinstance(front, QDialog):
-                self.escape_pressed.emit()
-            elif front.isVisible():  # once, also where two keys came for it
-                front.reject()
-            if front is not None and front is not self._window and front.isVisible():
-                self._kept_keys.give_back()  # it stays, and the keys stay with it
-
-        kept = front not in (None, self._window) and self._kept_keys.keep_for_heir_of(front, self._window)
-        if isinstance(front, QDialog) and kept:
-            QTimer.singleShot(ON_THEIR_WAY_MS, front, close)
+        if front is not None and front is not self._window:
+            self._kept_keys.keep_for_heir_of(front, self._window)
+        if isinstance(front, QDialog):
+            front.reject()
         else:
-            close()
+            self.escape_pressed.emit()
+        if front is not None and front is not self._window and front.isVisible():
+            self._kept_keys.give_back()  # it stays, and the keys stay with it
 
     def _on_gamepad_button(self, action_id: str) -> None:
         if action_id == "stop":

@@ -9,8 +9,6 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 KEPT_S = 0.6
 """A window manager that is busy may need this long."""
-ON_THEIR_WAY_MS = 10
-"""So long keys that were pressed before are on their way to the window that closes; gone, it would not get them."""
 _LOOK_EVERY_MS, _TOLD_MS = 20, 50
 _GETS_NO_KEYS = (Qt.WindowType.Popup, Qt.WindowType.ToolTip, Qt.WindowType.SplashScreen)
 
@@ -47,23 +45,21 @@ class KeptKeys(QObject):
         """Whether it is ourselves of whom the X server tells that somebody has taken the keyboard."""
         return self._holder is not None or self._told.isActive()
 
-    def keep_for_heir_of(self, closing: QWidget, main: QWidget) -> bool:
-        """Let the window behind ``closing``, that it belongs to or else ``main``, have all keys for a moment. Gives
-        whether it has them now.
-        """
+    def keep_for_heir_of(self, closing: QWidget, main: QWidget) -> None:
+        """Let the window behind ``closing``, that it belongs to or else ``main``, have all keys for a moment."""
         heir: QWidget | None = closing.parentWidget()
         while heir is not None and not heir.window().isVisible():
             heir = heir.window().parentWidget()
         handle = (main if heir is None else heir).window().windowHandle()
         if QGuiApplication.platformName() != "xcb" or handle is None or not handle.isVisible():
-            return False
+            return
         self._until_s = time.monotonic() + KEPT_S
-        if handle is not self._holder:
-            self.give_back()
-            if handle.setKeyboardGrabEnabled(True):
-                self._holder = handle
-                self._look.start()
-        return self._holder is not None
+        if handle is self._holder:
+            return
+        self.give_back()
+        if handle.setKeyboardGrabEnabled(True):
+            self._holder = handle
+            self._look.start()
 
     def _on_look(self) -> None:
         """A window manager's own keys, as Alt+Tab, wait no longer than they must."""

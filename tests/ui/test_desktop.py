@@ -314,7 +314,7 @@ def test_no_stop_is_lost_while_the_keys_go_back_from_a_dialog(
     desktop.say("keep_keys 0.6")
 
 
-@pytest.mark.parametrize("delay_ms", [0, 4, 10, 20, 40])
+@pytest.mark.parametrize("delay_ms", [4, 10, 20, 40])  # no finger is quicker
 def test_two_quick_escapes_over_a_dialog_are_an_emergency_stop(whole_desktop: VirtualDesktop, delay_ms: int) -> None:
     for _ in range(4):
         desktop = Desktop(whole_desktop)
