@@ -6,7 +6,7 @@ from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.key_path import Problem
-from caris_desktop.scenario import own_key
+from caris_desktop.scenario.own_key import own_key
 
 NOD, LOOK = "nod", "look"
 MOST_GESTURES = 6
@@ -27,16 +27,7 @@ class Gesture:
             longest=80,
         ),
     ]
-    key: Annotated[
-        str,
-        Rule(
-            "A key of its own, instead of the one that it has by its place.",
-            pressed=True,
-            pattern=own_key.PATTERN,
-            allowed=own_key.ALLOWED,
-            quiet=True,
-        ),
-    ] = ""
+    key: Annotated[str, own_key("A key of its own, instead of the one that it has by its place.")] = ""
 
 
 def gesture_problems(gestures: Iterable[Gesture], of_phrases: Iterable[str]) -> Iterator[Problem]:

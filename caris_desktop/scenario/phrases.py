@@ -6,7 +6,7 @@ from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.key_path import Problem
-from caris_desktop.scenario import own_key
+from caris_desktop.scenario.own_key import own_key
 
 KEYS_OF_A_GROUP = 8
 """F1 to F8."""
@@ -19,16 +19,7 @@ class Phrase:
     """A sentence with what goes along with it."""
 
     say: Annotated[Sentence, Rule("What is said.", title="Sentence")]
-    key: Annotated[
-        str,
-        Rule(
-            "A key of its own, which works whatever group is on show.",
-            pressed=True,
-            pattern=own_key.PATTERN,
-            allowed=own_key.ALLOWED,
-            quiet=True,
-        ),
-    ] = ""
+    key: Annotated[str, own_key("A key of its own, which works whatever group is on show.")] = ""
     gesture: Annotated[
         str,
         Rule(

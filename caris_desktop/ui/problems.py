@@ -122,7 +122,8 @@ class ProblemCards(QWidget):
     def _place(self) -> None:
         place = self._free_place() if self._cards else None
         self._asked_for = self._asked_for and bool(self._cards) and place is None
-        self.line.show_problems([card.problem for card in self._cards] if place is None else [], self._asked_for)
+        told = gravest(self._cards).problem if self._cards and place is None else None
+        self.line.show_problem(told, len(self._cards), opened=self._asked_for)
         if place is None and self._asked_for:
             place = in_the_corner(Rect(0, 0, self._over.width(), self._over.height()), self._height_for)
         self.setVisible(place is not None)
@@ -178,17 +179,16 @@ class ProblemLine(StatusButton):
         self.setCheckable(True)
         self.hide()
 
-    def show_problems(self, problems: Sequence[Problem], opened: bool) -> None:
-        """``opened`` says whether they are on show as cards."""
+    def show_problem(self, one: Problem | None, number: int, *, opened: bool) -> None:
+        """One of ``number``, None for nothing; ``opened`` says whether they are on show as cards."""
         self.setChecked(opened)
-        if not problems:
+        if one is None:
             self.show_words("", "", "dim", spoken="")
             return
-        one = max(reversed(problems), key=lambda problem: _RANK[problem.severity])
         icon, role, word = LOOKS[one.severity]
         text = one.what
-        if len(problems) > 1:
-            text = tr("{number} · {problem}").format(number=len(problems), problem=text)
+        if number > 1:
+            text = tr("{number} · {problem}").format(number=number, problem=text)
         spoken = tr("{severity}: {what}").format(severity=tr(word), what=text)
         self.show_words(text, icon, role, spoken=spoken)
         said = " ".join(part for part in (one.meaning, one.advice) if part)
