@@ -29,9 +29,10 @@ def run_control_link(connection: Connection, settings: LinkSettings) -> None:
     when the other end of ``connection`` is gone; in both cases the robot is stopped first.
     """
     from caris_desktop.robot.control_link import ControlLink
-    from caris_desktop.robot.link_process import go_first, run_link
+    from caris_desktop.robot.link_process import run_link
+    from caris_desktop.robot.real_time import come_first
 
-    go_first()
+    come_first()
     run_link(connection, lambda outbox: ControlLink(settings.profile, settings.address, outbox))
 
 

@@ -1,10 +1,8 @@
 """What both link processes share: the loop, the connection to the console, and how a link reports its state."""
 
 import asyncio
-import contextlib
 import gc
 import logging
-import os
 import signal
 import sys
 from collections.abc import Callable
@@ -39,13 +37,6 @@ class Link(Protocol):
 
     async def finish(self) -> None:
         """Leave the robot safe, then disconnect."""
-
-
-def go_first() -> None:
-    """Run before everything else of ours, where the system lets us (an ordinary user may not)."""
-    if sys.platform != "win32":
-        with contextlib.suppress(OSError):
-            os.nice(-10)
 
 
 def run_link(connection: Connection, make: Callable[[Outbox], Link]) -> None:

@@ -51,6 +51,7 @@ from websockets.exceptions import InvalidHandshake, InvalidURI
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.profile import SecuritySettings
+from caris_desktop.robot.real_time import LARGE_BYTES, go_back
 from caris_desktop.robot.security import SecurityError, auth_operation
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.wire import CONTROL_TIMINGS, Timings, Wire, explain_failure, open_wire
@@ -174,6 +175,8 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
     def on_message(self, payload: bytes) -> None:
         """Decode and handle one message. Never raises."""
         factory = self.factory
+        if len(payload) > LARGE_BYTES:
+            go_back()
         if len(payload) > factory.sizes.message_bytes:
             if not self._take_large_answer(payload):
                 factory.refuse(

@@ -20,7 +20,10 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.panels.assistant import AssistantPanel
+from caris_desktop.ui.panels.conversation import ConversationPanel
+from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.panels.speak import SpeakPanel
+from caris_desktop.ui.panels.video import VideoPanel
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, open_window
@@ -35,6 +38,19 @@ STRICT = dataclasses.replace(
 
 ALONE = dataclasses.replace(samples.TOUR, layout=PanelLeaf("map"), path=Path("/layouts/alone.yaml"))
 """Of its panels hardly any goes on with another scenario."""
+
+
+NAMING: tuple[PanelName, ...] = ("video", "map", "conversation")
+NAMED = dataclasses.replace(
+    samples.TOUR,
+    layout=SplitNode("horizontal", tuple(PanelLeaf(name) for name in NAMING), (1.0, 1.0, 1.0)),
+    path=Path("/layouts/named.yaml"),
+)
+UNNAMED = dataclasses.replace(
+    NAMED,
+    permissions=dataclasses.replace(NAMED.permissions, naming_people=False),
+    path=Path("/layouts/unnamed.yaml"),
+)
 
 
 def switch(console: FakeConsole, scenario: samples.Scenario) -> None:
@@ -199,6 +215,30 @@ def test_a_panel_that_goes_on_says_what_a_new_one_would(qtbot: QtBot, settings: 
         assert differ == {}, scenario.title
         went_on |= set(kept)
     assert went_on >= {"video", "map", "people", "drive", "conversation", "speak", "assistant", "session", "notes"}
+
+
+def test_who_has_a_name_has_none_at_once_where_nobody_is_named(window: MainWindow, console: FakeConsole) -> None:
+    samples.fill_console(console)
+    samples.converse(console)
+    samples.refresh_people_in_map(console)
+
+    def named() -> dict[str, bool]:
+        window.board.complete()
+        video, map_, conversation = (window.panels[name] for name in NAMING)
+        assert isinstance(video, VideoPanel)
+        assert isinstance(map_, MapPanel)
+        assert isinstance(conversation, ConversationPanel)
+        said = (video.view.visible_boxes(), map_.view.shown.people, conversation.view.rows)
+        return {name: "Luis" in str(words) for name, words in zip(NAMING, said, strict=True)}
+
+    switch(console, NAMED)
+    assert named() == dict.fromkeys(NAMING, True)
+    before = {name: window.panels[name] for name in NAMING}
+    switch(console, UNNAMED)
+    assert named() == dict.fromkeys(NAMING, False)
+    assert {name: window.panels[name] for name in NAMING} == before, "they go on"
+    switch(console, NAMED)
+    assert named() == dict.fromkeys(NAMING, True)
 
 
 def test_phrases_and_labels_do_what_they_say_after_another_scenario(

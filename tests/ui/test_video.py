@@ -168,10 +168,10 @@ def test_a_camera_on_the_head_looks_where_the_head_looks(panel: VideoPanel, cons
     ],
 )
 def test_what_limits_the_robot_is_said_in_the_video(
-    panel: VideoPanel, console: FakeConsole, drive: DriveStatus, words: str
+    panel: VideoPanel, console: FakeConsole, qtbot: QtBot, drive: DriveStatus, words: str
 ) -> None:
     console.state.drive.set(drive)
-    assert any(words in text for text, _role in panel.view.chips)
+    qtbot.waitUntil(lambda: any(words in text for text, _role in panel.view.chips))
 
 
 def test_each_state_of_the_guard_has_its_own_shape() -> None:

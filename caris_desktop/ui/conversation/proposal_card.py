@@ -37,7 +37,8 @@ class ProposalCard(Band):
         self._counting.timeout.connect(self._count)
         for value in (self._state.proposal, self._state.asked_person):
             value.changed.connect(self._refresh)
-        context.actions.keys_changed.connect(self._refresh)
+        for changed in (context.actions.keys_changed, context.actions.rebuilt):
+            changed.connect(self._refresh)
         self._refresh()
 
     def fit(self, panel_px: int) -> None:

@@ -42,7 +42,7 @@ class ConversationPanel(Panel):
     """The turns with a place for what could be said next under them, and a line to search in what was said."""
 
     title = QT_TR_NOOP("Conversation")
-    reads = ("permissions.assistant", "permissions.naming_people")
+    reads = ("permissions.assistant",)
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -119,6 +119,9 @@ class ConversationPanel(Panel):
         self._take_names()
         self._refresh()
         self._tick()
+
+    def show_scenario(self) -> None:
+        self._on_persons_changed(None)
 
     def _on_persons_changed(self, _persons: object) -> None:
         if self.in_view and self._take_names():

@@ -44,7 +44,7 @@ class MapPanel(Panel):
     """
 
     title = QT_TR_NOOP("Map")
-    reads = ("permissions.driving", "permissions.naming_people")
+    reads = ("permissions.driving",)
     drives = True
 
     def __init__(self, context: PanelContext) -> None:
@@ -113,6 +113,9 @@ class MapPanel(Panel):
         self._on_goal_changed(state.goal.value)
         self._show_unconfirmed()
         self._on_freshness_changed()
+
+    def show_scenario(self) -> None:
+        self._on_people_changed()
 
     def _show_unconfirmed(self, _status: object = None) -> None:
         """After an unexpected end the robot may have been moved: the map says so until somebody has looked."""

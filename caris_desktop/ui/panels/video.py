@@ -3,7 +3,7 @@
 import math
 import time
 
-from PySide6.QtCore import QPointF, QSize
+from PySide6.QtCore import QPointF, QSize, QTimer
 from PySide6.QtGui import QImage, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
@@ -32,6 +32,7 @@ from caris_desktop.ui.widgets.told_pictures import describe, video_told
 
 _DRIVE_ENDED_SHOWN_S = 5.0
 _NOTE_SHOWN_S = 3.0
+_AFTER_A_KEY_MS = 30
 _ANY_PX = (1 << 24) - 1  # Qt's own word for no limit
 
 
@@ -57,7 +58,7 @@ class VideoPanel(Panel):
     """Title bar with rate and age, photo button where the scenario allows one, and the picture."""
 
     title = QT_TR_NOOP("Video")
-    reads = ("permissions.driving", "permissions.naming_people")
+    reads = ("permissions.driving",)
     drives = True
 
     def __init__(self, context: PanelContext) -> None:
@@ -97,7 +98,10 @@ class VideoPanel(Panel):
         state.persons.changed.connect(self._on_persons_changed)
         state.selected_person.changed.connect(self.view.show_selected)
         state.asked_person.changed.connect(self._name_people)
-        state.drive.changed.connect(self._refresh)
+        # What a key has sent is on its way to the robot then: all that is said about it can wait for that.
+        self._soon = QTimer(self, singleShot=True, interval=_AFTER_A_KEY_MS)
+        self._soon.timeout.connect(self._refresh)
+        state.drive.changed.connect(self._refresh_soon)
         state.link.changed.connect(self._refresh)
         state.event_happened.connect(self._on_event)
         state.cameras.changed.connect(self._on_cameras_changed)
@@ -123,6 +127,7 @@ class VideoPanel(Panel):
 
     def show_scenario(self) -> None:
         self._offer_photos()
+        self._name_people()
 
     def _offer_photos(self) -> None:
         permitted = self.table.spec("photo") is not None
@@ -233,6 +238,10 @@ class VideoPanel(Panel):
         if self.in_view:
             self.view.show_freshness(freshness)
             self._refresh()
+
+    def _refresh_soon(self, _status: object) -> None:
+        if not self._soon.isActive():
+            self._soon.start()
 
     def _refresh(self) -> None:
         """Four times a second: the words around the picture."""
