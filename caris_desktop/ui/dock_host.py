@@ -6,7 +6,7 @@ version would have it. Here the arrangement is the one truth, and what is seen f
 """
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 
 from PySide6.QtCore import QPoint, QRect, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QResizeEvent, QShowEvent
@@ -95,7 +95,9 @@ class DockHost(DockArea):
         self.show_arrangement(panels, arrangement_of(tree))
 
     def show_arrangement(self, panels: Mapping[PanelName, Panel], arrangement: Arrangement) -> None:
-        """Show ``panels`` like this. Those that are shown already stay what they are; others go away."""
+        """Show ``panels`` like this. Those that are there already stay what they are, also if they have no place in it
+        and are not seen; others go away.
+        """
         self.keep_only(panels)
         for name in arrangement.panels:
             if name not in self._docks:
@@ -104,6 +106,23 @@ class DockHost(DockArea):
         self.show_everything()
         self.layout_changed.emit()
         self._leave.start()
+
+    def leave_gaps(self, panels: Mapping[PanelName, Panel], seen: Container[PanelName]) -> None:
+        """As :meth:`keep_only`, and of what is kept only ``seen`` stays in sight: where others were nothing is seen, no
+        tab either, until all is arranged anew. What stays keeps its place until then.
+        """
+        unseen = [name for name in self._docks if name not in seen]
+        afloat = any(self._docks[name].isFloating() for name in unseen)
+        self.keep_only(panels)
+        if self._arrangement is not None:
+            self._arrangement = edits.remove(self._arrangement, unseen)
+        if self._arrangement is None or afloat:
+            self.show_everything()
+        else:
+            self.leave_room(self._arrangement.tree, self._arrangement.docked)
+        for name, dock in self._docks.items():
+            if name not in seen:
+                dock.set_shown(False)
 
     def keep_only(self, panels: Mapping[PanelName, Panel]) -> None:
         """Delete every other panel; what stays is arranged anew afterwards. That is done with one in each turn of the
@@ -141,13 +160,14 @@ class DockHost(DockArea):
         if self._arrangement is None:
             self.show_arrangement({name: panel}, Arrangement(PanelLeaf(name)))
             return
-        self._docks[name] = self._make_dock(name, panel)
+        if name not in self._docks:
+            self._docks[name] = self._make_dock(name, panel)
         what = tr("Open {panel}").format(panel=panel.title)
         self._do(what, edits.add(self._arrangement, name, beside))
 
     def remove_panel(self, name: PanelName) -> bool:
         """Take the panel away and delete it; whether that was done."""
-        if self._arrangement is None or name not in self._docks:
+        if self._arrangement is None or name not in self._arrangement.panels:
             return False
         what = tr("Close {panel}").format(panel=self._title(name))
         if not self.edit(what, edits.remove(self._arrangement, (name,))):
@@ -196,9 +216,9 @@ class DockHost(DockArea):
         if arrangement is None:
             self.show_tree(None, frozenset())
             return
-        for name in arrangement.panels:
-            dock = self._docks[name]
-            dock.set_place(floating=name in arrangement.afloat, locked=self.locked)
+        for name, dock in self._docks.items():
+            if name in arrangement.panels:
+                dock.set_place(floating=name in arrangement.afloat, locked=self.locked)
             if not arrangement.is_shown(name):
                 dock.set_shown(False)
         self.show_tree(arrangement.tree, arrangement.docked)
@@ -269,7 +289,7 @@ class DockHost(DockArea):
     def show_panel(self, name: PanelName) -> None:
         """Open the panel if it is closed and bring it to the front of its tabs."""
         arrangement = self._arrangement
-        if arrangement is None or name not in self._docks:
+        if arrangement is None or name not in arrangement.panels:
             return
         if not arrangement.is_shown(name):
             self._do(tr("Open {panel}").format(panel=self._title(name)), edits.show(arrangement, name))
@@ -278,7 +298,7 @@ class DockHost(DockArea):
 
     def float_panel(self, name: PanelName, place: Rect | None = None) -> None:
         """Give the panel a window of its own: at ``place``, or near where it is."""
-        if self._arrangement is None or name not in self._docks:
+        if self._arrangement is None or name not in self._arrangement.panels:
             return
         if place is None:
             dock = self._docks[name]
@@ -290,7 +310,7 @@ class DockHost(DockArea):
 
     def dock_panel(self, name: PanelName) -> None:
         """Put a floating panel back where it was."""
-        if self._arrangement is not None and name in self._docks:
+        if self._arrangement is not None and name in self._arrangement.panels:
             self.edit(tr("Put {panel} back").format(panel=self._title(name)), edits.dock(self._arrangement, name))
 
     def toggle_floating(self, name: PanelName) -> None:

@@ -15,9 +15,10 @@ AT_MOST = 96
 
 
 class PaintedOnce:
-    """Pictures by key, for one widget. GUI thread only."""
+    """Pictures by key, for one widget or for all of a kind. GUI thread only."""
 
-    def __init__(self) -> None:
+    def __init__(self, at_most: int = AT_MOST) -> None:
+        self._at_most = at_most
         self._kept: OrderedDict[Hashable, QPixmap] = OrderedDict()
 
     def clear(self) -> None:
@@ -57,7 +58,7 @@ class PaintedOnce:
             paint(onto)
             onto.end()
             self._kept[whole] = picture
-            if len(self._kept) > AT_MOST:
+            if len(self._kept) > self._at_most:
                 self._kept.popitem(last=False)
         else:
             self._kept.move_to_end(whole)

@@ -121,6 +121,8 @@ class Panel(QWidget):
         """It goes on with another scenario, whose rows the table has by now: show what that says of it, and nothing of
         the one before.
         """
+        if self.in_view:
+            self.catch_up()
 
     def what_lasts(self) -> Any:
         """What the next panel of this kind takes over, when all are built anew; None for nothing."""

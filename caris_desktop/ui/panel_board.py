@@ -58,6 +58,8 @@ class PanelBoard(QObject):
         self._context = context
         self._docks = docks
         self._panels: dict[PanelName, Panel] = {}
+        # Permitted, but without a place in the arrangement: not seen, and there when the next scenario wants them.
+        self._aside: dict[PanelName, Panel] = {}
         self._lasting: dict[PanelName, Any] = {}
         self._least: dict[PanelName, QSize] = {}
         self._has_library = False
@@ -99,22 +101,22 @@ class PanelBoard(QObject):
         actions, hold = self._context.actions, self._context.hold
         hold.release_all(QT_TR_NOOP("The scenario was changed"))
         actions.bind_driving_panels(())
-        hold.set_driving_panels(())
-        possible = self.possible()
-        for name, panel in tuple(self._panels.items()):
+        kept, possible = {**self._panels, **self._aside}, self.possible()
+        for name, panel in tuple(kept.items()):
             if name not in possible or not panel.follow(scenario):
-                self._keep(name)
-                del self._panels[name]
-        if self._panels:
-            self._docks.keep_only(self._panels)
-            self._docks.show_everything()  # no tab and no room of what is gone is left
+                self._keep(name, kept.pop(name))
+        tree = permitted(scenario.layout, possible)
+        arrangement = arrange(tree)
+        self._panels, self._aside = kept, {}
+        self._put_aside_all_but(arrangement.panels)
+        if kept:
+            self._docks.leave_gaps({**self._panels, **self._aside}, self._panels)
         else:
             self._docks.clear()
         actions.rebuild(scenario)
+        self._bind_driving()
         for panel in self._panels.values():
             panel.show_scenario()
-        tree = permitted(scenario.layout, possible)
-        arrangement = arrange(tree)
         missing, seen = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
         self._missing.extend(name for name in missing if name in seen)
         self._behind.extend(name for name in missing if name not in seen)
@@ -144,14 +146,12 @@ class PanelBoard(QObject):
             self._make_next(self._missing)
         elif self._building is not None:
             building, self._building = self._building, None
-            self._drop_all_but(building.arrangement.panels)
+            self._put_aside_all_but(building.arrangement.panels)
             places = {
                 name: _KeptPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind
             }
-            self._docks.show_arrangement({**self._panels, **places}, building.arrangement)
+            self._docks.show_arrangement({**self._panels, **self._aside, **places}, building.arrangement)
             self._bind_driving()
-            for name in self._panels.keys() & building.arrangement.in_front:
-                self._panels[name].catch_up()
             building.arranged()
         elif self._behind:
             self._make_next(self._behind)
@@ -179,11 +179,11 @@ class PanelBoard(QObject):
     def show(self, arrangement: Arrangement) -> None:
         """Arrange the panels like this: those that are there stay, and what is missing is made."""
         self.complete()
-        self._drop_all_but(arrangement.panels)
+        self._put_aside_all_but(arrangement.panels)
         for name in arrangement.panels:
             if name not in self._panels:
-                self._make(name)
-        self._docks.show_arrangement(self._panels, arrangement)
+                self._bring(name)
+        self._docks.show_arrangement({**self._panels, **self._aside}, arrangement)
         self._bind_driving()
 
     def open(self, name: PanelName) -> None:
@@ -192,7 +192,7 @@ class PanelBoard(QObject):
         if name not in self.possible():
             return
         if name not in self._panels:
-            self._docks.add_panel(name, self._make(name), PANELS[name].neighbours)
+            self._docks.add_panel(name, self._bring(name), PANELS[name].neighbours)
             self._bind_driving()
         self._docks.show_panel(name)
 
@@ -204,9 +204,8 @@ class PanelBoard(QObject):
         if name in panels_in(self._context.console.scenario.layout):
             self._docks.close_panel(name)
             return
-        self._keep(name)
         if self._docks.remove_panel(name):
-            del self._panels[name]
+            self._keep(name, self._panels.pop(name))
             self._bind_driving()
 
     def fill_panel_menu(self, menu: QMenu, name: PanelName) -> None:
@@ -261,7 +260,7 @@ class PanelBoard(QObject):
     def use_library(self) -> None:
         """There is a list of all sessions to open."""
         self._has_library = True
-        for panel in self._panels.values():
+        for panel in (*self._panels.values(), *self._aside.values()):
             panel.use_library(present=True)
 
     def _make(self, name: PanelName) -> Panel:
@@ -275,14 +274,23 @@ class PanelBoard(QObject):
             panel.take_over(self._lasting[name])
         return panel
 
-    def _drop_all_but(self, names: Collection[PanelName]) -> None:
+    def _bring(self, name: PanelName) -> Panel:
+        """The panel that was put aside, which shows the present scenario again; else a new one."""
+        panel = self._aside.pop(name, None)
+        if panel is None:
+            return self._make(name)
+        self._panels[name] = panel
+        panel.show_scenario()
+        return panel
+
+    def _put_aside_all_but(self, names: Collection[PanelName]) -> None:
         for name in tuple(self._panels):
             if name not in names:
-                self._keep(name)
-                del self._panels[name]
+                self._aside[name] = self._panels.pop(name)
 
-    def _keep(self, name: PanelName) -> None:
-        lasting = self._panels[name].what_lasts()
+    def _keep(self, name: PanelName, panel: Panel) -> None:
+        """It goes; what it leaves to the next of its kind stays."""
+        lasting = panel.what_lasts()
         if lasting is not None:
             self._lasting[name] = lasting
 
@@ -292,5 +300,5 @@ class PanelBoard(QObject):
         self._context.hold.set_driving_panels(driving)
 
     def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
-        for panel in self._panels.values():
+        for panel in (*self._panels.values(), *self._aside.values()):
             panel.set_active(new is not None and (panel is new or panel.isAncestorOf(new)))

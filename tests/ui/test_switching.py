@@ -53,6 +53,22 @@ UNNAMED = dataclasses.replace(
 )
 
 
+GROUPED = dataclasses.replace(
+    samples.TOUR,
+    phrases=("One.", PhraseGroup("More", ("Two.", "Three."))),
+    recording=dataclasses.replace(samples.TOUR.recording, labels=("Laughs", "Leaves")),
+    filler="",
+    path=Path("/layouts/grouped.yaml"),
+)
+
+
+@pytest.fixture
+def alone(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> tuple[MainWindow, FakeConsole]:
+    """A window in which hardly any panel was made yet."""
+    console = FakeConsole(ALONE)
+    return open_window(qtbot, console, settings, theme), console
+
+
 def switch(console: FakeConsole, scenario: samples.Scenario) -> None:
     console.scenario = scenario
     console.state.scenario.set_anew(scenario)
@@ -70,9 +86,9 @@ def test_what_the_next_scenario_forbids_is_gone_before_its_first_panel_stands(
 
 
 def test_other_things_have_their_turn_between_two_panels(
-    window: MainWindow, console: FakeConsole, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+    alone: tuple[MainWindow, FakeConsole], qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    window.show_scenario(ALONE)
+    window, console = alone
     others, turns_before = QTimer(interval=1), []
     ticks, pieces = itertools.count(), []
     others.timeout.connect(lambda: next(ticks))
@@ -100,12 +116,12 @@ def test_other_things_have_their_turn_between_two_panels(
 
 
 def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
-    window: MainWindow, console: FakeConsole, qtbot: QtBot
+    alone: tuple[MainWindow, FakeConsole], qtbot: QtBot
 ) -> None:
+    window, console = alone
     tabs_of = TabNode(("people", "assistant", "session"), "people")
     tabbed = dataclasses.replace(samples.MENTAL, layout=SplitNode("horizontal", (PanelLeaf("video"), tabs_of), (1, 1)))
     every, seen = set(panels_in(tabbed.layout)), {"video", "people"}
-    window.show_scenario(ALONE)
     docks, behind = window.dock_host, "assistant"
     arranged: list[tuple[set[str], set[str]]] = []
 
@@ -125,21 +141,22 @@ def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
     assert {name for name in every if window.panels[name].in_view} == {"video", behind}
 
 
+@pytest.mark.parametrize("chosen", [samples.TOUR, STRICT], ids=["goes on", "goes"])
 def test_a_panel_that_has_no_room_yet_when_another_scenario_is_chosen_goes_on_or_goes(
-    window: MainWindow, console: FakeConsole, qtbot: QtBot
+    alone: tuple[MainWindow, FakeConsole], qtbot: QtBot, chosen: samples.Scenario
 ) -> None:
-    for chosen in (samples.TOUR, STRICT):
-        window.show_scenario(ALONE)
-        switch(console, samples.MENTAL)
-        qtbot.waitUntil(lambda: window.board._without_room is not None, timeout=60_000)
-        begun = window.board._without_room
-        assert begun is not None
-        switch(console, chosen)
-        qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
-        shown = {name for name, panel in window.panels.items() if panel.isVisible()}
-        assert (begun in window.panels) is (begun in panels_in(chosen.layout)) and "map" in shown
-        assert set(window.dock_host.docks) == set(window.panels)
-        assert all(dock.widget() is window.panels[name] for name, dock in window.dock_host.docks.items())
+    window, console = alone
+    switch(console, samples.MENTAL)
+    window.board._build_next()
+    begun = window.board._without_room
+    assert begun is not None
+    switch(console, chosen)
+    qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+    shown = {name for name, panel in window.panels.items() if panel.isVisible()}
+    assert (begun in window.panels) is (begun in panels_in(chosen.layout))
+    assert "map" in shown
+    assert {name for name, dock in window.dock_host.docks.items() if dock.isVisible()} == shown
+    assert all(window.dock_host.docks[name].widget() is panel for name, panel in window.panels.items())
 
 
 def test_the_window_may_be_resized_and_tabs_pressed_meanwhile(
@@ -152,7 +169,7 @@ def test_the_window_may_be_resized_and_tabs_pressed_meanwhile(
         window.resize(window.width() - 40, window.height() - 20)
         docks.retitle()
         qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
-        assert set(docks.docks) == set(window.panels)
+        assert set(docks.docks) == {*window.panels, *window.board._aside}
 
 
 def test_nothing_turns_any_more_once_all_stand(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
@@ -196,6 +213,53 @@ def test_the_one_that_was_chosen_last_counts(window: MainWindow, console: FakeCo
     qtbot.waitUntil(lambda: window.dock_host.tree is not None, timeout=60_000)
     assert set(window.panels) == allowed
     assert {type(panel) for panel in window.panels.values()} == {PANELS[name].load() for name in allowed}
+
+
+def test_a_panel_without_a_place_is_not_seen_and_comes_back_as_a_new_one_would(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    before, drives = dict(window.panels), window.panels["drive"]
+    switch(console, ALONE)
+    qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+    assert set(window.panels) == {"map"}
+    assert [name for name, dock in window.dock_host.docks.items() if dock.isVisible()] == ["map"]
+    assert not any(panel.in_view for name, panel in before.items() if name != "map")
+    assert drives not in window.hold._driving_panels
+    window.open_panel("speak")
+    assert window.panels["speak"] is before["speak"] and before["speak"].isVisible()
+    switch(console, dataclasses.replace(GROUPED, layout=PanelLeaf("speak")))
+    qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+    switch(console, GROUPED)
+    qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+    assert {name: panel for name, panel in before.items() if name in window.panels} == dict(window.panels)
+    chips = {chip.text() for chip in window.panels["speak"].findChildren(QAbstractButton) if chip.isVisible()}
+    assert "One." in chips and not chips & set(samples.TOUR.phrases)
+    window.open_panel("session")
+    labels = [chip for chip in window.panels["session"].findChildren(QAbstractButton) if "_label_" in chip.objectName()]
+    assert sorted(chip.text() for chip in labels if not chip.isHidden()) == ["Laughs", "Leaves"]
+
+
+def test_what_is_not_permitted_is_not_put_aside(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+    switch(console, ALONE)
+    qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+    assert {"speak", "drive"} <= set(window.board._aside)
+    switch(console, STRICT)
+    assert {"speak", "drive", "assistant"}.isdisjoint({*window.board._panels, *window.board._aside})
+    assert {"speak", "drive", "assistant"}.isdisjoint(window.dock_host.docks)
+
+
+def test_a_window_of_its_own_goes_with_a_panel_that_is_put_aside(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    window.dock_host.float_panel("people")
+    floating = window.panels["people"].window()
+    assert floating is not window
+    assert floating.isVisible()
+    switch(console, ALONE)
+    qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
+    assert window.dock_host._windows == []
+    window.open_panel("people")
+    assert window.panels["people"].window() is window and window.panels["people"].isVisible()
 
 
 def test_a_panel_that_goes_on_says_what_a_new_one_would(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
@@ -244,14 +308,7 @@ def test_who_has_a_name_has_none_at_once_where_nobody_is_named(window: MainWindo
 def test_phrases_and_labels_do_what_they_say_after_another_scenario(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
-    grouped = dataclasses.replace(
-        samples.TOUR,
-        phrases=("One.", PhraseGroup("More", ("Two.", "Three."))),
-        recording=dataclasses.replace(samples.TOUR.recording, labels=("Laughs", "Leaves")),
-        filler="",
-        path=Path("/layouts/grouped.yaml"),
-    )
-    for scenario in (grouped, samples.TOUR, grouped):
+    for scenario in (GROUPED, samples.TOUR, GROUPED):
         before = {name: window.panels[name] for name in ("speak", "session")}
         switch(console, scenario)
         assert {name: window.panels[name] for name in before} == before
@@ -259,7 +316,7 @@ def test_phrases_and_labels_do_what_they_say_after_another_scenario(
         speak, session = before["speak"], before["session"]
         chips = {chip.objectName(): chip for chip in speak.findChildren(QAbstractButton) if chip.isVisible()}
         chosen = [name for name in chips if name.startswith("phrase_") and "group" not in name]
-        of_group = ["One."] if scenario is grouped else list(samples.TOUR.phrases)
+        of_group = ["One."] if scenario is GROUPED else list(samples.TOUR.phrases)
         assert [chips[f"phrase_{number}"].text() for number in range(1, len(chosen) + 1)] == of_group[:10]
         assert ("filler" in chips) is bool(scenario.filler)
         console.calls.clear()

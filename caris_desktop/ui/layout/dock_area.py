@@ -85,6 +85,16 @@ class DockArea(QWidget):
                 dock.set_shown(name == group.current)
         self.laid_out.emit()
 
+    def leave_room(self, tree: LayoutNode | None, shown: frozenset[PanelName]) -> None:
+        """As :meth:`show_tree`, of a tree with less in it, when it is laid out the next time: nothing moves yet, and
+        tabs of what is gone go at once.
+        """
+        self.whole_tree, self._shown, self._drawer = tree, shown, None
+        for bar in [bar for bar in self._bars if not shown.issuperset(bar.panels)]:
+            self._bars.remove(bar)
+            bar.hide()
+            bar.deleteLater()
+
     def _least(self, name: PanelName) -> tuple[int, int]:
         return self.docks[name].least()
 

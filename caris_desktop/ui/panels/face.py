@@ -26,6 +26,7 @@ class FacePanel(Panel):
     """Shows ``state.face_drawing``. In a replay, which moves nothing, the face as it looked at rest."""
 
     title = QT_TR_NOOP("Robot’s face")
+    reads = ()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -93,6 +94,11 @@ class FacePanel(Panel):
         self.table.rows_changed.connect(self._fill)
         self.theme.changed.connect(self._style)
         self._style()
+        self._fill()
+        self.catch_up()
+
+    def show_scenario(self) -> None:
+        self._text.clear()
         self._fill()
         self.catch_up()
 

@@ -34,6 +34,7 @@ class RobotPanel(Panel):
     """Draws ``state.controls`` by their kinds. Nothing in here knows any robot."""
 
     title = QT_TR_NOOP("Robot")
+    reads = ()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)

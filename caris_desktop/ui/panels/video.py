@@ -240,7 +240,7 @@ class VideoPanel(Panel):
             self._refresh()
 
     def _refresh_soon(self, _status: object) -> None:
-        if not self._soon.isActive():
+        if self.in_view and not self._soon.isActive():
             self._soon.start()
 
     def _refresh(self) -> None:

@@ -1,14 +1,16 @@
 """Buttons that show their key: drawn from the tokens, in a few looks."""
 
+from collections.abc import Hashable
 from typing import Literal
 
-from PySide6.QtCore import QEvent, QObject, QRectF, QSize, Qt
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, QSizeF, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QHelpEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QToolTip, QWidget
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.painted_once import PaintedOnce
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 
@@ -18,6 +20,9 @@ Badge = Literal["", "dot", "lock"]
 
 _ICON_PX = 17
 _BADGE_PX = 11
+_MOST_WIDTHS = 16
+_PAINTED = PaintedOnce(at_most=256)
+"""Every button looks as one that says the same looked before: those of a scenario stand in the next one again."""
 
 
 class ActionButton(QAbstractButton):
@@ -56,6 +61,7 @@ class ActionButton(QAbstractButton):
         self._may_lose_words = may_lose_words
         self._semibold = semibold
         self._weight = self._weight_for(look)
+        self._widths: dict[Hashable, int] = {}
         self.setText(text)
         self.setAccessibleName(text)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
@@ -141,7 +147,15 @@ class ActionButton(QAbstractButton):
 
     def width_with(self, text: str) -> int:
         """How wide the button would be if it said this, with its icon and key as they are."""
-        return round(self._content_width(text) + 2 * self._side_px(text) + 0.5)
+        has_icon = bool(self._icon_name) or self._dot is not None
+        measured = (text, self._cap, has_icon, self._menu_arrow, self._height_px, self._text_px, self._weight)
+        width = self._widths.get(measured)
+        if width is None:
+            width = round(self._content_width(text) + 2 * self._side_px(text) + 0.5)
+            if len(self._widths) >= _MOST_WIDTHS:
+                self._widths.clear()
+            self._widths[measured] = width
+        return width
 
     def minimumSizeHint(self) -> QSize:
         # A long label may be cut short (with its full text in the tooltip), its key never.
@@ -196,10 +210,22 @@ class ActionButton(QAbstractButton):
         return ground, theme.color("line"), ink, ""
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        theme = self._theme
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         ground, line, ink, on = self._inks()
+        colors = tuple(None if color is None else color.rgba() for color in (ground, line, ink))
+        marks = (self._icon_name, self._dot, self._badge, self._cap, self._key_first, self._menu_arrow)
+        font = (self._height_px, self._text_px, self._weight, self._may_lose_words)
+        now = (self.isEnabled(), self.hasFocus(), on)
+        key = (self._theme.colors.name, self.text(), colors, marks, font, now)
+        _PAINTED.draw(
+            QPainter(self),
+            QPointF(),
+            QSizeF(self.size()),
+            key,
+            lambda painter: self._paint(painter, ground, line, ink, on),
+        )
+
+    def _paint(self, painter: QPainter, ground: QColor | None, line: QColor | None, ink: QColor, on: str) -> None:
+        theme = self._theme
         rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
         if not self.isEnabled():
             painter.setOpacity(0.75)
