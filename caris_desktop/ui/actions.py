@@ -173,8 +173,9 @@ class Actions(QObject):
         self.settled = Settled()
         self._specs: dict[str, ActionSpec] = {}
         self._driving_panels: tuple[QWidget, ...] = ()
-        self._shortcuts: list[QAction] = []
+        self._shortcuts: dict[str, QAction] = {}
         self._panel_shortcuts: list[QShortcut] = []
+        self._bound: dict[str, ActionSpec] | None = None
         self._conditions: dict[Condition, bool] = {"always": True}
         self._features: frozenset[Feature] = frozenset()
         self._places: tuple[str, ...] = ()
@@ -285,17 +286,18 @@ class Actions(QObject):
         self.keys_changed.emit()
 
     def _settle(self) -> None:
-        for action in self._shortcuts:
-            self._window.removeAction(action)
-            action.deleteLater()
-        self._shortcuts.clear()
-        self._bare.clear()
         self.settled = settle(self._standard, self._choices)
         self._specs = {spec.id: spec for spec in self.settled.rows}
         for key, ids in conflicts(self._specs.values()):
             logger.error("the key %s is bound more than once: %s", key, ", ".join(ids))
+        before, self._shortcuts = self._shortcuts, {}
+        self._bare.clear()
         for spec in self._specs.values():
-            self._bind(spec)
+            if spec.kind == "command" and spec.keys and not spec.by_position and not spec.within:
+                self._bind(spec, before.pop(spec.id, None))
+        for action in before.values():
+            self._window.removeAction(action)
+            action.deleteLater()
 
     def standard_row(self, action_id: str) -> ActionSpec:
         """The row with the keys that the table, or the scenario, has for it."""
@@ -324,15 +326,19 @@ class Actions(QObject):
         self._settle()
         self.rows_changed.emit()
 
-    def _bind(self, spec: ActionSpec) -> None:
-        if spec.kind != "command" or spec.by_position or not spec.keys or spec.within:
-            return
-        action = QAction(spec.text, self)
-        action.setShortcuts([QKeySequence(key) for key in spec.keys])
-        action.setAutoRepeat(False)
-        action.triggered.connect(self._runner(spec.id))
-        self._window.addAction(action)
-        self._shortcuts.append(action)
+    def _bind(self, spec: ActionSpec, action: QAction | None) -> None:
+        """Give the row its shortcuts; most stay what they were, as making all anew is seen when a scenario changes."""
+        if action is None:
+            action = QAction(self)
+            action.setAutoRepeat(False)
+            action.triggered.connect(self._runner(spec.id))
+            self._window.addAction(action)
+        keys = [QKeySequence(key) for key in spec.keys]
+        if action.text() != spec.text:
+            action.setText(spec.text)
+        if action.shortcuts() != keys:
+            action.setShortcuts(keys)
+        self._shortcuts[spec.id] = action
         if any(types_something(key) for key in spec.keys):
             self._bare.append(action)
 
@@ -344,7 +350,9 @@ class Actions(QObject):
 
     def bind_driving_panels(self, panels: Sequence[QWidget]) -> None:
         """Let the bare keys work inside these widgets."""
-        self._driving_panels = tuple(panels)
+        if tuple(panels) == self._driving_panels and self._bound is self._specs:
+            return
+        self._driving_panels, self._bound = tuple(panels), self._specs
         for shortcut in self._panel_shortcuts:
             shortcut.setKey(QKeySequence())  # at once, not only when it goes
             shortcut.deleteLater()

@@ -92,7 +92,8 @@ def test_a_key_that_does_something_else_goes_on_doing_that(gestured: MainWindow,
     console.scenario = dataclasses.replace(console.scenario, gestures=(nod,))
     console.state.scenario.set_anew(console.scenario)
     table = gestured.actions_table
-    assert (table.key_text("gesture_1"), table.key_text("photo")) == ("", "Ctrl P")
+    keys = {spec.id: spec.keys for spec in table.specs}
+    assert (keys["gesture_1"], keys["photo"]) == ((), ("Ctrl+P",))
     assert [(lost.text, other.id) for lost, other in table.settled.clashes] == [("Gesture: Nod", "photo")]
     told = [label.text() for label in gestured.board.panels["speak"].findChildren(QLabel) if label.isVisible()]
     assert any("the gesture “Nod” is without it" in text for text in told)
