@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from caris_desktop.domain.declared import Elsewhere, Rule, Spread
+from caris_desktop.domain.translation import tr
 
 ControlKind = Literal["button", "toggle", "slider", "choice", "text", "readout"]
 ControlValue = bool | float | str
@@ -228,23 +229,26 @@ def control_problems(
     for index, control in enumerate(controls):
         name, kind = f"'{control['id']}'", control["kind"]
         if control["id"] in seen:
-            yield index, f"the control {name} is listed twice."
+            yield index, tr("the control {name} is listed twice.").format(name=name)
         seen.add(control["id"])
         lowest, highest = control.get("range", (0.0, 1.0))
         if not lowest < highest:
-            yield index, f"the range of {name} is from {lowest} to {highest}. Allowed: the lower number first."
+            upside_down = tr("the range of {name} is from {lowest} to {highest}. Allowed: the lower number first.")
+            yield index, upside_down.format(name=name, lowest=lowest, highest=highest)
         elif control.get("step", 0.0) > highest - lowest:
-            yield index, f"the step of {name} is larger than its range from {lowest} to {highest}."
+            too_large = tr("the step of {name} is larger than its range from {lowest} to {highest}.")
+            yield index, too_large.format(name=name, lowest=lowest, highest=highest)
         publish = control.get("publish")
         if publish is not None and is_velocity(publish["topic"], publish["type"], velocity_topic()):
-            yield (
-                index,
-                f"{name} publishes velocities ({publish['type']} on {publish['topic']}). Only driving sends those, so "
-                "that the stop, the obstacle guard and letting go of the key hold for them. Leave this control out.",
+            velocities = tr(
+                "{name} publishes velocities ({type} on {topic}). Only driving sends those, so that the stop, the "
+                "obstacle guard and letting go of the key hold for them. Leave this control out."
             )
+            yield index, velocities.format(name=name, type=publish["type"], topic=publish["topic"])
         sent = [control.get(part, {}).get(template) for part, template in _TEMPLATES]
         if kind not in ("button", "readout") and not mentions_value(sent):
-            yield index, f"what {name} sends nowhere holds {VALUE}, so what the wizard chooses has no effect."
+            fixed = tr("what {name} sends nowhere holds {value}, so what the wizard chooses has no effect.")
+            yield index, fixed.format(name=name, value=VALUE)
 
 
 _TEMPLATES = (("publish", "message"), ("call", "request"), ("action", "goal"))

@@ -22,19 +22,24 @@ from caris_desktop.domain.declared import (
     text_of,
 )
 from caris_desktop.domain.key_path import KeyPath, Problem, name_of
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.yaml_source import LocatedData
 
 MOST_TOLD = 5
-_KIND_WORDS = {str: "text", float: "a number", int: "a whole number", bool: "true or false"}
-_GROUP_WORDS = "a group of 'key: value' lines"
+_KIND_WORDS = {
+    str: QT_TR_NOOP("text"), float: QT_TR_NOOP("a number"), int: QT_TR_NOOP("a whole number"),
+    bool: QT_TR_NOOP("true or false"),
+}  # fmt: skip
+_GROUP_WORDS = QT_TR_NOOP("a group of 'key: value' lines")
 
 
 def told(file_name: str, source: LocatedData, found: Iterable[Problem]) -> str:
     """The first mistakes of a file with their lines, one below the other."""
     located = sorted((source.line_of(path), message) for path, message in found)
-    lines = [f"{file_name}, line {line}: {message}" for line, message in located[:MOST_TOLD]]
+    each = tr("{file}, line {line}: {problem}")
+    lines = [each.format(file=file_name, line=line, problem=message) for line, message in located[:MOST_TOLD]]
     if len(located) > MOST_TOLD:
-        lines.append(f"... and {len(located) - MOST_TOLD} more.")
+        lines.append(tr("... and {count} more.").format(count=len(located) - MOST_TOLD))
     return "\n".join(lines)
 
 
@@ -49,7 +54,7 @@ def _problems(form: Form, data: Any, path: KeyPath) -> Iterator[Problem]:
         return
     groups = (form.kind,) if is_group(form.kind) else groups_of(form.kind)
     if (groups or is_free(form.kind)) and not isinstance(data, dict):
-        yield path, _wrong_kind(_GROUP_WORDS, data, path, form)
+        yield path, _wrong_kind(tr(_GROUP_WORDS), data, path, form)
     elif groups:
         yield from _group_problems(groups, data, path, form)
     elif (item := item_of(form.kind)) is not None:
@@ -70,9 +75,9 @@ def _group_problems(groups: tuple[Group, ...], data: Mapping[str, Any], path: Ke
     some_of, needs = form.rule.some_of, form.rule.needs
     # A key that is there under a wrong name is told once.
     if missing and not misspelled.intersection(missing):
-        yield path, needs if needs and not some_of else _missing_keys(missing, path)
+        yield path, tr(needs) if needs and not some_of else _missing_keys(missing, path)
     if some_of and not any(name in data for name in some_of) and not misspelled.intersection(some_of):
-        yield path, needs
+        yield path, tr(needs)
     for name, key in keys.items():
         if name in data:
             yield from _problems(key.form, data[name], (*path, name))
@@ -88,19 +93,25 @@ def _neighbour_problems(
     if name in data:
         for other in rule.instead_of:
             if other in data:
-                yield place, f"{name_of(place)} does not go with '{other}': keep one of the two."
+                both = tr("{key} does not go with '{other}': keep one of the two.")
+                yield place, both.format(key=name_of(place), other=other)
         if rule.beside and rule.beside[0] not in misspelled and not _stands(rule.beside, keys, data):
             other = rule.beside[0]
-            found = f"found {quoted(data[other])}" if other in data else "which is not there"
+            belongs = tr("{key} belongs to '{beside}', found {found}.")
+            belongs = belongs if other in data else tr("{key} belongs to '{beside}', which is not there.")
             if other in data or not keys[other].required:
-                yield place, f"{name_of(place)} belongs to '{condition(rule.beside)}', {found}."
+                found = quoted(data.get(other))
+                yield place, belongs.format(key=name_of(place), beside=condition(rule.beside), found=found)
     elif rule.needed and _stands(rule.needed, keys, data, unsure=False):
         instead = [other.name for other in keys.values() if name in other.form.rule.instead_of]
         if not any(other in data or other in misspelled for other in instead):
             other, *words = rule.needed
-            which = f" is {quoted(data[other])}, which" if words else ""
-            needed = " or ".join(f"'{each}'" for each in (name, *instead))
-            yield (*path, other), f"{name_of((*path, other))}{which} {rule.needs or f'needs {needed} beside it.'}"
+            needed = either([f"'{each}'" for each in (name, *instead)])
+            needs = tr("{key} is {found}, which needs {needed} beside it.") if words else ""
+            needs = (needs or tr("{key} needs {needed} beside it.")).format(
+                key=name_of((*path, other)), found=quoted(data[other]), needed=needed
+            )
+            yield (*path, other), f"{needs} {tr(rule.needs)}".rstrip()
 
 
 def _stands(wanted: tuple[str, ...], keys: Mapping[str, Key], data: Mapping[str, Any], *, unsure: bool = True) -> bool:
@@ -114,19 +125,24 @@ def _stands(wanted: tuple[str, ...], keys: Mapping[str, Key], data: Mapping[str,
 def condition(wanted: tuple[str, ...]) -> str:
     """A key, or one with the words that it may be, as people read it."""
     other, *words = wanted
-    *first, last = words or [""]
-    return f"{other}: {', '.join(first)} or {last}" if first else f"{other}: {last}" if last else other
+    return f"{other}: {either(words)}" if words else other
+
+
+def either(words: Sequence[str]) -> str:
+    """One of these, as people say it."""
+    *first, last = words
+    return tr("{first} or {last}").format(first=", ".join(first), last=last) if first else last
 
 
 def _list_problems(form: Form, item: Form, data: Any, path: KeyPath) -> Iterator[Problem]:
     if not isinstance(data, (list, tuple)):
-        yield path, _wrong_kind("a list", data, path, form)
+        yield path, _wrong_kind(tr("a list"), data, path, form)
         return
-    if sentence := _length_problem(form, data, "entries", path):
+    if sentence := _length_problem(form, data, tr("{key} has {count} entries."), path):
         yield path, sentence
     for index, entry in enumerate(data):
         if form.rule.unique and entry in data[:index]:
-            yield (*path, index), f"{name_of(path)} lists {quoted(entry)} twice."
+            yield (*path, index), tr("{key} lists {entry} twice.").format(key=name_of(path), entry=quoted(entry))
         yield from _problems(item, entry, (*path, index))
 
 
@@ -136,31 +152,46 @@ def _value_problem(form: Form, value: Any, path: KeyPath) -> str | None:
         if any(value == choice and type(value) is type(choice) for choice in choices):
             return None
         noun = rule.noun or next((part for part in reversed(path) if isinstance(part, str)), "value")
-        return f"unknown {noun} {quoted(value)}. {allowed_words(str(value), [str(choice) for choice in choices])}"
+        unknown = tr("unknown {noun} {value}.").format(noun=tr(noun), value=quoted(value))
+        return f"{unknown} {allowed_words(str(value), [str(choice) for choice in choices])}"
     kinds = scalars_of(form.kind)
     if not any(_is_a(kind, value) for kind in kinds):
-        return _wrong_kind(" or ".join(_KIND_WORDS[kind] for kind in kinds), value, path, form)
+        return _wrong_kind(either([tr(_KIND_WORDS[kind]) for kind in kinds]), value, path, form)
     if isinstance(value, str):
         if rule.pattern and not re.search(rule.pattern, value):
-            return f"{name} is {quoted(value)}. Allowed: {rule.allowed or rule.pattern}"
-        return _length_problem(form, value, "characters", path)
-    for limit, kept, words in (
-        (rule.at_least, rule.at_least is None or value >= rule.at_least, "at least"),
-        (rule.more_than, rule.more_than is None or value > rule.more_than, "more than"),
-        (rule.at_most, rule.at_most is None or value <= rule.at_most, "at most"),
+            return f"{_found(name, quoted(value))} {_allowed(tr(rule.allowed) or rule.pattern)}"
+        return _length_problem(form, value, tr("{key} has {count} characters."), path)
+    for limit, kept, allowed in (
+        (rule.at_least, rule.at_least is None or value >= rule.at_least, tr("Allowed: at least {limit}.")),
+        (rule.more_than, rule.more_than is None or value > rule.more_than, tr("Allowed: more than {limit}.")),
+        (rule.at_most, rule.at_most is None or value <= rule.at_most, tr("Allowed: at most {limit}.")),
     ):
         if not kept:
-            return f"{name} is {value}. Allowed: {words} {limit}."
+            return f"{_found(name, str(value))} {allowed.format(limit=limit)}"
     return None
 
 
-def _length_problem(form: Form, data: Sequence[Any], unit: str, path: KeyPath) -> str | None:
+def _found(key: str, value: str) -> str:
+    return tr("{key} is {value}.").format(key=key, value=value)
+
+
+def _allowed(words: str) -> str:
+    """``words`` may be a sentence's end, or without one."""
+    return tr("Allowed: {words}").format(words=words)
+
+
+def _length_problem(form: Form, data: Sequence[Any], found: str, path: KeyPath) -> str | None:
+    """``found`` says how long it is, with places for ``key`` and ``count``."""
     least, most = size_of(form)
     if len(data) >= least and (most is None or len(data) <= most):
         return None
-    found = f"has {len(data)} {unit}" if data else "is empty"
-    allowed = str(least) if least == most else f"at least {least}" if len(data) < least else f"at most {most}"
-    return f"{name_of(path)} {found}." + (f" Allowed: {allowed}." if data or least > 1 else "")
+    found = (found if data else tr("{key} is empty.")).format(key=name_of(path), count=len(data))
+    if not data and least <= 1:
+        return found
+    if least == most:
+        return f"{found} {_allowed(f'{least}.')}"
+    allowed = tr("Allowed: at least {limit}.") if len(data) < least else tr("Allowed: at most {limit}.")
+    return f"{found} {allowed.format(limit=least if len(data) < least else most)}"
 
 
 def _is_a(kind: type[Any], value: Any) -> bool:
@@ -172,13 +203,15 @@ def _is_a(kind: type[Any], value: Any) -> bool:
 
 
 def _wrong_kind(words: str, found: Any, path: KeyPath, form: Form) -> str:
-    allowed = f" Allowed: {form.rule.allowed}" if form.rule.allowed else ""
-    return f"{name_of(path)} must be {words}, found {quoted(found)}.{allowed}"
+    must = tr("{key} must be {kind}, found {found}.").format(key=name_of(path), kind=words, found=quoted(found))
+    return f"{must} {_allowed(tr(form.rule.allowed))}" if form.rule.allowed else must
 
 
 def _unknown_key(name: str, known: Iterable[str], data: Mapping[str, Any], path: KeyPath) -> str:
     known = sorted(known)
-    return f"unknown key '{name}'{_within(path)}. Allowed: {', '.join(known)}.{_hint(_key_meant(name, known, data))}"
+    unknown = tr("unknown key '{name}' in {place}.") if path else tr("unknown key '{name}'.")
+    allowed = _allowed(f"{', '.join(known)}.")
+    return f"{unknown.format(name=name, place=name_of(path))} {allowed}{_hint(_key_meant(name, known, data))}"
 
 
 def _key_meant(name: str, known: Iterable[str], data: Mapping[str, Any]) -> str | None:
@@ -188,13 +221,17 @@ def _key_meant(name: str, known: Iterable[str], data: Mapping[str, Any]) -> str 
 
 
 def _missing_keys(names: list[str], path: KeyPath) -> str:
-    listed = " and ".join(f"'{name}'" for name in names)
-    return f"{listed} {'is' if len(names) == 1 else 'are'} missing{_within(path)}."
+    *first, last = [f"'{name}'" for name in names]
+    if not first:
+        missing = tr("{name} is missing in {place}.") if path else tr("{name} is missing.")
+        return missing.format(name=last, place=name_of(path))
+    missing = tr("{first} and {last} are missing in {place}.") if path else tr("{first} and {last} are missing.")
+    return missing.format(first=", ".join(first), last=last, place=name_of(path))
 
 
 def allowed_words(found: str, allowed: list[str]) -> str:
     """The allowed words, and which of them was probably meant."""
-    return f"Allowed: {', '.join(allowed)}.{did_you_mean(found, allowed)}"
+    return f"{_allowed(', '.join(allowed) + '.')}{did_you_mean(found, allowed)}"
 
 
 def did_you_mean(found: str, allowed: list[str]) -> str:
@@ -203,21 +240,17 @@ def did_you_mean(found: str, allowed: list[str]) -> str:
 
 
 def _hint(meant: str | None) -> str:
-    return "" if meant is None else f" Did you mean '{meant}'?"
+    return "" if meant is None else " " + tr("Did you mean '{word}'?").format(word=meant)
 
 
 def _nearest(found: str, allowed: list[str]) -> str | None:
     return next(iter(difflib.get_close_matches(found, allowed, n=1)), None)
 
 
-def _within(path: KeyPath) -> str:
-    return f" in {name_of(path)}" if path else ""
-
-
 def quoted(value: Any) -> str:
     """A value of a file as messages show it; a password in an address is not repeated."""
     if value is None:
-        return "nothing"
+        return tr("nothing")
     if isinstance(value, bool):
         return "true" if value else "false"
     text = re.sub(r"//[^/@\s]*@", "//...@", repr(value) if isinstance(value, str) else str(value))

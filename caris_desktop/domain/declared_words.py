@@ -64,7 +64,7 @@ def texts_of(declaration: Group) -> list[str]:
 
 
 def _texts(form: Form, seen: set[Any]) -> Iterator[str]:
-    yield from (description_of(form), form.rule.allowed, form.rule.unit)
+    yield from (description_of(form), form.rule.allowed, form.rule.unit, form.rule.needs, form.rule.noun)
     yield from (_word(choice) for choice in choices_of(form.kind))
     if (item := item_of(form.kind)) is not None:
         yield from _texts(item, seen)

@@ -9,6 +9,7 @@ import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.translation import tr
 
 MAX_DEPTH = 40
 
@@ -59,9 +60,9 @@ class _PlainLoader(PlainScalars, yaml.SafeLoader):
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # the stubs leave it untyped
         line = event.start_mark.line + 1
         if isinstance(event, yaml.events.AliasEvent):
-            raise YamlSourceError("references (*name) are not allowed. Write the value out.", line)
+            raise YamlSourceError(tr("references (*name) are not allowed. Write the value out."), line)
         if self.depth >= MAX_DEPTH:
-            raise YamlSourceError(f"nested more than {MAX_DEPTH} levels deep", line)
+            raise YamlSourceError(tr("nested more than {most} levels deep").format(most=MAX_DEPTH), line)
         self.depth += 1
         try:
             node: Node | None = super().compose_node(parent, index)
@@ -94,19 +95,21 @@ def parse_yaml(text: str, *, finite: bool = True) -> LocatedData:
         loader = _PlainLoader(text)
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
-        raise YamlSourceError(f"the character #x{error.character:04x} is not allowed", line) from error
+        raise YamlSourceError(
+            tr("the character #x{character} is not allowed").format(character=f"{error.character:04x}"), line
+        ) from error
     try:
         root = loader.get_single_node()
         if root is None:
-            raise YamlSourceError("the file is empty", 1)
+            raise YamlSourceError(tr("the file is empty"), 1)
         return located(root, finite=finite)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         raise YamlSourceError(
-            f"not valid YAML: {error.problem or error.context}", mark.line + 1 if mark else 1
+            tr("not valid YAML: {problem}").format(problem=error.problem or error.context), mark.line + 1 if mark else 1
         ) from error
     except yaml.YAMLError as error:
-        raise YamlSourceError(f"not valid YAML: {error}", 1) from error
+        raise YamlSourceError(tr("not valid YAML: {error}").format(error=error), 1) from error
     finally:
         loader.dispose()
 
@@ -127,19 +130,24 @@ def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -
             key_line = key_node.start_mark.line + 1
             key = key_node.value if isinstance(key_node, ScalarNode) else None
             if not isinstance(key, str):
-                raise YamlSourceError("a key must be a plain word", key_line)
+                raise YamlSourceError(tr("a key must be a plain word"), key_line)
             if key in result:
-                raise YamlSourceError(f"'{key}' is given twice (first in line {lines[(*path, key)]})", key_line)
+                raise YamlSourceError(
+                    tr("'{key}' is given twice (first in line {lines})").format(key=key, lines=lines[(*path, key)]),
+                    key_line,
+                )
             lines[(*path, key)] = key_line
             result[key] = _plain(value_node, (*path, key), lines, finite)
         return result
     if isinstance(node, SequenceNode) and kind == "seq":
         return [_plain(item, (*path, index), lines, finite) for index, item in enumerate(node.value)]
     if not isinstance(node, ScalarNode) or kind not in ("str", "bool", "null", "int", "float"):
-        raise YamlSourceError(f"the tag {node.tag} is not allowed. Allowed: text, numbers, true, false", line)
+        raise YamlSourceError(
+            tr("the tag {tag} is not allowed. Allowed: text, numbers, true, false").format(tag=node.tag), line
+        )
     value = _scalar(kind, node.value, line)
     if finite and isinstance(value, float) and not math.isfinite(value):
-        raise YamlSourceError(f"{node.value} is not a usable number", line)
+        raise YamlSourceError(tr("{value} is not a usable number").format(value=node.value), line)
     return value
 
 
@@ -150,7 +158,7 @@ def _scalar(kind: str, text: str, line: int) -> str | bool | int | float | None:
         if kind == "float":
             return float(text.replace(".inf", "inf").replace(".nan", "nan"))
     except ValueError as error:
-        raise YamlSourceError(f"{text!r} is not a number", line) from error
+        raise YamlSourceError(tr("{text} is not a number").format(text=repr(text)), line) from error
     if kind == "bool" and text.lower() not in ("true", "false"):
-        raise YamlSourceError(f"{text!r} is neither true nor false", line)
+        raise YamlSourceError(tr("{text} is neither true nor false").format(text=repr(text)), line)
     return text if kind == "str" else None if kind == "null" else text.lower() == "true"

@@ -12,6 +12,7 @@ import platformdirs
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.domain.translation import tr
 from caris_desktop.robot.profile_model import (
     AudioInterface,
     CameraTopic,
@@ -153,10 +154,14 @@ def read_profile(path: Path) -> RobotProfile:
         raw = path.read_bytes()
         text = raw.decode("utf-8")
     except OSError as error:
-        raise ProfileError(f"The robot profile {path} cannot be read: {error}.") from error
+        raise ProfileError(
+            tr("The robot profile {path} cannot be read: {error}.").format(path=path, error=error)
+        ) from error
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        raise ProfileError(f"{path}, line {line}: not UTF-8 text ({error.reason}).") from error
+        raise ProfileError(
+            tr("{file}, line {line}: not UTF-8 text ({why}).").format(file=path, line=line, why=error.reason)
+        ) from error
     return parse_profile(text, file_name=str(path), name=path.stem)
 
 
@@ -187,16 +192,26 @@ def save_profile(profile: RobotProfile, path: Path) -> None:
     from caris_desktop.robot.profile_file import profile_yaml
 
     if path.suffix != ".yaml" or not re.fullmatch(_NAME, path.stem):
-        raise ProfileError(f"{path.name!r} cannot be the name of a profile. Use letters, digits, - and _, then .yaml.")
+        raise ProfileError(
+            tr("{name} cannot be the name of a profile. Use letters, digits, - and _, then .yaml.").format(
+                name=repr(path.name)
+            )
+        )
     text = profile_yaml(profile_data(profile, path.parent))
     read_back = parse_profile(text, file_name=str(path), name=path.stem)
     if read_back != replace(profile, name=path.stem):
-        raise ProfileError(f"The profile {profile.title!r} holds something that a file cannot say; it was not saved.")
+        raise ProfileError(
+            tr("The profile {title} holds something that a file cannot say; it was not saved.").format(
+                title=repr(profile.title)
+            )
+        )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode(), durable=True)
     except OSError as error:
-        raise ProfileError(f"The profile was not written to {path}: {error.strerror or error}.") from error
+        raise ProfileError(
+            tr("The profile was not written to {path}: {why}.").format(path=path, why=error.strerror or error)
+        ) from error
 
 
 def profile_text(profile: RobotProfile) -> str:
@@ -223,10 +238,17 @@ def _profile_at_address(url: str) -> RobotProfile:
     asked = parse_qs(parts.query)
     ros = asked.pop("ros", ["1"])[-1]
     if asked or ros not in ("1", "2"):
-        raise ProfileError(f"{url!r}: after the '?' of an address only ros=1 or ros=2 is understood.")
+        raise ProfileError(
+            tr("{url}: after the '?' of an address only ros=1 or ros=2 is understood.").format(url=repr(url))
+        )
     address = parts._replace(query="", fragment="").geturl()
     profile = read_profile(_robots_dir() / f"generic-ros{ros}.yaml")
-    return replace(profile, name="address", address=address, title=f"Robot at {without_credentials(address)}")
+    return replace(
+        profile,
+        name="address",
+        address=address,
+        title=tr("Robot at {address}").format(address=without_credentials(address)),
+    )
 
 
 def _robots_dir() -> Path:
@@ -247,8 +269,12 @@ def _file_of(name: str, user_dir: Path) -> Path:
 
     names = sorted({path.stem for path in _own_files(user_dir)} | set(shipped_profiles()))
     raise ProfileError(
-        f"There is no robot profile named {name!r}.{did_you_mean(name, names)} Profiles: {', '.join(names)}. "
-        "A YAML file or an address such as ws://192.168.1.20:9090 works too."
+        tr("There is no robot profile named {name}.").format(name=repr(name))
+        + did_you_mean(name, names)
+        + " "
+        + tr("Profiles: {names}. A YAML file or an address such as ws://192.168.1.20:9090 works too.").format(
+            names=", ".join(names)
+        )
     )
 
 

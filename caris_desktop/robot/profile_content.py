@@ -11,6 +11,7 @@ from caris_desktop.domain.controls import ROS_NAME, VALUE, control_problems, men
 from caris_desktop.domain.declared import Form, data_of, replaced, value_from
 from caris_desktop.domain.declared_check import problems
 from caris_desktop.domain.key_path import KeyPath, Problem, name_of
+from caris_desktop.domain.translation import tr
 from caris_desktop.robot.profile_file import ProfileText
 from caris_desktop.robot.profile_model import (
     DEFAULT_ADDRESS,
@@ -56,7 +57,9 @@ def profile_data(profile: RobotProfile, folder: Path) -> dict[str, Any]:
         ca_file = Path(security.ca_file)
         if not ca_file.is_relative_to(folder):
             raise ProfileError(
-                f"Copy the certificate file {ca_file} into {folder} first: a profile names it from there."
+                tr("Copy the certificate file {ca_file} into {folder} first: a profile names it from there.").format(
+                    ca_file=ca_file, folder=folder
+                )
             )
         security = replace(security, ca_file=ca_file.relative_to(folder).as_posix())
     said: dict[str, Any] = data_of(RobotProfile, replace(profile, security=security))
@@ -74,8 +77,8 @@ def _with_absolute_names(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[
             return value
         name = value if value.startswith("/") else prefix + value
         if data["ros"] == 2 and (re.search(r"/[0-9]", name) or "__" in name):
-            said = f"{name_of(path)}: {value!r} is no name in ROS 2"
-            wrong.append((path, f"{said}, where no part begins with a digit or holds two _ in a row."))
+            said = tr("{key}: {name} is no name in ROS 2, where no part begins with a digit or holds two _ in a row.")
+            wrong.append((path, said.format(key=name_of(path), name=repr(value))))
         return name
 
     given = dict(data)
@@ -96,29 +99,42 @@ def _meaning_problems(data: Mapping[str, Any], folder: Path) -> Iterator[Problem
         yield from _certificate_problems(data["security"]["ca_file"], folder)
     mistake = polygon_mistake(tuple((x, y) for x, y in data.get("footprint", {}).get("polygon_m", ())))
     if mistake:
-        yield ("footprint", "polygon_m"), f"'footprint.polygon_m': {mistake}"
+        yield ("footprint", "polygon_m"), tr("'footprint.polygon_m': {mistake}").format(mistake=mistake)
     seen: set[str] = set()
     for index, camera in enumerate(data.get("cameras", ())):
         if camera["name"] in seen:
-            yield ("cameras", index, "name"), f"two cameras are named {camera['name']!r}."
+            yield ("cameras", index, "name"), tr("two cameras are named {name}.").format(name=repr(camera["name"]))
         seen.add(camera["name"])
         path: KeyPath = ("cameras", index, "model", "on_head")
         if camera.get("model", {}).get("on_head") and "head" not in data:
-            yield path, f"{name_of(path)}: the profile names no head that the camera could turn with."
+            yield (
+                path,
+                tr("{key}: the profile names no head that the camera could turn with.").format(key=name_of(path)),
+            )
     if "navigation" in data:
         yield from _navigation_problems(data["navigation"], data["ros"])
     speech = data.get("speech", {})
     for kind, keys in (("action", ("goal",)), ("service", ("request",)), ("web", ("body", "url"))):
         if kind in speech and not any(mentions_value(speech[kind].get(key)) for key in keys):
             key = next(each for each in keys if each in speech[kind])
-            yield ("speech", kind, key), f"'speech.{kind}.{key}' nowhere holds {VALUE}, the text to say."
+            yield (
+                ("speech", kind, key),
+                tr("'speech.{kind}.{key}' nowhere holds {value}, the text to say.").format(
+                    kind=kind, key=key, value=VALUE
+                ),
+            )
     head = data.get("head", {})
     for key in ("pan_range_rad", "tilt_range_rad"):
         lowest, highest = head.get(key, (0, 1))
         if not lowest < highest:
-            yield ("head", key), f"'head.{key}' is [{lowest}, {highest}]; the lower number comes first."
+            yield (
+                ("head", key),
+                tr("'head.{key}' is [{lowest}, {highest}]; the lower number comes first.").format(
+                    key=key, lowest=lowest, highest=highest
+                ),
+            )
     if head and head["pan_joint"] == head["tilt_joint"]:
-        yield ("head", "tilt_joint"), "'head.tilt_joint' is the pan joint too; they are two joints."
+        yield ("head", "tilt_joint"), tr("'head.tilt_joint' is the pan joint too; they are two joints.")
     for index, problem in control_problems(data.get("controls", ()), lambda: data["velocity"]["topic"]):
         yield ("controls", index), problem
 
@@ -126,23 +142,34 @@ def _meaning_problems(data: Mapping[str, Any], folder: Path) -> Iterator[Problem
 def _certificate_problems(given: str, folder: Path) -> Iterator[Problem]:
     ca_file, path = (folder / given).resolve(), ("security", "ca_file")
     if Path(given).is_absolute() or not ca_file.is_relative_to(folder):
-        yield path, "'security.ca_file': the certificates must lie in the folder of the profile."
+        yield path, tr("'security.ca_file': the certificates must lie in the folder of the profile.")
     elif not ca_file.is_file():
-        yield path, f"'security.ca_file': there is no file {ca_file}."
+        yield path, tr("'security.ca_file': there is no file {ca_file}.").format(ca_file=ca_file)
 
 
 def _navigation_problems(navigation: Mapping[str, Any], ros: int) -> Iterator[Problem]:
     kind = "move_base" if ros == 1 else "navigate_to_pose"
     if navigation["kind"] != kind:
-        yield ("navigation", "kind"), f"'navigation.kind' is {navigation['kind']!r}; with ros: {ros} it is {kind!r}."
+        yield (
+            ("navigation", "kind"),
+            tr("'navigation.kind' is {found}; with ros: {ros} it is {kind}.").format(
+                found=repr(navigation["kind"]), ros=ros, kind=repr(kind)
+            ),
+        )
     if "speed_limit" in navigation:
         path: KeyPath = ("navigation", "speed_limit")
-        by = "reconfigure" if ros == 1 else "topic"
-        if by not in navigation["speed_limit"]:
-            yield path, f"{name_of(path)}: with ros: {ros} it names {'' if ros == 1 else 'a '}{by}."
+        if ("reconfigure" if ros == 1 else "topic") not in navigation["speed_limit"]:
+            wanted = tr("{key}: with ros: 1 it names reconfigure.") if ros == 1 else ""
+            wanted = wanted or tr("{key}: with ros: 2 it names a topic.")
+            yield path, wanted.format(key=name_of(path))
         elif ros == 1 and "max_mps" not in navigation:
             # Or a limit of the wizard's above it would make the robot faster than its makers meant.
-            yield path, f"{name_of(path)} needs max_mps beside it: how fast the navigation is set up to drive."
+            yield (
+                path,
+                tr("{key} needs max_mps beside it: how fast the navigation is set up to drive.").format(
+                    key=name_of(path)
+                ),
+            )
 
 
 def polygon_mistake(corners: tuple[tuple[float, float], ...]) -> str:
@@ -150,18 +177,18 @@ def polygon_mistake(corners: tuple[tuple[float, float], ...]) -> str:
     if not corners:
         return ""
     if len(set(corners)) != len(corners):
-        return "the same corner is listed twice; the outline closes by itself."
+        return tr("the same corner is listed twice; the outline closes by itself.")
     sides = list(zip(corners, [*corners[1:], corners[0]], strict=True))
     for first, (a, b) in enumerate(sides):
         for second in range(first + 1, len(sides)):
             c, d = sides[second]
             if second - first not in (1, len(sides) - 1) and _cross(a, b, c, d):
-                return "two sides of the outline cross; list the corners in their order around the robot."
+                return tr("two sides of the outline cross; list the corners in their order around the robot.")
     if abs(area_m2(corners)) < 1e-6:
-        return "the corners lie on one line."
+        return tr("the corners lie on one line.")
     turns = sum(math.atan2(ax * by - ay * bx, ax * bx + ay * by) for (ax, ay), (bx, by) in sides)
     if abs(turns) < math.pi:
-        return "the outline must lie around the robot's centre [0, 0], around which it turns."
+        return tr("the outline must lie around the robot's centre [0, 0], around which it turns.")
     return ""
 
 

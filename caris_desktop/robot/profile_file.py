@@ -8,6 +8,7 @@ import yaml
 from caris_desktop.domain.declared_check import told
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.migrations import Migration, migrated
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import PlainScalars, YamlSourceError, know_scalars, parse_yaml
 from caris_desktop.robot.profile_model import PROFILE_VERSION, ProfileError
 
@@ -32,25 +33,34 @@ class ProfileText:
         """Read ``text``; ``file_name`` is used in messages only. Raises ProfileError."""
         self.file_name = file_name
         if len(text) > MAX_BYTES:
-            raise ProfileError(f"{file_name}: this is larger than 1 MB and no robot profile.")
+            raise ProfileError(
+                tr("{file_name}: this is larger than 1 MB and no robot profile.").format(file_name=file_name)
+            )
         try:
             self._source = parse_yaml(text)
         except YamlSourceError as error:
-            raise ProfileError(f"{file_name}, line {error.line}: {str(error).rstrip('.')}.") from error
+            said = tr("{file}, line {line}: {problem}").format(file=file_name, line=error.line, problem=error)
+            raise ProfileError(f"{said.rstrip('.')}.") from error
         if not isinstance(self._source.data, dict):
-            raise ProfileError(f"{file_name}: a robot profile is a list of 'name: value' lines; this file is not.")
+            raise ProfileError(
+                tr("{file_name}: a robot profile is a list of 'name: value' lines; this file is not.").format(
+                    file_name=file_name
+                )
+            )
         self.data: dict[str, Any] = self._source.data
 
     def raise_to_newest(self) -> None:
         """The data are those of the newest version from then on. Raises ProfileError."""
         version, newest = self.data.get("version"), PROFILE_VERSION
         if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-            self.refuse([(("version",), f"'version' is missing or not a whole number; write 'version: {newest}'.")])
+            wrong = tr("'version' is missing or not a whole number; write 'version: {newest}'.").format(newest=newest)
+            self.refuse([(("version",), wrong)])
         elif version > newest:
-            newer = (
-                f"this profile has version {version}, made for a newer CARIS Desktop; this one reads version {newest}."
+            newer = tr(
+                "this profile has version {version}, made for a newer CARIS Desktop; this one reads version {newest}. "
+                "Update the program or use an older profile."
             )
-            self.refuse([(("version",), f"{newer} Update the program or use an older profile.")])
+            self.refuse([(("version",), newer.format(version=version, newest=newest))])
         else:
             self.data = migrated(self.data, MIGRATIONS, version=version, newest=newest)
 

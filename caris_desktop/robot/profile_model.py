@@ -96,7 +96,7 @@ class VelocityTopic:
     timeout_source: Annotated[str, Rule(
         "Where that is documented: a page, a file of the driver, or a test of your own.", shortest=1, longest=300,
         quiet=True, beside=("timeout_s",), needed=("timeout_s",),
-        needs="needs timeout_source beside it: where that is documented.",
+        needs="It says where that is documented.",
     )] = ""  # fmt: skip
 
 
@@ -278,7 +278,7 @@ class EmergencyStopInterface:
     set_service: Annotated[RosName | None, Rule("Of two services, the one that stops.", instead_of=("service",))] = None
     clear_service: Annotated[RosName | None, Rule(
         "The one that releases.", beside=("set_service",), needed=("set_service",),
-        needs="needs clear_service beside it, or the robot is never released.",
+        needs="Without it the robot is never released.",
     )] = None  # fmt: skip
     service_type: Annotated[
         StopServiceType,

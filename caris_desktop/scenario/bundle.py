@@ -16,6 +16,7 @@ from typing import Literal
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.intents import SameName
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.file import MAX_FILE_BYTES, ScenarioError, parse_scenario, scenario_data
 from caris_desktop.scenario.text_editing import edited
 
@@ -27,6 +28,11 @@ PartKind = Literal["scenario", "robot", "face"]
 REPLACED = "replaced"
 """The folder, beside the user's own files, of those that an imported one took the place of."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
+_THERE_ALREADY: dict[PartKind, str] = {
+    "scenario": QT_TR_NOOP("There is a scenario called '{name}' already. Choose another name."),
+    "robot": QT_TR_NOOP("There is a robot called '{name}' already. Choose another name."),
+    "face": QT_TR_NOOP("There is a face called '{name}' already. Choose another name."),
+}
 _ABOUT = "about.json"
 _PART = re.compile(r"(scenario|robot|face)/([A-Za-z0-9][A-Za-z0-9_-]{0,59})\.yaml")
 _AT_FIRST = (1980, 1, 1, 0, 0, 0)  # the same content gives the same file
@@ -103,25 +109,37 @@ def write_bundle(bundle: Bundle, path: Path) -> None:
     try:
         replace_file(path, packed.getvalue(), durable=True)
     except OSError as error:
-        raise BundleError(f"{path} was not written ({error.strerror or error}).") from error
+        raise BundleError(
+            tr("{path} was not written ({why}).").format(path=path, why=error.strerror or error)
+        ) from error
 
 
 def read_bundle(path: Path) -> Bundle:
     """What is in the file, as far as it may be; the scenario in it is checked. Raises BundleError."""
     try:
         if path.stat().st_size > MAX_BUNDLE_BYTES:
-            raise BundleError(f"{path.name} is too large for a scenario. Allowed: {MAX_BUNDLE_BYTES} bytes.")
+            raise BundleError(
+                tr("{name} is too large for a scenario. Allowed: {most} bytes.").format(
+                    name=path.name, most=MAX_BUNDLE_BYTES
+                )
+            )
         with zipfile.ZipFile(path) as archive:
             texts = dict(_texts(archive))
     except OSError as error:
-        raise BundleError(f"{path.name} cannot be read: {error.strerror or error}.") from error
+        raise BundleError(
+            tr("{name} cannot be read: {why}.").format(name=path.name, why=error.strerror or error)
+        ) from error
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
-        raise BundleError(f"{path.name} is no file with a scenario, or it was damaged on its way.") from error
+        raise BundleError(
+            tr("{name} is no file with a scenario, or it was damaged on its way.").format(name=path.name)
+        ) from error
     _check_version(texts.pop(_ABOUT, ""), path)
     parts = [Part(*_kind_and_name(name), text) for name, text in texts.items()]
     scenarios = [part for part in parts if part.kind == "scenario"]
     if len(scenarios) != 1:
-        raise BundleError(f"{path.name} has {len(scenarios)} scenarios in it. Allowed: one.")
+        raise BundleError(
+            tr("{name} has {scenarios} scenarios in it. Allowed: one.").format(name=path.name, scenarios=len(scenarios))
+        )
     try:
         parse_scenario(scenarios[0].text, path=Path(f"{scenarios[0].name}.yaml"))
     except ScenarioError as error:
@@ -160,9 +178,11 @@ def unpack(
         if choice is None:
             return _free(part, known)
         if choice.new_name and not NAME.fullmatch(choice.new_name):
-            raise BundleError(f"'{choice.new_name}' cannot be a name. Allowed: letters, digits, - and _.")
+            raise BundleError(
+                tr("'{name}' cannot be a name. Allowed: letters, digits, - and _.").format(name=choice.new_name)
+            )
         if choice.new_name and known(part.kind, choice.new_name) is not None:
-            raise BundleError(f"There is a {part.kind} called '{choice.new_name}' already. Choose another name.")
+            raise BundleError(tr(_THERE_ALREADY[part.kind]).format(name=choice.new_name))
         return choice.new_name or part.name
 
     def put_aside(path: Path) -> None:
@@ -200,7 +220,7 @@ def unpack(
             place.rename(path)
         if isinstance(error, BundleError):
             raise
-        raise BundleError(f"Nothing was imported ({error.strerror or error}).") from error
+        raise BundleError(tr("Nothing was imported ({why}).").format(why=error.strerror or error)) from error
     return Unpacked(path, tuple(renamed), tuple(aside.values()))
 
 
@@ -212,20 +232,28 @@ def _free(part: Part, known: Known) -> str:
 def _texts(archive: zipfile.ZipFile) -> Iterator[tuple[str, str]]:
     entries = archive.infolist()
     if len(entries) > MOST_PARTS:
-        raise BundleError(f"There are {len(entries)} files in it. Allowed: {MOST_PARTS}.")
+        raise BundleError(
+            tr("There are {entries} files in it. Allowed: {most}.").format(entries=len(entries), most=MOST_PARTS)
+        )
     seen: set[str] = set()
     for entry in entries:
         if entry.filename != _ABOUT and not _PART.fullmatch(entry.filename):
             raise BundleError(
-                f"There is '{entry.filename}' in it. Allowed: scenario/NAME.yaml, robot/NAME.yaml, face/NAME.yaml."
+                tr("There is '{filename}' in it. Allowed: scenario/NAME.yaml, robot/NAME.yaml, face/NAME.yaml.").format(
+                    filename=entry.filename
+                )
             )
         if entry.filename.casefold() in seen:
-            raise BundleError(f"'{entry.filename}' is in it twice.")
+            raise BundleError(tr("'{filename}' is in it twice.").format(filename=entry.filename))
         seen.add(entry.filename.casefold())
         with archive.open(entry) as file:
             raw = file.read(MAX_FILE_BYTES + 1)  # what it says of its size is not relied on
         if len(raw) > MAX_FILE_BYTES:
-            raise BundleError(f"'{entry.filename}' is too large. Allowed: {MAX_FILE_BYTES} bytes.")
+            raise BundleError(
+                tr("'{filename}' is too large. Allowed: {most} bytes.").format(
+                    filename=entry.filename, most=MAX_FILE_BYTES
+                )
+            )
         yield entry.filename, raw.decode("utf-8-sig")
 
 
@@ -235,9 +263,13 @@ def _check_version(about: str, path: Path) -> None:
     except ValueError:
         said = None
     if not isinstance(said, dict) or said.get("format") != "caris-scenario":
-        raise BundleError(f"{path.name} is no file with a scenario, or it was damaged on its way.")
+        raise BundleError(tr("{name} is no file with a scenario, or it was damaged on its way.").format(name=path.name))
     if said.get("version") != BUNDLE_VERSION:
-        raise BundleError(f"{path.name} was written by another version of this program. Update it to read the file.")
+        raise BundleError(
+            tr("{name} was written by another version of this program. Update it to read the file.").format(
+                name=path.name
+            )
+        )
 
 
 def _kind_and_name(entry: str) -> tuple[PartKind, str]:

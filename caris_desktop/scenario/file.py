@@ -13,6 +13,7 @@ from caris_desktop.domain.declared_check import problems, told
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.scenario.gestures import Gesture, gesture_problems
@@ -103,12 +104,18 @@ def save_text(
     """
     if path.is_file() and hashlib.sha256(_read(path)).hexdigest() != replaces:
         raise ScenarioError(
-            f"{_shown(path)} was changed by somebody else, or is another scenario. It was left as it is."
+            tr("{path} was changed by somebody else, or is another scenario. It was left as it is.").format(
+                path=_shown(path)
+            )
         )
     if came_from is not None and came_from.resolve().parent != path.resolve().parent:
         text = _SCHEMA_COMMENT.sub(lambda _match: _schema_comment(path), text, count=1)
     if len(text.encode("utf-8")) > MAX_FILE_BYTES:
-        raise ScenarioError(f"{_shown(path)} would be too large for a scenario. Allowed: {MAX_FILE_BYTES} bytes.")
+        raise ScenarioError(
+            tr("{path} would be too large for a scenario. Allowed: {most} bytes.").format(
+                path=_shown(path), most=MAX_FILE_BYTES
+            )
+        )
     parse_scenario(text, path=path.resolve(), velocity_topic_of=velocity_topic_of)
     _write_or_tell(path, text)
     return text
@@ -126,7 +133,7 @@ def _save(scenario: Scenario, path: Path, known: tuple[str, Scenario] | None) ->
     data = scenario_data(scenario)
     wrong = next(iter([*problems(Scenario, data), *_meaning_problems(data)]), None)
     if wrong is not None:
-        raise ScenarioError(f"{_shown(path)} was not written: {wrong[1]}")
+        raise ScenarioError(tr("{path} was not written: {wrong}").format(path=_shown(path), wrong=wrong[1]))
     text, saved = _new_file(scenario, data, path) if known is None else _changed(*known, data, path)
     _write_or_tell(path, text)
     return saved
@@ -161,15 +168,17 @@ def parse_scenario(
     try:
         source = parse_yaml(text)
     except YamlSourceError as error:
-        raise ScenarioError(f"{_shown(path)}, line {error.line}: {error}") from error
+        raise ScenarioError(_at_line(path, error.line, error)) from error
     if not isinstance(source.data, dict):
         raise ScenarioError(
-            f"{_shown(path)}, line 1: a scenario is a list of 'key: value' lines, found something else."
+            tr("{path}, line 1: a scenario is a list of 'key: value' lines, found something else.").format(
+                path=_shown(path)
+            )
         )
     try:
         data = migrate(source.data)
     except ValueError as error:
-        raise ScenarioError(f"{_shown(path)}, line {source.line_of(('version',))}: {error}") from error
+        raise ScenarioError(_at_line(path, source.line_of(("version",)), error)) from error
     wrong = mistakes(data, velocity_topic_of)
     if wrong:
         raise ScenarioError(told(_shown(path), source, wrong))
@@ -219,15 +228,22 @@ def _read(path: Path) -> bytes:
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise ScenarioError(
-                f"{_shown(path)}: {path.stat().st_size} bytes is too large for a scenario. "
-                f"Allowed: {MAX_FILE_BYTES} bytes."
+                tr("{path}: {size} bytes is too large for a scenario. Allowed: {most} bytes.").format(
+                    path=_shown(path), size=path.stat().st_size, most=MAX_FILE_BYTES
+                )
             )
         with path.open("rb") as file:
             raw = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
-        raise ScenarioError(f"{_shown(path)} cannot be read: {error.strerror or error}.") from error
+        raise ScenarioError(
+            tr("{path} cannot be read: {why}.").format(path=_shown(path), why=error.strerror or error)
+        ) from error
     if len(raw) > MAX_FILE_BYTES:
-        raise ScenarioError(f"{_shown(path)}: too large for a scenario. Allowed: {MAX_FILE_BYTES} bytes.")
+        raise ScenarioError(
+            tr("{path}: too large for a scenario. Allowed: {most} bytes.").format(
+                path=_shown(path), most=MAX_FILE_BYTES
+            )
+        )
     return raw
 
 
@@ -236,7 +252,13 @@ def _decoded(raw: bytes, path: Path) -> str:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        raise ScenarioError(f"{_shown(path)}, line {line}: not UTF-8 text ({error.reason}).") from error
+        raise ScenarioError(
+            tr("{path}, line {line}: not UTF-8 text ({why}).").format(path=_shown(path), line=line, why=error.reason)
+        ) from error
+
+
+def _at_line(path: Path, line: int, problem: object) -> str:
+    return tr("{file}, line {line}: {problem}").format(file=_shown(path), line=line, problem=problem)
 
 
 def _shown(path: Path) -> str:
@@ -255,7 +277,7 @@ def _meaning_problems(
     for index, place in enumerate(data.get("places", [])):
         name = place["name"].casefold()
         if name in seen_places:
-            yield ("places", index), f"the place '{place['name']}' is listed twice."
+            yield ("places", index), tr("the place '{name}' is listed twice.").format(name=place["name"])
         seen_places.add(name)
     for path, problem in phrase_problems(value_from(tuple[PhraseEntry, ...], data.get("phrases", []))):
         yield ("phrases", *path), problem
@@ -290,5 +312,7 @@ def _write_or_tell(path: Path, text: str) -> None:
         replace_file(path, text.encode(), durable=True)
     except OSError as error:
         raise ScenarioError(
-            f"{_shown(path)} was not written ({error.strerror or error}). The file on disk is as it was before."
+            tr("{path} was not written ({why}). The file on disk is as it was before.").format(
+                path=_shown(path), why=error.strerror or error
+            )
         ) from error

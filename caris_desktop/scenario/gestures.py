@@ -6,6 +6,7 @@ from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.key_path import Problem
+from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.own_key import own_key
 
 NOD, LOOK = "nod", "look"
@@ -33,13 +34,15 @@ class Gesture:
 def gesture_problems(gestures: Iterable[Gesture], of_phrases: Iterable[str]) -> Iterator[Problem]:
     """Keys that two would have, of which ``of_phrases`` have some; the paths begin at their list."""
     gestures = tuple(gestures)
+    by_place = tr("the key {key} is already that of the gesture '{title}' by its place.")
+    its_own = tr("the key {key} is already that of the gesture '{title}'.")
     taken = {
-        key: f"is already that of the gesture '{gesture.title}' by its place"
+        key: by_place.format(key=key, title=gesture.title)
         for key, gesture in zip(KEYS_BY_PLACE, gestures, strict=False)
         if not gesture.key
     }
-    taken |= dict.fromkeys(of_phrases, "already says a phrase")
+    taken |= {key: tr("the key {key} already says a phrase.").format(key=key) for key in of_phrases}
     for index, gesture in enumerate(gestures):
         if gesture.key and gesture.key in taken:
-            yield (index, "key"), f"the key {gesture.key} {taken[gesture.key]}."
-        taken[gesture.key] = f"is already that of the gesture '{gesture.title}'"
+            yield (index, "key"), taken[gesture.key]
+        taken[gesture.key] = its_own.format(key=gesture.key, title=gesture.title)

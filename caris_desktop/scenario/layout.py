@@ -8,6 +8,7 @@ from typing import Any, Literal
 from caris_desktop.domain.declared import data_of, value_from
 from caris_desktop.domain.declared_check import allowed_words, problems
 from caris_desktop.domain.key_path import KeyPath, Problem
+from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.model import LayoutNode, Scenario
 
 SizeClass = Literal["compact", "usual", "large"]
@@ -39,7 +40,7 @@ def layout_from_data(node: dict[str, Any]) -> LayoutNode:
 def checked_layout(node: Any) -> LayoutNode:
     """As :func:`layout_from_data`, from data that nobody has checked. Raises ValueError."""
     for _path, problem in problems(LayoutNode, node, ("layout",)):
-        raise ValueError(f"not an arrangement of panels: {problem[:200]}")
+        raise ValueError(tr("not an arrangement of panels: {problem}").format(problem=problem[:200]))
     return layout_from_data(node)
 
 
@@ -50,7 +51,9 @@ def layout_problems(node: dict[str, Any], path: KeyPath, seen: set[str]) -> Iter
         if weights is not None and len(weights) != len(node["children"]):
             yield (
                 (*path, "weights"),
-                f"{len(weights)} weights for {len(node['children'])} children. Allowed: one weight for each child.",
+                tr("{weights} weights for {children} children. Allowed: one weight for each child.").format(
+                    weights=len(weights), children=len(node["children"])
+                ),
             )
         for index, child in enumerate(node["children"]):
             yield from layout_problems(child, (*path, "children", index), seen)
@@ -59,12 +62,14 @@ def layout_problems(node: dict[str, Any], path: KeyPath, seen: set[str]) -> Iter
     panels += [((*path, "tabs", index), panel) for index, panel in enumerate(node.get("tabs", []))]
     for place, panel in panels:
         if panel in seen:
-            yield place, f"the panel '{panel}' is placed twice. Allowed: each panel once."
+            yield place, tr("the panel '{panel}' is placed twice. Allowed: each panel once.").format(panel=panel)
         seen.add(panel)
     if "current" in node and node["current"] not in node["tabs"]:
         yield (
             (*path, "current"),
-            f"'{node['current']}' is not one of these tabs. {allowed_words(node['current'], node['tabs'])}",
+            tr("'{panel}' is not one of these tabs.").format(panel=node["current"])
+            + " "
+            + allowed_words(node["current"], node["tabs"]),
         )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import platformdirs
 
 from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.file import ScenarioError, load_scenario
 
 SUFFIXES = (".yaml", ".yml")
@@ -62,7 +63,11 @@ def find_scenario(name_or_path: str | Path, *, user_dir: Path | None = None) -> 
                 if path.name in (file.name, file.stem):
                     return file
     names = sorted({file.stem for folder in (user_dir, layouts_dir()) for file in _files(folder)})
-    raise ScenarioError(f"There is no scenario '{name_or_path}'. Allowed: a path to a file, or {', '.join(names)}.")
+    raise ScenarioError(
+        tr("There is no scenario '{name}'. Allowed: a path to a file, or {names}.").format(
+            name=name_or_path, names=", ".join(names)
+        )
+    )
 
 
 def _files(folder: Path) -> list[Path]:

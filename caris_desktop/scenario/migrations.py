@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from caris_desktop.domain.migrations import Migration, migrated
+from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.model import SCENARIO_VERSION
 
 
@@ -30,10 +31,16 @@ def migrate(
     """
     version = data.get("version", 0)
     if isinstance(version, bool) or not isinstance(version, int) or version < 0:
-        raise ValueError(f"the version must be a whole number, found {version!r}. Allowed: {newest}")
+        raise ValueError(
+            tr("the version must be a whole number, found {version}. Allowed: {newest}").format(
+                version=repr(version), newest=newest
+            )
+        )
     if version > newest:
         raise ValueError(
-            f"the file has version {version}, this program reads up to version {newest}. "
-            "Update CARIS Desktop, or open an older copy of the file."
+            tr(
+                "the file has version {version}, this program reads up to version {newest}. Update CARIS Desktop, or "
+                "open an older copy of the file."
+            ).format(version=version, newest=newest)
         )
     return migrated(data, migrations, version=version, newest=newest)

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.key_path import Problem
+from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.own_key import own_key
 
 KEYS_OF_A_GROUP = 8
@@ -93,13 +94,16 @@ def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
     entries = tuple(entries)
     loose = [index for index, entry in enumerate(entries) if not isinstance(entry, PhraseGroup)]
     for index in loose[KEYS_OF_A_GROUP : KEYS_OF_A_GROUP + 1]:
-        yield (index,), f"more than {KEYS_OF_A_GROUP} phrases stand in no group: there are keys for {KEYS_OF_A_GROUP}."
+        yield (
+            (index,),
+            tr("more than {most} phrases stand in no group: there are keys for {most}.").format(most=KEYS_OF_A_GROUP),
+        )
     titles: set[str] = set()
     keys: set[str] = set()
     for index, entry in enumerate(entries):
         if isinstance(entry, PhraseGroup):
             if entry.group.casefold() in titles:
-                yield (index, "group"), f"the group '{entry.group}' is there twice."
+                yield (index, "group"), tr("the group '{group}' is there twice.").format(group=entry.group)
             titles.add(entry.group.casefold())
             inside: list[tuple[tuple[int | str, ...], str | Phrase]] = [
                 ((index, "phrases", place), phrase) for place, phrase in enumerate(entry.phrases)
@@ -109,5 +113,5 @@ def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
         for path, phrase in inside:
             if isinstance(phrase, Phrase) and phrase.key:
                 if phrase.key in keys:
-                    yield (*path, "key"), f"the key {phrase.key} says another phrase already."
+                    yield (*path, "key"), tr("the key {key} says another phrase already.").format(key=phrase.key)
                 keys.add(phrase.key)

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.declared_check import allowed_words
 from caris_desktop.domain.key_path import Problem
+from caris_desktop.domain.translation import tr
 
 MOST_BRANCHES = 9
 """One for each digit."""
@@ -133,25 +134,31 @@ def protocol_problems(settings: ProtocolSettings, places: Sequence[str]) -> Iter
     for index, step in enumerate(steps):
         if step.step_id in seen:
             key = "id" if step.id else "title"
-            yield ("steps", index, key), f"the step '{step.step_id}' is there twice: give one of both an id of its own."
+            yield (
+                ("steps", index, key),
+                tr("the step '{step}' is there twice: give one of both an id of its own.").format(step=step.step_id),
+            )
         seen.add(step.step_id)
         if step.go_to and step.go_to not in places:
-            known = allowed_words(step.go_to, list(places)) if places else "This scenario has no places."
-            yield ("steps", index, "go_to"), f"unknown place '{step.go_to}'. {known}"
+            unknown = tr("unknown place '{place}'.").format(place=step.go_to)
+            known = allowed_words(step.go_to, list(places)) if places else tr("This scenario has no places.")
+            yield ("steps", index, "go_to"), f"{unknown} {known}"
         if step.then and step.then != END and step_named(steps, step.then) is None:
             yield ("steps", index, "then"), _unknown_step(step.then, steps, END)
         titles: set[str] = set()
         for number, branch in enumerate(step.branches):
             path = ("steps", index, "branches", number)
             if branch.title.casefold() in titles:
-                yield (*path, "title"), f"the branch '{branch.title}' is there twice in one step."
+                twice = tr("the branch '{title}' is there twice in one step.")
+                yield (*path, "title"), twice.format(title=branch.title)
             titles.add(branch.title.casefold())
             if step_named(steps, branch.to) is None:
                 yield (*path, "to"), _unknown_step(branch.to, steps)
 
 
 def _unknown_step(name: str, steps: Iterable[ProtocolStep], *others: str) -> str:
-    return f"unknown step '{name}'. {allowed_words(name, [*(step.title for step in steps), *others])}"
+    unknown = tr("unknown step '{step}'.").format(step=name)
+    return f"{unknown} {allowed_words(name, [*(step.title for step in steps), *others])}"
 
 
 def _id_from(title: str) -> str:

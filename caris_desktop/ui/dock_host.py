@@ -76,12 +76,6 @@ class DockHost(DockArea):
         """The arrangement as a file would have it: closed panels are left out."""
         return None if self._arrangement is None else self._arrangement.for_file
 
-    def clear(self) -> None:
-        """Nothing is there any more."""
-        self.keep_only({})
-        self._arrangement = None
-        self.show_everything()
-
     def _delete_next(self) -> None:
         if not self._leaving:
             self._leave.stop()

@@ -109,10 +109,7 @@ class PanelBoard(QObject):
         arrangement = arrange(tree)
         self._panels, self._aside = kept, {}
         self._put_aside_all_but(arrangement.panels)
-        if kept:
-            self._docks.leave_gaps({**self._panels, **self._aside}, self._panels)
-        else:
-            self._docks.clear()
+        self._docks.leave_gaps({**self._panels, **self._aside}, self._panels)
         actions.rebuild(scenario)
         self._bind_driving()
         for panel in self._panels.values():

@@ -46,7 +46,7 @@ def test_what_is_written_is_accepted_and_reads_back_the_same() -> None:
 SHOWS = {"topic": "/t", "type": "a/B", "field": "data"}
 CALL = {"service": "/s", "type": "a/B"}
 PUBLISH = {"topic": "/t", "type": "a/B"}
-SENDS = "'publish' or 'call' or 'action'"
+SENDS = "'publish', 'call' or 'action'"
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ SENDS = "'publish' or 'call' or 'action'"
         (
             {"kind": "choice", "call": CALL, "choices": [{"title": "A", "value": [1]}]},
             ("choices", 0, "value"),
-            "'choices[1].value' must be true or false or a number or text, found [1].",
+            "'choices[1].value' must be true or false, a number or text, found [1].",
         ),
         (
             {"kind": "readout", "shows": {**SHOWS, "field": "__import__('os')"}},

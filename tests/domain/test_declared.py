@@ -300,7 +300,7 @@ FITTING: dict[str, Any] = {"corner": {"at_cm": [50, 20]}, "bulb": {"watts": 5}, 
         ({"corner": {"at_cm": [1, 2, 3]}}, ("corner", "at_cm"), "'corner.at_cm' has 3 entries. Allowed: 2."),
         ({"corner": {"at_cm": []}}, ("corner", "at_cm"), "'corner.at_cm' is empty. Allowed: 2."),
         ({"told": []}, ("told",), "'told' must be a group of 'key: value' lines, found []."),
-        ({"label": None}, ("label",), "'label' must be true or false or a number or text, found nothing."),
+        ({"label": None}, ("label",), "'label' must be true or false, a number or text, found nothing."),
     ],
 )
 def test_what_holds_between_keys_is_declared_too(

@@ -34,6 +34,7 @@ from caris_desktop.robot.profile_content import polygon_mistake, profile_data
 from caris_desktop.robot.profile_file import ProfileText, profile_yaml
 from caris_desktop.robot.profile_model import ProfileFile
 from tests.support.examples import examples
+from tests.support.translated_messages import untranslated_part
 
 GOOD = "version: 1\nros: 1\nvelocity:\n  topic: /cmd_vel\n"
 GOOD2 = "version: 1\nros: 2\nvelocity: {topic: cmd_vel}\n"
@@ -237,7 +238,7 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + "footprint: {polygon_m: [[1, 1], [-1, 1]]}\n", 5, ["footprint.polygon_m", "2 entries", "at least 3"]),
         (GOOD + "footprint: {polygon_m: [[1, 1], [2, 1], [2, 2]]}\n", 5, ["footprint.polygon_m", "centre"]),
         (GOOD + "footprint: {polygon_m: [[1, 1], [-1, -1], [1, -1], [-1, 1]]}\n", 5, ["cross"]),
-        (GOOD + "  timeout_s: 0.5\n", 5, ["'velocity.timeout_s' needs timeout_source", "documented"]),
+        (GOOD + "  timeout_s: 0.5\n", 5, ["'velocity.timeout_s' needs 'timeout_source' beside it", "documented"]),
         (GOOD + "  timeout_source: a page\n", 5, ["velocity.timeout_source", "belongs to 'timeout_s'"]),
         (GOOD + "  timeout_s: 0\n", 5, ["velocity.timeout_s"]),
         (GOOD + "footprint: {}\n", 5, ["either radius_m or polygon_m"]),
@@ -252,13 +253,13 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + "speech: {web: {url: 'ftp://robot/$value'}}\n", 5, ["speech.web.url", "http://HOST:PORT/PATH"]),
         (GOOD + "speech: {web: {url: 'http://me:secret@robot/$value'}}\n", 5, ["speech.web.url", "without a password"]),
         (GOOD + "speech: {action: {name: /s, type: a/B, goal: {text: hi}}}\n", 5, ["speech.action.goal", "$value"]),
-        (GOOD + "emergency_stop: {set_service: /s}\n", 5, ["set_service", "needs clear_service", "never released"]),
+        (GOOD + "emergency_stop: {set_service: /s}\n", 5, ["set_service", "needs 'clear_service'", "never released"]),
         (GOOD + "emergency_stop: {service: /s, command_topic: /c}\n", 5, ["command_topic' does not", "keep one"]),
         (GOOD + "emergency_stop: {inverted: true}\n", 5, ["inverted", "topic", "an emergency stop has"]),
         (GOOD + HEAD % "pan_range_rad: [1, -1]", 5, ["head.pan_range_rad", "lower"]),
         (GOOD + HEAD.replace("tilt_joint: b", "tilt_joint: a") % "speed_radps: 1", 5, ["two joints"]),
         (GOOD + "maps: {folder: ../../etc}\n", 5, ["maps.folder"]),
-        (GOOD + CONTROL % "button", 6, ["controls[1].kind", "'publish' or 'call' or 'action'"]),
+        (GOOD + CONTROL % "button", 6, ["controls[1].kind", "'publish', 'call' or 'action'"]),
         (GOOD + CONTROL % f"readout, {PUBLISH % 1}", 6, ["controls[1].publish", "controls[1].kind", "'shows'"]),
         (GOOD + CONTROL % f"knob, {PUBLISH % 1}", 6, ["unknown kind 'knob'", "slider"]),
         (GOOD + CONTROL % f"slider, range: [1, 0], {PUBLISH % '$value'}", 6, ["the lower number first"]),
@@ -275,6 +276,7 @@ def test_a_mistake_is_named_with_its_line_and_what_is_allowed(text: str, line: i
     assert f"robot.yaml, line {line}:" in message
     for name in names:
         assert name in message, message
+    assert untranslated_part(lambda: message_of(text)) == []
 
 
 def test_a_profile_of_an_older_version_is_raised_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:

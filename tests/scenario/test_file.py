@@ -44,6 +44,7 @@ from caris_desktop.scenario.recording import ErrorKind, RecordingSettings
 from caris_desktop.scenario.sound import SoundSettings
 from caris_desktop.scenario.voice import VoiceSettings
 from tests.support.examples import examples
+from tests.support.translated_messages import untranslated_part
 
 TOUR = (layouts_dir() / "tour-guide.yaml").read_text(encoding="utf-8")
 SMALL = "version: 1\ntitle: Small\nlayout: {panel: video}\n"
@@ -162,6 +163,7 @@ def test_what_is_wrong_is_told_with_its_line_and_what_is_allowed(
     assert expected in message
     lines = [number for number, line in enumerate(text.splitlines(), start=1) if line_of in line]
     assert any(f"mine.yaml, line {number}: " in message for number in lines), message
+    assert untranslated_part(lambda: refusal(tmp_path, text)) == []
 
 
 def test_several_problems_are_told_at_once_in_the_order_of_the_lines(tmp_path: Path) -> None:
