@@ -8,7 +8,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 
 from PySide6.QtCore import QPointF, QSize, QSizeF, Qt
-from PySide6.QtGui import QPainter, QPixmap
+from PySide6.QtGui import QPaintEngine, QPainter, QPixmap
 
 AT_MOST = 96
 """Pictures kept, the ones used last; a label is a few kilobytes."""
@@ -35,6 +35,15 @@ class PaintedOnce:
     ) -> None:
         """Copy the picture to ``at``; the rest as for :meth:`picture`."""
         if size.isEmpty():
+            return
+        engine = painter.paintEngine()
+        if engine is not None and engine.type() is not QPaintEngine.Type.Raster:
+            # A drawing that keeps its texts, as a test looks at one, keeps these too.
+            painter.save()
+            painter.translate(at)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            paint(painter)
+            painter.restore()
             return
         ratio = _ratio_of(painter)
         # On whole pixels a copy stays sharp.

@@ -211,7 +211,9 @@ class ActionButton(QAbstractButton):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         ground, line, ink, on = self._inks()
-        colors = tuple(None if color is None else color.rgba() for color in (ground, line, ink))
+        colors = tuple(
+            None if color is None else color.name(QColor.NameFormat.HexArgb) for color in (ground, line, ink)
+        )
         marks = (self._icon_name, self._dot, self._badge, self._cap, self._key_first, self._menu_arrow)
         font = (self._height_px, self._text_px, self._weight, self._may_lose_words)
         now = (self.isEnabled(), self.hasFocus(), on)
