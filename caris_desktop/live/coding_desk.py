@@ -12,6 +12,7 @@ from PySide6.QtCore import QObject, Signal
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveValue
 from caris_desktop.recording.annotation.csv_import import read_csv
 from caris_desktop.recording.annotation.eaf_import import media_began_ms_of, read_eaf
@@ -54,6 +55,7 @@ class CodingDesk(QObject):
         self.overview = LiveValue(None, self)
         self.coding = LiveValue(AnnotationDocument(), self)
         self._history = EditHistory(AnnotationDocument())
+        self._reading = SlowWork(self)
         self._saving = asyncio.Lock()
         self._saved = AnnotationDocument()
         self._unsaved: Future[None] | None = None
@@ -85,6 +87,7 @@ class CodingDesk(QObject):
         """Wait until everything is saved, ten seconds at most; what could not be, in a sentence, else nothing."""
         if self._overview_maker is not None:
             self._overview_maker.stop(grace_s=0.0)
+        self._reading.finish(lambda _words, wait_for_it: wait_for_it())
         saving, self._unsaved = self._unsaved, None
         if saving is None:
             return ""
@@ -134,15 +137,21 @@ class CodingDesk(QObject):
     def redo(self) -> bool:
         return self._step(self._history.redo)
 
-    def import_annotations(self, path: Path, coder: str) -> str:
-        try:
-            if path.suffix.lower() == ".eaf":
-                imported = read_eaf(path, coder=coder, media_began_ms=media_began_ms_of(self._session.header))
-            else:
-                imported = read_csv(path, coder=coder)
-        except AnnotationError as refusal:
-            return str(refusal)
-        return self.edit(lambda document: take_over(document, imported))
+    def import_annotations(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
+        """Returns at once: a file on a slow disk, or of a long session, is read by a thread of its own."""
+
+        def read() -> AnnotationDocument | str:
+            try:
+                if path.suffix.lower() == ".eaf":
+                    return read_eaf(path, coder=coder, media_began_ms=media_began_ms_of(self._session.header))
+                return read_csv(path, coder=coder)
+            except AnnotationError as refusal:
+                return str(refusal)
+
+        def take(found: AnnotationDocument | str) -> None:
+            told(found if isinstance(found, str) else self.edit(lambda document: take_over(document, found)))
+
+        self._reading.do(read, take, lambda failure: told(f"{failure.what} {failure.advice}"))
 
     def _step(self, step: Callable[[], AnnotationDocument]) -> bool:
         before = self.coding.value

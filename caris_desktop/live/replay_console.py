@@ -240,8 +240,8 @@ class ReplayConsole(QObject):
     def redo(self) -> bool:
         return self._coding.redo()
 
-    def import_annotations(self, path: Path, coder: str) -> str:
-        return self._coding.import_annotations(path, coder)
+    def import_annotations(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
+        self._coding.import_annotations(path, coder, told)
 
     def _on_thumbnail(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8]) -> None:  # thumbnail thread
         self.thumbnail_made.emit(camera, at_ns, image_bgr)

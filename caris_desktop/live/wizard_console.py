@@ -136,8 +136,10 @@ class ReplayControls(Protocol):
 
     def redo(self) -> bool: ...
 
-    def import_annotations(self, path: Path, coder: str) -> str:
-        """Take over an .eaf or CSV file as ``coder``'s; gives why it was refused, empty when done."""
+    def import_annotations(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
+        """Take over an .eaf or CSV file as ``coder``'s. Returns at once; ``told`` gets why it was refused, empty when
+        done.
+        """
 
 
 class SessionLibrary(Protocol):

@@ -7,6 +7,7 @@ from PySide6.QtGui import QColor, QFont, QFontDatabase, QGuiApplication, QPalett
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.ui import tokens
+from caris_desktop.ui.painted_once import PaintedOnce
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
 
 ThemeChoice = Literal["system", "dark", "light"]
@@ -17,6 +18,7 @@ SCALES = ("", "1.25", "1.5", "1.75", "2")
 """How much larger everything is than the system has it; the empty one: as the system has it."""
 """Where the choice stands in the user's settings."""
 
+_MOST_PAINTED = 256
 # Used only where the system has no font of its own to speak of, as a bare Debian with DejaVu alone.
 _GOOD_FAMILIES = ("Inter", "Inter Variable", "Noto Sans", "Cantarell", "Ubuntu", "Liberation Sans", "DejaVu Sans")
 _FALLBACK_FAMILIES = ("DejaVu Sans", "DejaVu Serif", "Sans Serif", "Sans", "Bitstream Vera Sans", "")
@@ -41,6 +43,8 @@ class Theme(QObject):
         self._choice: ThemeChoice = choice
         self.family = _pick_family()
         self._fonts: dict[tuple[int, int], QFont] = {}
+        self.painted = PaintedOnce(at_most=_MOST_PAINTED)
+        """What looks the same wherever it stands: a button of the next scenario that says what one of the last said."""
         self.colors: Colors = DARK
         app.setStyle("Fusion")
         self._system_scheme = QGuiApplication.styleHints().colorScheme()
@@ -82,6 +86,7 @@ class Theme(QObject):
 
     def _apply(self) -> None:
         self.colors = colors_for(self._choice, self._system_scheme)
+        self.painted.clear()
         self._app.setPalette(make_palette(self.colors))
         self._app.setFont(self.font())
         self._app.setStyleSheet(make_style_sheet(self.colors))

@@ -1,6 +1,7 @@
 """A recorded session in the place of the console: what is on show at each moment is what had arrived by then."""
 
 import functools
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QTimer
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.composition import find_scenario
@@ -16,11 +18,13 @@ from caris_desktop.domain import intents, streams
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, StatusShown
+from caris_desktop.live import coding_desk
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.protocol_walk import ProtocolWalk
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
 from caris_desktop.live.status_tap import content_of
 from caris_desktop.recording.annotation import editing
+from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview_of import build_overview
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.replay.video_reader import VideoReader
@@ -240,6 +244,31 @@ def test_what_coders_do_is_saved_beside_the_recording(
     console.shutdown()
     assert load_documents(made.folder) == console.coding.value
     assert [annotation.value for annotation in load_documents(made.folder).annotations] == ["looks away"]
+
+
+@pytest.mark.logs("of the session is not shown")
+def test_annotations_of_a_file_are_taken_over_without_waiting_for_the_disk(
+    open_replay: Replay, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    console = open_replay()
+    table, told, spun = tmp_path / "kim.csv", list[str](), threading.Event()
+    table.write_text("tier,start,end,value\nEngagement,1.0,2.5,looks away\n")
+    read = coding_desk.read_csv
+
+    def slow_disk(path: Path, *, coder: str) -> AnnotationDocument:
+        assert spun.wait(60), "nothing else went on meanwhile"
+        return read(path, coder=coder)
+
+    monkeypatch.setattr(coding_desk, "read_csv", slow_disk)
+    console.import_annotations(table, "Kim", told.append)
+    QTimer.singleShot(0, spun.set)
+    qtbot.waitUntil(lambda: bool(told))
+    assert told == [""]
+    assert [annotation.value for annotation in console.coding.value.annotations] == ["looks away"]
+    console.import_annotations(tmp_path / "nobody.csv", "Kim", told.append)
+    qtbot.waitUntil(lambda: len(told) == 2)
+    assert "nobody.csv" in told[1]
+    assert console.undo() and not console.coding.value.annotations
 
 
 def _coded(console: ReplayConsole, qtbot: QtBot) -> None:

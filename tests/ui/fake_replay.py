@@ -147,9 +147,9 @@ class FakeReplay(QObject):
         self.coding.set(self.history.redo())
         return self.history.document is not before
 
-    def import_annotations(self, path: Path, coder: str) -> str:
+    def import_annotations(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
         self.calls.append(("import_annotations", (path, coder)))
-        return "" if path.suffix in (".eaf", ".csv") else f"{path.name} is neither an .eaf nor a CSV file."
+        told("" if path.suffix in (".eaf", ".csv") else f"{path.name} is neither an .eaf nor a CSV file.")
 
 
 def sample_picture(at_ns: int) -> NDArray[np.uint8]:

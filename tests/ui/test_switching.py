@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QShortcut
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QLabel, QWidget
 from pytestqt.qtbot import QtBot
@@ -22,6 +23,7 @@ from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.panels.assistant import AssistantPanel
 from caris_desktop.ui.panels.conversation import ConversationPanel
 from caris_desktop.ui.panels.map import MapPanel
+from caris_desktop.ui.panels.people import PeoplePanel
 from caris_desktop.ui.panels.speak import SpeakPanel
 from caris_desktop.ui.panels.video import VideoPanel
 from caris_desktop.ui.theme import Theme
@@ -40,10 +42,10 @@ ALONE = dataclasses.replace(samples.TOUR, layout=PanelLeaf("map"), path=Path("/l
 """Of its panels hardly any goes on with another scenario."""
 
 
-NAMING: tuple[PanelName, ...] = ("video", "map", "conversation")
+NAMING: tuple[PanelName, ...] = ("video", "map", "conversation", "people")
 NAMED = dataclasses.replace(
     samples.TOUR,
-    layout=SplitNode("horizontal", tuple(PanelLeaf(name) for name in NAMING), (1.0, 1.0, 1.0)),
+    layout=SplitNode("horizontal", tuple(PanelLeaf(name) for name in NAMING), (1.0, 1.0, 1.0, 1.0)),
     path=Path("/layouts/named.yaml"),
 )
 UNNAMED = dataclasses.replace(
@@ -288,11 +290,12 @@ def test_who_has_a_name_has_none_at_once_where_nobody_is_named(window: MainWindo
 
     def named() -> dict[str, bool]:
         window.board.complete()
-        video, map_, conversation = (window.panels[name] for name in NAMING)
+        video, map_, conversation, people = (window.panels[name] for name in NAMING)
         assert isinstance(video, VideoPanel)
         assert isinstance(map_, MapPanel)
         assert isinstance(conversation, ConversationPanel)
-        said = (video.view.visible_boxes(), map_.view.shown.people, conversation.view.rows)
+        assert isinstance(people, PeoplePanel)
+        said = (video.view.visible_boxes(), map_.view.shown.people, conversation.view.rows, people.model.persons)
         return {name: "Luis" in str(words) for name, words in zip(NAMING, said, strict=True)}
 
     switch(console, NAMED)
@@ -301,8 +304,15 @@ def test_who_has_a_name_has_none_at_once_where_nobody_is_named(window: MainWindo
     switch(console, UNNAMED)
     assert named() == dict.fromkeys(NAMING, False)
     assert {name: window.panels[name] for name in NAMING} == before, "they go on"
+    people = before["people"]
+    assert isinstance(people, PeoplePanel)
+    assert not people.title_widgets()
+    assert not any(people.list.buttons(row) for row in range(3))
+    assert not any(shortcut.key().toString() for shortcut in people.findChildren(QShortcut))
     switch(console, NAMED)
     assert named() == dict.fromkeys(NAMING, True)
+    assert all(people.list.buttons(row) for row in range(3))
+    assert sum(bool(shortcut.key().toString()) for shortcut in people.findChildren(QShortcut)) == 2
 
 
 def test_phrases_and_labels_do_what_they_say_after_another_scenario(

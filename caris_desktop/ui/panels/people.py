@@ -1,5 +1,6 @@
 """People: who is in front of the robot, who was, who is known, and what they are called."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
@@ -30,19 +31,14 @@ class PeoplePanel(Panel):
     """One row for each person: who is here, who was, who is known. Names are typed right into the row."""
 
     title = QT_TR_NOOP("People")
-    reads = ("permissions.naming_people", "perception")
+    reads = ()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("people_panel")
-        live = self.state.present.live
-        self._names_people = self.console.scenario.permissions.naming_people
-        may_decide = live and self._names_people
-        self._search_button = ActionButton(self.theme, "", icon="magnifying-glass", look="ghost", height_px=30)
-        self._search_button.setObjectName("people_search_button")
-        self._search_button.setAccessibleName(tr("Find a person"))
-        self._search_button.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
-        self._search_button.clicked.connect(self._toggle_search)
+        self._names_people = False
+        self._search_button: ActionButton | None = None
+        self._shortcuts: list[QShortcut] = []
         self._search = EnterField()
         self._search.setObjectName("people_search")
         self._search.setPlaceholderText(tr("Name, group or tag"))
@@ -57,7 +53,7 @@ class PeoplePanel(Panel):
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._pixmaps = PortraitPixmaps(self.state.portraits.get)
         self.model = PeopleModel(self.state.present, self)
-        self.list = PeopleList(self.theme, self.model, self._pixmaps, may_decide=may_decide)
+        self.list = PeopleList(self.theme, self.model, self._pixmaps)
         self.list.setObjectName("people_list")
         self.list.named.connect(lambda person_id, name: self.console.do(intents.NamePerson(person_id, name)))
         self.list.let_go.connect(self.catch_up)
@@ -68,11 +64,6 @@ class PeoplePanel(Panel):
         self._undo = UndoBar(self.theme)
         self._undo.undone.connect(self._take_back)
         self.hold.escape_pressed.connect(self._on_escape)
-        if may_decide:
-            for keys, slot in (("Ctrl+Z", self._take_back), ("Ctrl+F", self._open_search)):
-                shortcut = QShortcut(QKeySequence(keys), self)
-                shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-                shortcut.activated.connect(slot)
         holder = QWidget()
         self._stack = QStackedLayout(holder)
         centered = QWidget()
@@ -88,6 +79,7 @@ class PeoplePanel(Panel):
         layout.addWidget(self._search)
         layout.addWidget(holder, 1)
         layout.addWidget(self._undo)
+        self._offer_names()
         self._listen()
         self.every(1000, self._on_second)
         self.catch_up()
@@ -113,7 +105,48 @@ class PeoplePanel(Panel):
         self._renew_card()
 
     def title_widgets(self) -> list[QWidget]:
-        return [self._search_button] if self._names_people else []
+        return [self._search_button] if self._search_button is not None else []
+
+    def show_scenario(self) -> None:
+        if self._card is not None:
+            self._card.close_card()
+            self._card.deleteLater()
+            self._card = None
+        self._offer_names()
+        super().show_scenario()
+
+    def _offer_names(self) -> None:
+        """Names, and what the wizard decides about people, where the scenario permits it; else nothing of it."""
+        permitted = self.console.scenario.permissions.naming_people
+        if permitted == self._names_people:
+            return
+        self._names_people = permitted
+        decides = permitted and self.state.present.live
+        self.list.let_decide(decides)
+        for shortcut in self._shortcuts:
+            shortcut.setKey(QKeySequence())  # at once, not only when it goes
+            shortcut.deleteLater()
+        acts = (("Ctrl+Z", self._take_back), ("Ctrl+F", self._open_search)) if decides else ()
+        self._shortcuts = [self._new_shortcut(keys, slot) for keys, slot in acts]
+        self._search_button = self._new_search_button() if permitted else None
+        self._undo.put_away()
+        self._search.clear()
+        self._search.hide()
+        self.controls_changed.emit()
+
+    def _new_shortcut(self, keys: str, slot: Callable[[], None]) -> QShortcut:
+        shortcut = QShortcut(QKeySequence(keys), self)
+        shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+        shortcut.activated.connect(slot)
+        return shortcut
+
+    def _new_search_button(self) -> ActionButton:
+        button = ActionButton(self.theme, "", icon="magnifying-glass", look="ghost", height_px=30)
+        button.setObjectName("people_search_button")
+        button.setAccessibleName(tr("Find a person"))
+        button.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
+        button.clicked.connect(self._toggle_search)
+        return button
 
     def sizeHint(self) -> QSize:
         return QSize(340, 220)

@@ -48,7 +48,7 @@ class PeopleList(RowList):
 
     ``held`` while the mouse moves over it, and some seconds longer, or a name is typed: rows must not move then.
     ``let_go`` when they may again: a mouse that was left lying there hides nobody who comes.
-    ``may_decide`` is False where nobody is named, and in a replay.
+    Nothing is decided about anybody until ``let_decide``: not where nobody is named, and not in a replay.
     """
 
     named = Signal(str, str)  # person id, name
@@ -56,11 +56,11 @@ class PeopleList(RowList):
     picked = Signal(str)  # person id: a click on the row
     asked_for = Signal(str, str)  # yes, no, same, not or card; person id
 
-    def __init__(self, theme: Theme, model: PeopleModel, portraits: PortraitPixmaps, *, may_decide: bool) -> None:
+    def __init__(self, theme: Theme, model: PeopleModel, portraits: PortraitPixmaps) -> None:
         super().__init__(row_px=ROW_PX)
         self._theme = theme
         self._people = model
-        self._may_decide = may_decide
+        self._may_decide = False
         self._naming = ""  # the person whose name is being typed
         self._under_mouse = False
         self._resting = QTimer(self, singleShot=True, interval=_RESTS_MS)
@@ -85,6 +85,12 @@ class PeopleList(RowList):
         for changed in (model.rowsInserted, model.rowsRemoved, model.rowsMoved, model.modelReset):
             changed.connect(self._place_field)
         model.arranged.connect(self._make_room_for_captions)
+
+    def let_decide(self, may_decide: bool) -> None:
+        """Whether the wizard decides about people here: who they are, and who is meant."""
+        self._may_decide = may_decide
+        self.give_up_naming()
+        self.viewport().update()
 
     # ---- what is shown
 

@@ -17,7 +17,7 @@ _FORMATS = "*.eaf *.csv *.tsv *.txt"
 
 
 class ImportDialog(QDialog):
-    """Stays open with the reason where ``take_over`` refuses."""
+    """Stays open with the reason where ``take_over`` refuses, which it tells when it has read the file."""
 
     def __init__(
         self,
@@ -25,13 +25,15 @@ class ImportDialog(QDialog):
         parent: QWidget,
         *,
         coders: Sequence[str],
-        take_over: Callable[[Path, str], str],
+        take_over: Callable[[Path, str, Callable[[str], None]], None],
     ) -> None:
         super().__init__(parent)
         self.setObjectName("import_dialog")
         self.setWindowTitle(tr("Import annotations"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._take_over = take_over
+        self._asked = 0
+        self.finished.connect(self._forget)
         heading = QLabel(tr("Which file, and whose annotations are they?"))
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         hint = QLabel(
@@ -110,10 +112,25 @@ class ImportDialog(QDialog):
 
     def _on_import(self) -> None:
         text = self.path_field.text().strip()
-        refusal = tr("Choose a file first.")
-        if text:
-            refusal = self._take_over(Path(text).expanduser(), " ".join(self._coder.currentText().split()))
-        self._refusal.setText(refusal)
-        self._refusal.setVisible(bool(refusal))
-        if not refusal:
-            self.accept()
+        if not text:
+            self._say(tr("Choose a file first."))
+            return
+        self._asked += 1
+        asked = self._asked
+        self._say(tr("The file is being read."))
+
+        def told(refusal: str) -> None:
+            if asked != self._asked:
+                return  # closed meanwhile, or asked for another one
+            self._say(refusal)
+            if not refusal:
+                self.accept()
+
+        self._take_over(Path(text).expanduser(), " ".join(self._coder.currentText().split()), told)
+
+    def _forget(self) -> None:
+        self._asked = -1
+
+    def _say(self, text: str) -> None:
+        self._refusal.setText(text)
+        self._refusal.setVisible(bool(text))

@@ -111,12 +111,15 @@ class TimelineRows(QObject):
         coders = editing.coders_of(self._acts.document)
         ImportDialog(self._theme, self._view, coders=coders, take_over=self._take_over).open()
 
-    def _take_over(self, path: Path, coder: str) -> str:
+    def _take_over(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
         before = self._acts.document
-        refusal = self._replay.import_annotations(path, coder)
-        if not refusal:
-            self._acts.say(imported_words(before, self._acts.document))
-        return refusal
+
+        def taken(refusal: str) -> None:
+            if not refusal:
+                self._acts.say(imported_words(before, self._acts.document))
+            told(refusal)
+
+        self._replay.import_annotations(path, coder, taken)
 
     def move_row(self, key: str, position: int) -> None:
         """Put the row at that place among those on show. The order of a coder's own tiers is kept with them."""

@@ -10,7 +10,6 @@ from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QToolTip, QWidget
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.painted_once import PaintedOnce
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 
@@ -21,8 +20,6 @@ Badge = Literal["", "dot", "lock"]
 _ICON_PX = 17
 _BADGE_PX = 11
 _MOST_WIDTHS = 16
-_PAINTED = PaintedOnce(at_most=256)
-"""Every button looks as one that says the same looked before: those of a scenario stand in the next one again."""
 
 
 class ActionButton(QAbstractButton):
@@ -217,8 +214,8 @@ class ActionButton(QAbstractButton):
         marks = (self._icon_name, self._dot, self._badge, self._cap, self._key_first, self._menu_arrow)
         font = (self._height_px, self._text_px, self._weight, self._may_lose_words)
         now = (self.isEnabled(), self.hasFocus(), on)
-        key = (self._theme.colors.name, self.text(), colors, marks, font, now)
-        _PAINTED.draw(
+        key = ("button", self.text(), colors, marks, font, now)
+        self._theme.painted.draw(
             QPainter(self),
             QPointF(),
             QSizeF(self.size()),
