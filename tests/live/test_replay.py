@@ -250,7 +250,8 @@ def test_what_coders_do_is_saved_beside_the_recording(
 def test_annotations_of_a_file_are_taken_over_without_waiting_for_the_disk(
     open_replay: Replay, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    console = open_replay()
+    minute.make_session(tmp_path / "session", lambda _begin_ns: [])
+    console = open_replay(folder=tmp_path / "session")
     table, told, spun = tmp_path / "kim.csv", list[str](), threading.Event()
     table.write_text("tier,start,end,value\nEngagement,1.0,2.5,looks away\n")
     read = coding_desk.read_csv
