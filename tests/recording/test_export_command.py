@@ -476,4 +476,4 @@ def test_the_terminal_gets_sentences_and_the_log_the_details(study: Path, tmp_pa
         assert raw not in told.stderr, told.stderr
     log = next((tmp_path / "state").rglob("console.log")).read_text()
     assert "line 1 column" in log
-    assert "'coder' and 'vocabularies' and 'tiers' are missing" in log
+    assert "'coder', 'vocabularies' and 'tiers' are missing" in log

@@ -23,9 +23,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.ui.problems import ProblemCard
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.floating_card import FloatingCard
 
 _SPARE_PX = 1.5
 _OVERLAP = 0.2
@@ -41,6 +43,8 @@ class Painted:
 
     text: str
     box: QRectF
+    card: QWidget | None = None
+    """The card that it stands on, whose ground hides what lies below it."""
 
 
 def flaws(window: QWidget) -> list[str]:
@@ -88,6 +92,8 @@ def on_one_another(texts: list[Painted]) -> list[str]:
     found = []
     for number, one in enumerate(texts):
         for other in texts[number + 1 :]:
+            if one.card is not other.card:
+                continue  # one of them is below a card
             both = one.box.intersected(other.box)
             smaller = min(_area(one.box), _area(other.box))
             if not both.isEmpty() and _area(both) > _OVERLAP * smaller:
@@ -109,8 +115,15 @@ def _in_view(painted: Iterable[tuple[QWidget, list[Painted]]], window: QWidget) 
         for text in own:
             box = text.box.intersected(seen)
             if _area(box) > _SEEN * _area(text.box):
-                texts.append(Painted(text.text, box.translated(origin)))
+                texts.append(Painted(text.text, box.translated(origin), _card_of(widget)))
     return texts
+
+
+def _card_of(widget: QWidget) -> QWidget | None:
+    parent: QWidget | None = widget
+    while parent is not None and not isinstance(parent, (ProblemCard, FloatingCard)):
+        parent = parent.parentWidget()
+    return parent
 
 
 def painted_by(widget: QWidget) -> list[Painted]:

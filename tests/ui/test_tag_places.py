@@ -4,7 +4,7 @@ import itertools
 
 from hypothesis import given
 from hypothesis import strategies as st
-from PySide6.QtCore import QRectF
+from PySide6.QtCore import QPointF, QRectF, QSizeF
 
 from caris_desktop.ui.widgets.tag_places import tag_places
 
@@ -14,7 +14,7 @@ TAG = (80.0, 21.0)
 
 def rects(boxes: list[QRectF], tags: list[tuple[float, float]]) -> list[QRectF]:
     places = tag_places(boxes, tags, PICTURE)
-    return [QRectF(place.x(), place.y(), *tag) for place, tag in zip(places, tags, strict=True)]
+    return [QRectF(place, QSizeF(*tag)) for place, tag in zip(places, tags, strict=True) if place is not None]
 
 
 def test_one_alone_stands_on_its_box_or_within_it_where_the_picture_ends() -> None:
@@ -34,10 +34,23 @@ def test_four_in_a_group_can_all_be_read() -> None:
     assert not any(one.intersects(other) for one, other in itertools.combinations(found, 2))
 
 
+def test_a_tag_is_not_put_below_the_words_over_the_picture() -> None:
+    chips = [QRectF(12, 434, 200, 34), QRectF(12, 394, 200, 34)]
+    low = QRectF(40, 450, 50, 30)
+    (found,) = tag_places([low], [TAG], PICTURE, chips)
+    assert found == QPointF(39, 450 - 21 - 3 * 22)
+    assert tag_places([low], [TAG], PICTURE) == [QPointF(39, 429)]
+
+
 BOX = st.builds(QRectF, st.integers(0, 600), st.integers(0, 440), st.integers(1, 300), st.integers(1, 300))
 
 
-@given(st.lists(BOX, max_size=8))
-def test_every_tag_begins_at_its_box_and_none_leaves_the_picture_above(boxes: list[QRectF]) -> None:
-    for box, tag in zip(boxes, rects(boxes, [TAG] * len(boxes)), strict=True):
-        assert tag.left() == box.left() - 1 and tag.top() >= PICTURE.top()
+@given(st.lists(BOX, max_size=8), st.lists(BOX, max_size=2))
+def test_every_tag_that_is_shown_can_be_read_and_begins_at_its_box(boxes: list[QRectF], chips: list[QRectF]) -> None:
+    places = tag_places(boxes, [TAG] * len(boxes), PICTURE, chips)
+    tags = {number: QRectF(place, QSizeF(*TAG)) for number, place in enumerate(places) if place is not None}
+    for number, tag in tags.items():
+        assert tag.left() == boxes[number].left() - 1
+        assert tag.top() >= PICTURE.top() and tag.bottom() <= PICTURE.bottom()
+    for one, other in itertools.combinations([*tags.values(), *chips], 2):
+        assert not one.intersects(other) or (one in chips and other in chips)

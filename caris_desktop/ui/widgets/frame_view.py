@@ -364,8 +364,10 @@ class FrameView(QWidget):
             rects.append(rect)
             tags.append((label, role))
         sizes = [self._tag_size(label).toTuple() for label, _role in tags]
-        for place, (label, role) in zip(tag_places(rects, sizes, picture), tags, strict=True):
-            self._paint_tag(painter, place, label, role)
+        chips = [place for _text, _role, place in self._chip_places()]
+        for place, (label, role) in zip(tag_places(rects, sizes, picture, chips), tags, strict=True):
+            if place is not None:
+                self._paint_tag(painter, place, label, role)
         painter.setOpacity(1.0)
 
     def _paint_thing(self, painter: QPainter, rect: QRectF, label: str) -> None:
@@ -471,8 +473,15 @@ class FrameView(QWidget):
         painter.restore()
 
     def _paint_chips(self, painter: QPainter) -> None:
+        for text, role, place in self._chip_places():
+            paint = partial(self._paint_chip, text, role, place.width())
+            self._painted.draw(painter, place.topLeft(), place.size(), ("chip", text, role), paint)
+
+    def _chip_places(self) -> list[tuple[str, str, QRectF]]:
+        """Words, role and place of each chip for which there is room: in two rows at the lower edge at most."""
         metrics = QFontMetricsF(self._theme.font(tokens.BODY_PX))
         left, top = 12.0, self.height() - 46.0
+        places = []
         for text, role in self._chips:
             width = math.ceil(metrics.horizontalAdvance(text)) + 24.0 + (22 if role in _CHIP_ICONS else 0)
             if left + width > self.width() - 8:
@@ -483,14 +492,9 @@ class FrameView(QWidget):
                 left, top = 12.0, top - 40
                 if width > self.width() - 20:
                     continue
-            self._painted.draw(
-                painter,
-                QPointF(left, top),
-                QSizeF(width, 34),
-                ("chip", text, role),
-                partial(self._paint_chip, text, role, width),
-            )
+            places.append((text, role, QRectF(left, top, width, 34)))
             left += width + 8
+        return places
 
     def _paint_chip(self, text: str, role: str, width: float, painter: QPainter) -> None:
         theme = self._theme
