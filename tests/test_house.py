@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 METHODS, LINES = 45, 600
-LIMITS = {"live/console.py": 400, "ui/main_window.py": 600}
+LIMITS = {"live/console.py": 350, "ui/main_window.py": 600}
 """What has to be taken in at one look, whatever reason there may be."""
 IN_GUI_THREAD = ("ui/", "live/services/")
 WRITING_MODULES = {

@@ -12,7 +12,7 @@ from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.commands import RobotCommand
 from caris_desktop.domain.events import ANSWER, ProblemEnd, Severity
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.intents import Intent, UseRobot
+from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -27,6 +27,7 @@ from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.parts import Parts
 from caris_desktop.live.service import Handler, Service
 from caris_desktop.live.services.alarms import AlarmsService
+from caris_desktop.live.services.another_robot import AnotherRobotService
 from caris_desktop.live.services.assistant import AssistantService
 from caris_desktop.live.services.cameras import CamerasService
 from caris_desktop.live.services.drive import DriveService
@@ -75,8 +76,6 @@ class Console(QObject):
         slow_work = self._slow_work = SlowWork(self)
         children = self._children = Children(bus, self)
         self._asyncio = AsyncioThread()
-        self._robot_asked: object = None
-        self._robot_to_connect: RobotConnection | None = None
         self._media_ring = FrameRing.create()
         self._frames = FrameRings([self._media_ring])
         self._shown_frames = ShownFrames(self._frames, state)
@@ -149,6 +148,10 @@ class Console(QObject):
         practice = PracticeService(state, bus, parts.practice, do=self.do, parent=self)
         face = FaceService(state, bus, slow_work, self._asyncio, frames=self._shown_frames, parent=self)
         governor = GovernorService(state, bus, self._people, assistant.client, parent=self)
+        self._another_robot = AnotherRobotService(
+            bus, parts.robots, slow_work,
+            robot=self._robot, drive=self._drive, recording=recording, people=self._people, parent=self,
+        )  # fmt: skip
         self._gamepads = Gamepads(state, bus.publish, self)
 
         # Recording comes first and goes last, so that nothing is missing; the robot is stopped before all others.
@@ -156,14 +159,12 @@ class Console(QObject):
             recording, self._microphone, cameras, forgetting, self._people, self._speech, speaking, sound, listening,
             speakers, transcript, response_time, marks, alarms, going_on, protocol, preflight, self._session,
             assistant, suggestions, proposals, photos, face, self._robot, head, self._drive, self._scenario, practice,
-            governor,
+            governor, self._another_robot,
         )  # fmt: skip
         self._status_tap = StatusTap(state, recording.put, self)
         bus.before_work(self._drive.renew_before_work)
         self._gate = Gate(state, lambda: self.scenario.permissions)
-        self._handlers: dict[type[Intent], Handler] = {
-            UseRobot: lambda asked: self.use_robot(lambda: parts.robots.connect_to(asked.robot), asked.actor)
-        }
+        self._handlers: dict[type[Intent], Handler] = {}
         for service in reversed(self._services):
             self._handlers.update(service.handlers())
             bus.follow(service.follows())
@@ -235,38 +236,12 @@ class Console(QObject):
         return refusal.what
 
     def use_robot(self, find: Callable[[], RobotConnection], actor: Actor = WIZARD, *, until: ProblemEnd = "") -> None:
-        """Connect to the robot that ``find`` gives, unless another one is asked for meanwhile. Who starts the program
-        with one is its wizard.
-
-        ``find`` is called in a thread of its own; it raises ToldFailure, which the wizard is told (``until`` as in
-        Problem).
-        """
-        asked = self._robot_asked = object()
-
-        def found(connection: RobotConnection) -> None:
-            if asked is self._robot_asked:
-                self.connect_robot(connection, actor)
-
-        self._slow_work.do(find, found, lambda failure: self._bus.answer(failure, until))
+        """As :meth:`AnotherRobotService.use`."""
+        self._another_robot.use(find, actor, until=until)
 
     def connect_robot(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
-        """Connect, or connect to another robot instead, which is left stopped; the last one asked for counts."""
-        if self._shut_down:
-            return
-        self._robot_asked = None
-        self._robot_to_connect = connection
-        self._drive.release(QT_TR_NOOP("Another robot is connected"))
-        leave = self._robot.leave_for(connection)
-        self._slow_work.do(leave, lambda _left: self._connect(connection, actor), self._bus.answer)
-
-    def _connect(self, connection: RobotConnection, actor: Actor) -> None:
-        if self._shut_down or connection is not self._robot_to_connect:
-            return
-        # What the robot before said to the last is taken in first: it must not stand for the new one.
-        self._bus.take_in()
-        self._recording.forget_robot()
-        self._people.forget_robot()
-        self._robot.connect_robot(connection, actor)
+        """As :meth:`AnotherRobotService.connect_to`."""
+        self._another_robot.connect_to(connection, actor)
 
     def rewrite_scenario(self, write: Callable[[Scenario], Path], written: Callable[[Path], None]) -> None:
         """Have ``write`` put the scenario into a file, tell ``written`` which, and open that. ``write`` is called in a

@@ -1,0 +1,86 @@
+"""Which robot is connected: the one before is left stopped, and nothing of it stands for the next."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.domain.actor import WIZARD, Actor
+from caris_desktop.domain.events import ProblemEnd
+from caris_desktop.domain.intents import UseRobot
+from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.parts import RobotParts
+from caris_desktop.live.service import Handlers, Service
+from caris_desktop.live.services.drive import DriveService
+from caris_desktop.live.services.people import PeopleService
+from caris_desktop.live.services.recording import RecordingService
+from caris_desktop.live.services.robot import RobotConnection, RobotService
+from caris_desktop.live.slow_work import SlowWork
+
+
+class AnotherRobotService(Service):
+    """Connects to the robot that was asked for last; finding one, and leaving one, may take a while."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        robots: RobotParts,
+        slow_work: SlowWork,
+        *,
+        robot: RobotService,
+        drive: DriveService,
+        recording: RecordingService,
+        people: PeopleService,
+        parent: QObject | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._bus = bus
+        self._robots = robots
+        self._slow_work = slow_work
+        self._robot = robot
+        self._drive = drive
+        self._recording = recording
+        self._people = people
+        self._asked: object = None
+        self._wanted: RobotConnection | None = None
+        self._stopped = False
+
+    def handlers(self) -> Handlers:
+        return {UseRobot: lambda asked: self.use(lambda: self._robots.connect_to(asked.robot), asked.actor)}
+
+    def use(self, find: Callable[[], RobotConnection], actor: Actor = WIZARD, *, until: ProblemEnd = "") -> None:
+        """Connect to the robot that ``find`` gives, unless another one is asked for meanwhile. Who starts the program
+        with one is its wizard.
+
+        ``find`` is called in a thread of its own; it raises ToldFailure, which the wizard is told (``until`` as in
+        Problem).
+        """
+        asked = self._asked = object()
+
+        def found(connection: RobotConnection) -> None:
+            if asked is self._asked:
+                self.connect_to(connection, actor)
+
+        self._slow_work.do(find, found, lambda failure: self._bus.answer(failure, until))
+
+    def connect_to(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
+        """Connect, or connect to another robot instead, which is left stopped; the last one asked for counts."""
+        if self._stopped:
+            return
+        self._asked = None
+        self._wanted = connection
+        self._drive.release(QT_TR_NOOP("Another robot is connected"))
+        leave = self._robot.leave_for(connection)
+        self._slow_work.do(leave, lambda _left: self._connect(connection, actor), self._bus.answer)
+
+    def _connect(self, connection: RobotConnection, actor: Actor) -> None:
+        if self._stopped or connection is not self._wanted:
+            return
+        # What the robot before said to the last is taken in first: it must not stand for the new one.
+        self._bus.take_in()
+        self._recording.forget_robot()
+        self._people.forget_robot()
+        self._robot.connect_robot(connection, actor)
+
+    def stop(self) -> None:
+        self._stopped = True
