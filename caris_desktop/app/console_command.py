@@ -17,6 +17,7 @@ from PySide6.QtCore import QSettings, QTimer
 from caris_desktop import __version__
 from caris_desktop.app import composition, simulator_calls
 from caris_desktop.app.demo_robot import PROFILE, DemoRobot
+from caris_desktop.app.kept_settings import KeptSettings
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import LayoutSaving
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings
@@ -60,8 +61,9 @@ class ConsoleRun:
         settings: QSettings | None = None,
         robot: Callable[[Console], DemoRobot] | None = None,
     ) -> None:
-        self.settings = own_settings() if settings is None else settings
-        self._settings_trouble = bring_up_to_date(self.settings)
+        kept = own_settings() if settings is None else settings
+        self._settings_trouble = bring_up_to_date(kept)
+        self.settings = KeptSettings(kept)
         self._arguments = arguments
         scenario, self._refused_scenario = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
@@ -79,6 +81,7 @@ class ConsoleRun:
         )
         practice = replace(parts.practice, robot=self._use_robot_to_practise_on, cut_link=self._cut_link)
         self.console = Console(replace(parts, practice=practice), scenario)
+        self.settings.failed.connect(self._on_settings_failed)
         self.host = LiveRobotHost(self.console, composition.live_consoles_dir(), self.console)
         theme = self._theme = Theme(
             self.application, as_choice(arguments.theme or self.settings.value(THEME_KEY, "system"))
@@ -108,6 +111,7 @@ class ConsoleRun:
     def close(self) -> None:
         """The robot is stopped before anything else is waited for; what fails does not keep the rest from ending."""
         with ExitStack() as rest:  # what is entered first ends last
+            rest.callback(self.settings.finish)
             if self.demo_robot is not None:
                 rest.callback(self.demo_robot.stop)
             if self._garbage is not None:
@@ -148,9 +152,11 @@ class ConsoleRun:
 
     def tell_of_settings(self) -> None:
         """Tell the wizard where the settings of last time could not be taken over."""
-        trouble = self._settings_trouble
-        if trouble is not None:
-            self.console.problem(trouble.severity, trouble.what, trouble.meaning, trouble.advice)
+        if self._settings_trouble is not None:
+            self._on_settings_failed(self._settings_trouble)
+
+    def _on_settings_failed(self, failure: ToldFailure) -> None:
+        self.console.problem(failure.severity, failure.what, failure.meaning, failure.advice)
 
     def _robot_to_start_with(self, robot: str) -> RobotConnection:
         """Raises ToldFailure."""

@@ -22,9 +22,11 @@ from PySide6.QtWidgets import QApplication, QProgressDialog
 
 from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen
+from caris_desktop.app.kept_settings import KeptSettings
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
@@ -100,8 +102,9 @@ class ReplayRun:
     def __init__(self, arguments: argparse.Namespace, *, settings: QSettings | None = None) -> None:
         self._arguments = arguments
         self.application = the_application()
-        self.settings = own_settings() if settings is None else settings
-        self._settings_trouble = bring_up_to_date(self.settings)
+        kept = own_settings() if settings is None else settings
+        self._settings_trouble = bring_up_to_date(kept)
+        self.settings = KeptSettings(kept)
         session = _opened(_session_folder(arguments.session))
         self._videos = VideoReader(session)
         self._people = _people_of(session)
@@ -109,6 +112,7 @@ class ReplayRun:
         theme = Theme(self.application, as_choice(arguments.theme or self.settings.value(THEME_KEY, "system")))
         self.window = MainWindow(self.console, settings=self.settings, theme=theme, scenarios=lambda: ())
         self.window.use_replay(self.console)
+        self.settings.failed.connect(self._on_settings_failed)
         self._garbage: GarbageCollector | None = None
 
     def show(self) -> None:
@@ -117,6 +121,7 @@ class ReplayRun:
 
     def close(self) -> None:
         with ExitStack() as rest:  # what is entered first ends last, whatever else fails
+            rest.callback(self.settings.finish)
             if self._garbage is not None:
                 rest.callback(self._garbage.stop)
             if self._people is not None:
@@ -128,17 +133,18 @@ class ReplayRun:
     def _start_rest(self) -> None:
         self._garbage = GarbageCollector(self.console)
         self.console.start()
-        trouble = self._settings_trouble
-        if trouble is not None:
-            self.window.problems.show_problem(
-                Problem(
-                    self.console.state.present.now_ns(), trouble.severity, trouble.what, trouble.meaning, trouble.advice
-                )
-            )
+        if self._settings_trouble is not None:
+            self._on_settings_failed(self._settings_trouble)
         if self._arguments.at_ns is not None:
             self.console.seek(self._arguments.at_ns)
         elif self._arguments.at is not None:
             self.console.seek(self.console.session.started_ns + round(self._arguments.at * 1e9))
+
+    def _on_settings_failed(self, failure: ToldFailure) -> None:
+        now_ns = self.console.state.present.now_ns()
+        self.window.problems.show_problem(
+            Problem(now_ns, failure.severity, failure.what, failure.meaning, failure.advice)
+        )
 
     def _name_of(self, person_id: str) -> str | None:
         if self._people is None:

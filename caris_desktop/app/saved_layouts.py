@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, QSettings
+from PySide6.QtCore import QObject
 
 from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import ToldFailure
@@ -19,6 +19,7 @@ from caris_desktop.scenario.layout import SizeClass, checked_layout, layout_data
 from caris_desktop.scenario.library import own_file, user_scenarios_dir
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.window_place import Settings
 
 _log = logging.getLogger(__name__)
 _KEY = "layout/before_saving"
@@ -29,7 +30,7 @@ _LONGEST_STEM = 60
 class SavedLayouts:
     """Kept in the user's settings, for each scenario file and size of screen that an arrangement was saved for."""
 
-    def __init__(self, settings: QSettings) -> None:
+    def __init__(self, settings: Settings) -> None:
         self._settings = settings
 
     def as_before(self, scenario: Scenario) -> Scenario:
@@ -77,7 +78,7 @@ class LayoutSaving(QObject):
     """Does what the menu Layout of ``window`` asks for. ``keep_scenario`` hears which file is open from then on."""
 
     def __init__(
-        self, window: MainWindow, console: Console, settings: QSettings, keep_scenario: Callable[[Path], None]
+        self, window: MainWindow, console: Console, settings: Settings, keep_scenario: Callable[[Path], None]
     ) -> None:
         super().__init__(window)
         self._console = console

@@ -149,7 +149,7 @@ class Console(QObject):
         face = FaceService(state, bus, slow_work, self._asyncio, frames=self._shown_frames, parent=self)
         governor = GovernorService(state, bus, self._people, assistant.client, parent=self)
         self._another_robot = AnotherRobotService(
-            bus, parts.robots, slow_work,
+            bus, slow_work, by_name=parts.robots.connect_to,
             robot=self._robot, drive=self._drive, recording=recording, people=self._people, parent=self,
         )  # fmt: skip
         self._gamepads = Gamepads(state, bus.publish, self)

@@ -19,6 +19,7 @@ from caris_desktop.app import composition, console_command, replay_command
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.app.console_command import ConsoleRun
 from caris_desktop.app.replay_command import ReplayRun, parts_of
+from caris_desktop.app.user_settings import own_settings
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LayoutChanged, RobotChosen, ScenarioOpened
@@ -191,7 +192,7 @@ def test_a_replay_looks_like_one_shares_the_settings_and_lets_go_of_the_names(tm
     run = ReplayRun(_arguments(tmp_path / "sessions" / "one"))
     qtbot.addWidget(run.window)
     assert run.window.windowTitle().startswith("Replay of one · Tour guide"), "what it cannot read stands in for it"
-    assert (run.settings.organizationName(), run.settings.applicationName()) == ("CARIS", "CARIS Desktop")
+    assert run.settings.file == own_settings().fileName()
     run.console.state.robot.set(load_profile("simulated"))
     run.console.state.assistant.set(AssistantStatus("ready", "a model", "1", "Why?", "Therefore."))
     for name in ("map_go_button", "map_tool_goal", "map_tool_place", "map_tool_pose"):
@@ -218,7 +219,7 @@ class Ends:
         if self._fails:
             raise OSError(f"{self._name} does not end")
 
-    close = stop = shutdown
+    close = stop = finish = shutdown
 
 
 def test_the_robot_is_stopped_first_and_whatever_fails_the_rest_ends(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,12 +227,12 @@ def test_the_robot_is_stopped_first_and_whatever_fails_the_rest_ends(monkeypatch
     monkeypatch.setattr(console_command, "ClosingWindow", lambda _theme: Ends("closing window", ended))
     run = ConsoleRun.__new__(ConsoleRun)
     run._theme = None  # type: ignore[assignment]
-    for name in ("window", "console", "host", "library"):
+    for name in ("window", "console", "host", "library", "settings"):
         setattr(run, name, Ends(name, ended, fails=name == "console"))
     run._garbage, run.demo_robot = Ends("garbage", ended), Ends("robot", ended)  # type: ignore[assignment]
     with pytest.raises(OSError, match="console"):
         run.close()
-    assert ended == ["window", "console", "closing window", "host", "library", "garbage", "robot"]
+    assert ended == ["window", "console", "closing window", "host", "library", "garbage", "robot", "settings"]
 
 
 # A bag

@@ -9,7 +9,6 @@ from caris_desktop.domain.events import ProblemEnd
 from caris_desktop.domain.intents import UseRobot
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.parts import RobotParts
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.services.drive import DriveService
 from caris_desktop.live.services.people import PeopleService
@@ -19,14 +18,17 @@ from caris_desktop.live.slow_work import SlowWork
 
 
 class AnotherRobotService(Service):
-    """Connects to the robot that was asked for last; finding one, and leaving one, may take a while."""
+    """Connects to the robot that was asked for last; finding one, and leaving one, may take a while.
+
+    ``by_name`` waits on files in a thread of its own, and raises ToldFailure.
+    """
 
     def __init__(
         self,
         bus: Bus,
-        robots: RobotParts,
         slow_work: SlowWork,
         *,
+        by_name: Callable[[str], RobotConnection],
         robot: RobotService,
         drive: DriveService,
         recording: RecordingService,
@@ -35,7 +37,7 @@ class AnotherRobotService(Service):
     ) -> None:
         super().__init__(parent)
         self._bus = bus
-        self._robots = robots
+        self._by_name = by_name
         self._slow_work = slow_work
         self._robot = robot
         self._drive = drive
@@ -46,7 +48,7 @@ class AnotherRobotService(Service):
         self._stopped = False
 
     def handlers(self) -> Handlers:
-        return {UseRobot: lambda asked: self.use(lambda: self._robots.connect_to(asked.robot), asked.actor)}
+        return {UseRobot: lambda asked: self.use(lambda: self._by_name(asked.robot), asked.actor)}
 
     def use(self, find: Callable[[], RobotConnection], actor: Actor = WIZARD, *, until: ProblemEnd = "") -> None:
         """Connect to the robot that ``find`` gives, unless another one is asked for meanwhile. Who starts the program

@@ -62,7 +62,9 @@ def service(calls: list[str], work: LaterWork) -> AnotherRobotService:
         Told(name, calls) for name in ("bus", "robot", "drive", "recording", "people")
     )
     made: Any = AnotherRobotService
-    service: AnotherRobotService = made(bus, None, work, robot=robot, drive=drive, recording=recording, people=people)
+    service: AnotherRobotService = made(
+        bus, work, by_name=None, robot=robot, drive=drive, recording=recording, people=people
+    )
     return service
 
 
