@@ -94,12 +94,14 @@ def test_the_emergency_stop_holds_the_head_where_it_is() -> None:
 
 def test_without_a_link_nothing_is_kept_for_later() -> None:
     async def test(bench: LoopBench) -> None:
+        # Lost before it was told, it would be told only once.
+        await bench.until(lambda: bench.bridge.operations("advertise", TRAJECTORY.topic), "advertised")
         await bench.bridge.close()
         await bench.until(lambda: bench.state == "lost", "the loss")
         bench.send(MoveHead(now_ns(), 1.0, 0.0))
         assert bench.of(HeadMoved) == []
         await bench.bridge.open()
-        await bench.until(lambda: len(bench.bridge.operations("advertise", TRAJECTORY.topic)) >= 2, "advertised")
+        await bench.until(lambda: len(bench.bridge.operations("advertise", TRAJECTORY.topic)) >= 2, "advertised again")
         assert bench.bridge.published(TRAJECTORY.topic) == []
         assert [problem.what for problem in bench.of(Problem)] == [
             "The head does not turn: the robot is not connected."
