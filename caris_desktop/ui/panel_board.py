@@ -64,6 +64,7 @@ class PanelBoard(QObject):
         self._least: dict[PanelName, QSize] = {}
         self._has_library = False
         self._building: _Building | None = None
+        self._outdated: deque[Panel] = deque()  # they go on, and show what the scenario before said
         self._missing: deque[PanelName] = deque()
         self._behind: deque[PanelName] = deque()
         self._without_room: PanelName | None = None
@@ -112,8 +113,7 @@ class PanelBoard(QObject):
         self._docks.leave_gaps({**self._panels, **self._aside}, self._panels)
         actions.rebuild(scenario)
         self._bind_driving()
-        for panel in self._panels.values():
-            panel.show_scenario()
+        self._outdated.extend(self._panels.values())
         missing, seen = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
         self._missing.extend(name for name in missing if name in seen)
         self._behind.extend(name for name in missing if name not in seen)
@@ -128,7 +128,7 @@ class PanelBoard(QObject):
     @property
     def whole(self) -> bool:
         """Whether every panel is there, also those behind other tabs."""
-        return self._building is None and not self._behind and self._without_room is None
+        return self._building is None and not (self._outdated or self._behind or self._without_room)
 
     def complete(self) -> None:
         """Make what is still missing, now."""
@@ -136,9 +136,13 @@ class PanelBoard(QObject):
             self._build_next()
 
     def _build_next(self) -> None:
-        """One panel that is seen, or its room, or the arrangement of all, or at last one of the others."""
+        """One panel that goes on, or one that is seen, or its room, or the arrangement of all, or at last one of the
+        others.
+        """
         if self._without_room is not None:
             self._give_room()
+        elif self._outdated:
+            self._outdated.popleft().show_scenario()
         elif self._missing:
             self._make_next(self._missing)
         elif self._building is not None:
@@ -169,6 +173,7 @@ class PanelBoard(QObject):
     def _stop_building(self) -> None:
         self._turn.stop()
         self._give_room()
+        self._outdated.clear()
         self._missing.clear()
         self._behind.clear()
         self._building = None
