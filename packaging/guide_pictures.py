@@ -9,12 +9,17 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from PySide6.QtCore import QPoint, QRect, QSettings, QTimer
-from PySide6.QtWidgets import QAbstractButton, QApplication, QDialog, QLabel, QWidget
+from PySide6.QtWidgets import QAbstractButton, QApplication, QDialog, QLabel, QMenu, QWidget
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
+from caris_desktop.domain import intents
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.ui.alarms.alarm_list import AlarmsButton
 from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.protocol.step_cards import BranchesCard
 
 _SIZE_PX = (1366, 768)
+_MARGIN_PX = 24
 _LOOK_MS, _SETTLED_MS, _GIVE_UP_MS = 50, 1500, 120_000
 _Wait = Callable[[], object]
 
@@ -77,6 +82,53 @@ class Pictures:
         window.practice.begin()
         yield lambda: state.practice.value.state == "running" and state.frame.freshness == "fresh"
         self._take("practice", window.rect())
+        end = window.findChild(QAbstractButton, "practice_end")
+        assert end is not None  # noqa: S101 - it has begun
+        for _ in ("end", "close what came of it"):
+            end.click()
+        yield from self._of_the_reception()
+
+    def _of_the_reception(self) -> Iterator[_Wait]:
+        window, console = self._run.window, self._run.console
+        console.do(intents.OpenScenario(layouts_dir() / "reception.yaml"))
+        yield lambda: console.scenario.title == "Reception" and window.board.whole
+        for _ in range(2):
+            console.do(intents.NextStep())
+        yield lambda: console.state.protocol.value.title == "Greet" and console.state.frame.freshness == "fresh"
+        self._take("small-screen", window.rect())
+        choices = self._run.window.findChild(QAbstractButton, "strip_branch")
+        assert choices is not None  # noqa: S101 - a part of every window
+        choices.click()
+        yield self._branches
+        branches = self._branches()
+        assert branches is not None  # noqa: S101 - it was waited for
+        below = self._around(branches).bottom() + _MARGIN_PX
+        self._take("protocol", QRect(0, 0, window.width(), below))
+        branches.hide()
+        menu = self._layout_menu()
+        menu.popup(window.mapToGlobal(QPoint(window.width() // 2, _MARGIN_PX)))
+        yield menu.isVisible
+        menu.grab().save(str(self._folder / "layout-menu.png"))
+        menu.close()
+        robot, alarms = self._run.demo_robot, window.findChild(AlarmsButton)
+        assert robot is not None and alarms is not None  # noqa: S101 - the demonstration has both
+        robot.stop()
+        yield lambda: bool(console.state.alarms.value)
+        alarms.click()
+        yield self._card
+        self._take("alarms", self._around(self._card()))
+        yield self._away
+
+    def _branches(self) -> QWidget | None:
+        card = self._run.window.findChild(BranchesCard)
+        return card if card is not None and card.isVisible() else None
+
+    def _layout_menu(self) -> QMenu:
+        window = self._run.window
+        window.menus.open_window_menu()
+        whole = next(menu for menu in window.findChildren(QMenu) if menu.objectName() == "window_menu")
+        whole.close()
+        return next(menu for menu in whole.findChildren(QMenu) if menu.objectName() == "layout_menu")
 
     def _take(self, name: str, part: QRect) -> None:
         self._run.window.grab(part).save(str(self._folder / f"{name}.png"))

@@ -180,8 +180,8 @@ def test_painting_all_layers_is_quick(qtbot: QtBot, panel: MapPanel, console: Fa
     moving = in_yardsticks(zoomed)
     view.setParent(panel)
     print(f"\nmap at 1920x1080, all layers: {still:.1f} yardsticks, {moving:.1f} while zooming")
-    assert still < 40.0
-    assert moving < 40.0
+    assert still < 16.0
+    assert moving < 24.0
 
 
 def fill_layers(console: FakeConsole) -> None:

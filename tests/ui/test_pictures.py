@@ -1,0 +1,25 @@
+"""The window can be read where Qt itself makes everything larger: that is decided when a program starts."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from PySide6.QtGui import QImage
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def test_at_one_and_a_half_times_the_size_the_whole_window_can_be_read(tmp_path: Path) -> None:
+    told = subprocess.run(
+        [sys.executable, "-m", "tests.ui.pictures", str(tmp_path), "--scale", "1.5"],
+        cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=110,
+        env={**os.environ, "QT_SCALE_FACTOR": "1.5"},
+    )  # fmt: skip
+    assert told.returncode == 0, told.stderr
+    assert "0 flaws at 1.5 times the size" in told.stdout, told.stdout
+    pictures = {path.name: QImage(str(path)) for path in tmp_path.glob("*.png")}
+    assert {name.split("-150-")[0].rsplit("-", 1)[1] for name in pictures} == {"1366x768", "1920x1080", "2560x1440"}
+    for name, picture in pictures.items():
+        width_px, height_px = (int(px) for px in name.split("-150-")[0].rsplit("-", 1)[1].split("x"))
+        assert abs(picture.width() - width_px) <= 2 and abs(picture.height() - height_px) <= 2, name
