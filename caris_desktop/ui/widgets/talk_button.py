@@ -42,5 +42,6 @@ class TalkButton(ActionButton):
         self.set_label(tr("Talk"), look="plain" if not talks else "primary" if microphone.state == "on" else "amber")
 
     def hideEvent(self, event: QHideEvent) -> None:
-        self._hold.mark_released.emit(TALK)
+        if self.isDown():  # one that nobody holds may be hidden by the end of the window, after what knows the keys
+            self._hold.mark_released.emit(TALK)
         super().hideEvent(event)
