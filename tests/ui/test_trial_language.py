@@ -1,10 +1,12 @@
 """In the trial language every text of the window bears its marks, save what a study, a scenario or a robot says."""
 
-from collections.abc import Iterator
+import dataclasses
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
-from PySide6.QtWidgets import QApplication, QDialog, QLabel, QWidget
+from PySide6.QtWidgets import QApplication, QDialog, QLabel, QMenu, QWidget
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
@@ -12,12 +14,16 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.robot.profile import load_profile, shipped_profiles
 from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.model import PanelName, Permissions, TabNode
 from caris_desktop.ui import words
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
+from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.dock_area import PanelTabs
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.theme import Theme
 from tests.support.trial_check import Data, is_plain, is_plain_piece, listed, merged, plain_texts, strings_of
+from tests.support.window_menus import menus_made, opened_menus
 from tests.ui import samples, test_sessions
 from tests.ui.conftest import freshen
 from tests.ui.fake_console import FakeConsole, FakeLibrary
@@ -36,6 +42,8 @@ WHAT_TO_DO = (
     " shown. What a study or a robot says has to stand in the samples of this test."
 )
 SAMPLES = Path(samples.__file__)
+UI = Path(words.__file__).parent
+OF_A_REPLAY = tuple((UI / "replay").rglob("*.py"))
 
 
 class Spoken:
@@ -114,6 +122,39 @@ class Spoken:
             window.hold.escape_pressed.emit()
         return merged(*found)
 
+    def of_every_menu(self) -> tuple[dict[str, set[str]], set[str]]:
+        """What bears no marks in the menus that panels, their titles and the bars open, and which opened."""
+        everything = Permissions(**dict.fromkeys((each.name for each in dataclasses.fields(Permissions)), True))
+        tour = next(one for one in self.scenarios if one.path is not None and one.path.stem == "tour-guide")
+        # More panels in one row of tabs than it has room for.
+        crowded = dataclasses.replace(tour, permissions=everything, layout=TabNode(get_args(PanelName)))
+        self.console.scenario = crowded
+        self.console.state.scenario.set_anew(crowded)
+        self.console.state.places.set(crowded.places)
+        self.console.do = lambda _intent: ""  # type: ignore[method-assign] # what is pressed changes nothing
+        window = self.window
+        window.resize(1366, 768)
+        self.shown()
+        found, opened = of_menus([window._top_bar, window.status_bar], self.data, window.menus.open_robot_menu)
+        for name in window.board.possible():
+            window.open_panel(name)
+            QApplication.processEvents()
+            of_panel, of_it = of_menus(window.findChildren(Dock, f"dock_{name}"), self.data)
+            of_tabs, in_tabs = of_menus(window.findChildren(PanelTabs), self.data)
+            found, opened = merged(found, of_panel, of_tabs), opened | of_it | in_tabs
+            window.hold.escape_pressed.emit()
+        return found, opened
+
+
+def of_menus(
+    widgets: Iterable[QWidget], data: Data, *openers: Callable[[], None]
+) -> tuple[dict[str, set[str]], set[str]]:
+    found, opened = [], set()
+    for menu in opened_menus(widgets, *openers):
+        found.append(plain_texts([menu], data))
+        opened |= {one.objectName() for one in (menu, *menu.findChildren(QMenu))}
+    return merged(*found), opened
+
 
 @pytest.fixture
 def spoken(theme: Theme) -> Iterator[Spoken]:
@@ -125,6 +166,13 @@ def spoken(theme: Theme) -> Iterator[Spoken]:
 def test_every_text_bears_the_marks_of_the_trial_language(spoken: Spoken) -> None:
     found = merged(spoken.of_every_scenario(), spoken.of_what_opens())
     assert listed(found) == [], WHAT_TO_DO
+
+
+def test_the_lines_of_every_menu_bear_them_too(spoken: Spoken) -> None:
+    found, opened = spoken.of_every_menu()
+    assert listed(found) == [], WHAT_TO_DO
+    made = menus_made(file for file in UI.rglob("*.py") if file not in OF_A_REPLAY)
+    assert sorted(made - opened) == [], "These did not open, or have no name: what they say was not looked at."
 
 
 def test_a_replay_and_its_dialogs_bear_them_too(theme: Theme) -> None:
@@ -156,6 +204,29 @@ def test_a_replay_and_its_dialogs_bear_them_too(theme: Theme) -> None:
                 dialog.close()
         assert dialogs == set(), "These did not open."
         assert listed(merged(*found)) == [], WHAT_TO_DO
+    finally:
+        language.use(ENGLISH)
+        scene.close()
+        scene.deleteLater()
+
+
+def test_the_lines_of_every_menu_of_a_replay_bear_them_too(theme: Theme) -> None:
+    language = Language()
+    language.use(TRIAL)
+    replay = FakeReplay(overview=sample_overview(), coding=sample_coding(120_000))
+    scene = ReplayScene(theme, replay)
+    data = Data([text for name in (*SAID, "fake_replay.py") for text in strings_of(SAMPLES.with_name(name))], OF_OTHERS)
+    try:
+        scene.resize(700, 620)  # too narrow for all codes of the chosen row
+        scene.show()
+        first = scene.timeline.document.annotations[5]
+        scene.timeline.canvas.activate(f"tier {first.tier_id}")
+        scene.timeline.canvas.select(first.annotation_id)
+        QApplication.processEvents()
+        buttons = [scene.findChild(QWidget, name) for name in ("rows_menu_button", "coding_more")]
+        found, opened = of_menus([scene.timeline.canvas, *buttons], data)
+        assert listed(found) == [], WHAT_TO_DO
+        assert sorted(menus_made(OF_A_REPLAY) - opened) == [], "These did not open, or have no name."
     finally:
         language.use(ENGLISH)
         scene.close()

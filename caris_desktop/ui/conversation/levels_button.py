@@ -42,11 +42,11 @@ class LevelsButton(ActionButton):
         """The menu as it stands now; what the scenario does not allow cannot be chosen."""
         self._menu.clear()
         for function, title in FUNCTIONS.items():
-            self._menu.addSection(title)
+            self._menu.addSection(tr(title))
             group = QActionGroup(self._menu)
             allowed = levels_up_to(getattr(self._context.console.scenario.assistance, function))
             for level, title_of_level in LEVELS.items():
-                action = self._menu.addAction(title_of_level)
+                action = self._menu.addAction(tr(title_of_level))
                 action.setCheckable(True)
                 action.setChecked(getattr(self._state.levels.value, function) == level)
                 action.setEnabled(level in allowed)

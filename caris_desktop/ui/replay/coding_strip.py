@@ -154,6 +154,7 @@ class CodingStrip(QWidget):
 
     def _open_more(self) -> None:
         menu = QMenu(self)
+        menu.setObjectName("more_codes_menu")
         for number, button in enumerate(self._labels[: self._present]):
             if button.isHidden():
                 text = f"{button.key}  {button.text()}".replace("&", "&&")

@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.sound import MICROPHONE, ROBOT_MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier, Vocabulary
 from caris_desktop.recording.annotation.overview import SessionOverview, Waveform
 
@@ -211,10 +212,18 @@ def all_rows(overview: SessionOverview | None, coding: AnnotationDocument) -> li
     return rows
 
 
+_SOUNDS = {
+    MICROPHONE: QT_TR_NOOP("Microphone"),
+    ROBOT_MICROPHONE: QT_TR_NOOP("Robot microphone"),
+    WIZARD_MICROPHONE: QT_TR_NOOP("Wizard microphone"),
+    ROBOT_VOICE: QT_TR_NOOP("Robot voice"),
+}
+
+
 def sound_name(source: str) -> str:
-    """``audio-microphone.wav`` and ``microphone`` read Microphone."""
+    """``audio-microphone.wav`` and ``microphone`` read Microphone; what is none of the console's goes by its file."""
     name = source.rsplit("/", 1)[-1].rsplit(".", 1)[0].removeprefix("audio-").replace("_", " ").replace("-", " ")
-    return name.capitalize() or tr("Sound")
+    return tr(_SOUNDS[name]) if name in _SOUNDS else name.capitalize() or tr("Sound")
 
 
 def arranged(rows: Iterable[Row], order: Sequence[str], hidden: Collection[str], words: str) -> list[Row]:
