@@ -124,6 +124,9 @@ class ConnectionCard(Overlay):
 
         self._plot = pyqtgraph.PlotWidget()
         self._plot.setObjectName("connection_plot")
+        self._plot.setAccessibleName(tr("Connection in the last minute"))
+        for part in (self._plot, self._plot.viewport()):
+            part.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._plot.setMouseEnabled(x=False, y=False)
         self._plot.setMenuEnabled(False)
         self._plot.hideButtons()

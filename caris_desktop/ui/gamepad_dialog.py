@@ -105,6 +105,7 @@ class GamepadDialog(QDialog):
         rows_layout.addLayout(self._columns)
         rows_layout.addStretch(1)
         scroll = self._scroll = QScrollArea()
+        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(rows)

@@ -123,6 +123,7 @@ class RobotDialog(QDialog):
         for line, (text, field) in enumerate(
             ((tr("Certificate file"), self._certificates), (tr("Environment variable with its secret"), self._secret))
         ):
+            field.setAccessibleName(text)
             security.addWidget(QLabel(text), 2 * line, 0)
             security.addWidget(field, 2 * line + 1, 0)
         self._security.hide()
@@ -219,6 +220,7 @@ class RobotDialog(QDialog):
         self._column.setSpacing(4)
         self._column.addStretch(1)
         scroll = QScrollArea()
+        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(self._grid_holder)

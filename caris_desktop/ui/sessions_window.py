@@ -32,6 +32,7 @@ from caris_desktop.ui.session_table import (
 )
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
@@ -64,7 +65,7 @@ class SessionsWindow(QWidget):
         self.search.setObjectName("sessions_search")
         self.search.setAccessibleName(tr("Search"))
         self.search.setPlaceholderText(tr("Search in everything said, noted and marked…"))
-        self.search.setClearButtonEnabled(True)
+        add_clear_button(self.search)
         self.search.setMinimumHeight(36)
         self.search.textChanged.connect(self._on_typed)
         self.search.returnPressed.connect(self._find)

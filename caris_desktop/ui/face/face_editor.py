@@ -72,6 +72,7 @@ class FaceEditor(QDialog):
         self._preview.setMinimumSize(240, 140)
         self._name = QLineEdit(self._face.name)
         self._name.setObjectName("face_name")
+        self._name.setAccessibleName(tr("Name"))
         self._name.setMaxLength(40)
         self._choice = DropDown(theme, "face_expression_choice", tr("Expression that is changed"))
         self._choice.addItems([one.name for one in self._face.expressions])
@@ -81,11 +82,11 @@ class FaceEditor(QDialog):
         form = self._form = QFormLayout(rows)
         form.setRowWrapPolicy(QFormLayout.RowWrapPolicy.WrapLongRows)
         form.addRow(_heading(theme, tr("Expression")), self._choice)
-        self._add_sliders("expression", Expression)
+        self._add_sliders("expression", Expression, tr("Expression"))
         form.addRow(_heading(theme, tr("Eyes")), QWidget())
-        self._add_sliders("eyes", Eyes)
+        self._add_sliders("eyes", Eyes, tr("Eyes"))
         form.addRow(_heading(theme, tr("Mouth")), QWidget())
-        self._add_sliders("mouth", Mouth)
+        self._add_sliders("mouth", Mouth, tr("Mouth"))
         form.addRow(_heading(theme, tr("Colours")), QWidget())
         for key, words in _COLOURS.items():
             field = QLineEdit(getattr(self._face, key))
@@ -95,6 +96,7 @@ class FaceEditor(QDialog):
             field.textEdited.connect(self._colour_setter(key))
             form.addRow(tr(words), field)
         scroll = QScrollArea()
+        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         scroll.setWidgetResizable(True)
         scroll.setWidget(rows)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
@@ -128,7 +130,7 @@ class FaceEditor(QDialog):
         theme.color_text(self._note, "dim")
         self._note.setText(tr("A face of your own goes before one of the same name that comes with the program."))
 
-    def _add_sliders(self, part: str, group: Any) -> None:
+    def _add_sliders(self, part: str, group: Any, heading: str) -> None:
         for key in keys_of(group):
             rule = key.form.rule
             if key.form.kind is not float or rule.at_least is None or rule.at_most is None:
@@ -136,7 +138,9 @@ class FaceEditor(QDialog):
             slider = _ValueSlider(key, self._setter(part, key.attribute))
             slider.setObjectName(f"face_{part}_{key.attribute}")
             self._sliders[part, key.attribute] = slider
-            self._form.addRow(tr(_SLIDERS[key.attribute]), slider)
+            words = tr(_SLIDERS[key.attribute])
+            slider.setAccessibleName(f"{heading}: {words}")
+            self._form.addRow(words, slider)
             if part != "expression":
                 slider.show_value(getattr(getattr(self._face, part), key.attribute))
 
@@ -203,7 +207,6 @@ class _ValueSlider(QSlider):
         self._put = put
         self.setRange(0, _STEPS)
         self.setToolTip(rule.text)
-        self.setAccessibleName(key.name)
         self.setMinimumWidth(120)
         self.valueChanged.connect(self._on_moved)
 

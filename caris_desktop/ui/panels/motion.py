@@ -17,6 +17,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.told_state import ToldState
 
 SPAN_S = 30.0
 POINTS = 3000
@@ -90,8 +91,11 @@ class MotionPanel(Panel):
         self._pause.setCheckable(True)
         self._pause.toggled.connect(self._on_pause_toggled)
         self._widget = pyqtgraph.GraphicsLayoutWidget()
-        self._widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._widget.setAccessibleName(tr("Commanded and measured speed in the last half minute"))
+        for part in (self._widget, self._widget.viewport()):
+            part.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._widget.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self._told = ToldState(self._widget, self.told)
         self._widget.ci.setContentsMargins(0, 0, 0, 0)
         self._widget.ci.layout.setSpacing(4)
         self._plots: list[Any] = []
@@ -227,6 +231,7 @@ class MotionPanel(Panel):
     def _draw(self) -> None:
         state = self.state
         self._say()
+        self._told.changed()
         self._note_limits()
         still = self._paused_at_ns is not None and self._drawn_ns == self._paused_at_ns
         if not self.isVisible() or not self.in_view or still:
@@ -246,6 +251,22 @@ class MotionPanel(Panel):
             elif hatch.xData is not None:
                 hatch.clear()
         self._drawn_ns = self._paused_at_ns
+
+    def told(self) -> str:
+        """The right edge of both strips in words, for screen readers: what is asked for and what the base does."""
+        now_s = (self._paused_at_ns or self.state.present.now_ns()) / 1e9
+        said = []
+        for text, strip, gap_s in (
+            (tr("Commanded: {motion}."), self._commanded, _COMMANDS_END_S),
+            (tr("Measured: {motion}."), self._measured, _GAP_S),
+        ):
+            rows = strip.window(now_s, gap_s=gap_s)
+            motion = tr("nothing")
+            if len(rows) and rows[-1, 0] > -gap_s:
+                motion = words.moving(rows[-1, 1], math.radians(rows[-1, 2])) or tr("standing still")
+            said.append(text.format(motion=motion))
+        why = limited_why(self.state.drive.value)
+        return " ".join([*said, *([f"{why}."] if why else [])])
 
     def _say(self) -> None:
         state = self.state

@@ -23,6 +23,7 @@ from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, seen_elsewhere
 from caris_desktop.ui.people.undo_bar import UndoBar
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.told_rows import ToldRows
 
@@ -43,7 +44,7 @@ class PeoplePanel(Panel):
         self._search.setObjectName("people_search")
         self._search.setPlaceholderText(tr("Name, group or tag"))
         self._search.setAccessibleName(tr("Find a person by name, group or tag"))
-        self._search.setClearButtonEnabled(True)
+        add_clear_button(self._search)
         self._search.textChanged.connect(self._on_search_changed)
         self._search.returnPressed.connect(self._pick_first)
         self._search.hide()

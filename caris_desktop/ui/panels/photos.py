@@ -39,6 +39,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.cut_label import CutLabel
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.enter_field import EnterField
@@ -69,7 +70,7 @@ class PhotosPanel(Panel):
         self.search.setObjectName("photo_search")
         self.search.setPlaceholderText(tr("Name, tag, camera or time"))
         self.search.setAccessibleName(tr("Find photos by name, tag, camera or time"))
-        self.search.setClearButtonEnabled(True)
+        add_clear_button(self.search)
         self.search.textChanged.connect(self._refresh)
         self.choice = DropDown(self.theme, "photo_filter", tr("Which photos are shown"))
         self.choice.setMinimumContentsLength(8)

@@ -20,6 +20,7 @@ from caris_desktop.ui.people.shown_people import is_identified
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
@@ -102,7 +103,7 @@ class AboutPage(QWidget):
         self._search.setObjectName("person_history_search")
         self._search.setPlaceholderText(tr("Find in the history"))
         self._search.setAccessibleName(tr("Find in the history"))
-        self._search.setClearButtonEnabled(True)
+        add_clear_button(self._search)
         self._looking = QTimer(self, singleShot=True, interval=_SEARCH_AFTER_MS)
         self._looking.timeout.connect(self.look_up)
         self._search.textChanged.connect(lambda _text: self._looking.start())

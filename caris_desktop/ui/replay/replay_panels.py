@@ -1,6 +1,6 @@
 """The panels of a replay above its timeline: they show what was, and nothing in them needs to be at hand."""
 
-from PySide6.QtCore import QSize
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QScrollArea
 
@@ -32,6 +32,7 @@ class ReplayPanels(QScrollArea):
     def __init__(self, docks: DockHost) -> None:
         super().__init__()
         self.setObjectName("replay_panels")
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setWidgetResizable(True)
         self.setFrameShape(QFrame.Shape.NoFrame)
         self._least_px = LEAST_PX

@@ -19,6 +19,7 @@ from caris_desktop.ui.replay.timeline_acts import TimelineActs
 from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
 from caris_desktop.ui.replay.timeline_model import Row, all_rows, arranged, moved_key
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.clear_button import add_clear_button
 
 
 class TimelineRows(QObject):
@@ -51,7 +52,7 @@ class TimelineRows(QObject):
         self.filter.setObjectName("tier_filter")
         self.filter.setPlaceholderText(tr("Filter tiers"))
         self.filter.setAccessibleName(tr("Show only tiers with these words"))
-        self.filter.setClearButtonEnabled(True)
+        add_clear_button(self.filter)
         self.filter.setFixedWidth(136)
         self.filter.setFixedHeight(30)
         self.filter.textChanged.connect(lambda _text: self.changed.emit())

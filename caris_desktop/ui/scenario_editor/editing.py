@@ -1,7 +1,7 @@
 """What the widgets of the editor share: the document, told of when it changes, and what the program knows beside it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from PySide6.QtCore import QObject, Signal
@@ -82,11 +82,22 @@ class Editing(QObject):
 
 @dataclass(frozen=True, slots=True)
 class FormContext:
-    """``robot_pose`` gives where the robot is in the map, None where that is not known."""
+    """``robot_pose`` gives where the robot is in the map, None where that is not known. ``within`` is what holds a
+    piece of the form, innermost first, for whoever hears a field's name and does not see where it stands.
+    """
 
     theme: Theme
     editing: Editing
     robot_pose: Callable[[], Pose2D | None]
+    within: str = ""
+
+    def inside(self, title: str) -> "FormContext":
+        """The same for what is held by something of that title."""
+        return replace(self, within=self.spoken(title)) if title else self
+
+    def spoken(self, name: str) -> str:
+        """A name as a screen reader says it."""
+        return f"{name}, {self.within}" if self.within else name
 
 
 def help_of(form: Form) -> str:

@@ -108,7 +108,8 @@ class Field(Part):
         if self.help and not self.compact:
             self._help_label = self._words(self.help)
         name = self.title or tr("Entry")
-        self.control.setAccessibleName(f"{name} ({unit_of(self.form)})" if self.form.rule.unit else name)
+        name = f"{name} ({unit_of(self.form)})" if self.form.rule.unit else name
+        self.control.setAccessibleName(self.context.spoken(name))
         self.control.setAccessibleDescription(self.help)
         if self.compact:
             self.control.setToolTip(self.help)
@@ -179,7 +180,8 @@ class Field(Part):
     def _show_back(self, changed: bool) -> None:
         if self._back is None:
             back = ActionButton(self.context.theme, icon="arrow-counter-clockwise", look="ghost", height_px=22)
-            back.setAccessibleName(tr("{title}: as it was saved").format(title=self.title or tr("Entry")))
+            as_saved = tr("{title}: as it was saved").format(title=self.title or tr("Entry"))
+            back.setAccessibleName(self.context.spoken(as_saved))
             back.setToolTip(tr("As it was saved"))
             back.clicked.connect(self._take_back)
             self._top.insertWidget(1, back)

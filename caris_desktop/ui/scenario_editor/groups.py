@@ -72,6 +72,7 @@ class _Holder(Part):
         self.title = title_of(key) if key is not None else ""
         # The page is called like this already.
         headed = key is not None and self.title == section_of(key)
+        self.context = context if headed else context.inside(self.title)
         self.parts: list[Part] = []
         self.column = QVBoxLayout(self)
         self.column.setContentsMargins(0, 0, 0, 0)
@@ -135,7 +136,7 @@ class GroupPart(_Holder):
         super().__init__(context, path, form, key, said_of(form) if key is not None else "")
         self._keys = keys_of(self.group)
         for each in self._keys:
-            part = part_for(context, (*path, each.name), each)
+            part = part_for(self.context, (*path, each.name), each)
             self.parts.append(part)
             self.column.addWidget(part)
 
@@ -206,7 +207,7 @@ class OneOfGroups(_Holder):
         super().__init__(context, path, form, key, said_of(form) if key is not None else "")
         self._groups = groups_of(form.kind)
         self._shown: Group | None = None
-        self._kind = DropDown(context.theme, "", tr("Kind"))
+        self._kind = DropDown(context.theme, "", self.context.spoken(tr("Kind")))
         self._kind.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
         self._kind.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         for group in self._groups:
@@ -260,6 +261,7 @@ class ListPart(_Holder):
         for words, blank in kinds_of_entries(item):
             button = ActionButton(context.theme, tr("Add {what}").format(what=words), icon="plus", height_px=30)
             button.setObjectName(f"add_{'_'.join(map(str, path))}_{len(self._adders)}")
+            button.setAccessibleName(self.context.spoken(button.text()))
             button.clicked.connect(self._adder(blank))
             buttons.addWidget(button)
             self._adders.append(button)
@@ -352,7 +354,8 @@ class EntryRow(Part):
     """One entry of a list. Small ones are a row, large ones a card that folds."""
 
     def __init__(self, holder: ListPart, index: int, group: Group | None) -> None:
-        super().__init__(holder.context, (*holder.path, index))
+        entry = tr("entry {number}").format(number=index + 1)
+        super().__init__(holder.context.inside(entry), (*holder.path, index))
         self._holder = holder
         self._index = index
         self._form = holder.item
@@ -447,7 +450,7 @@ class EntryRow(Part):
     def _make_buttons(self) -> None:
         if self._holder.fixed:
             return
-        name = tr("entry {number}").format(number=self._index + 1)
+        name = self.context.within
         buttons = QHBoxLayout()
         buttons.setSpacing(0)
         for icon, words, do in (
@@ -497,6 +500,7 @@ class EntryRow(Part):
         wrong = len(self.context.editing.mistakes_within(self.path))
         shown = tr("{name} · %n wrong", "", wrong).format(name=name) if wrong else name
         self._fold.set_label(shown, icon="caret-down" if self._open else "caret-right")
+        self._fold.setAccessibleName(self.context.spoken(shown))
         if self._body is not None:
             self._body.refresh()
 
@@ -505,6 +509,7 @@ class EntryRow(Part):
         there = " · ".join(value for value in said if isinstance(value, str) and value)
         words, caret = (tr("Less"), "caret-down") if self._open else (there or tr("More"), "caret-right")
         self._unfold.set_label(words, icon=caret)
+        self._unfold.setAccessibleName(self.context.spoken(words))
         if self._more is not None:
             self._more.setVisible(self._open)
 

@@ -20,7 +20,7 @@ class RobotHere(ActionButton):
         self._context = context
         self._path = path
         self.setObjectName("place_from_robot")
-        self.setAccessibleName(tr("Take over where the robot is now"))
+        self.setAccessibleName(context.spoken(tr("Take over where the robot is now")))
         self.clicked.connect(self._take_over)
 
     def refresh(self) -> None:

@@ -71,6 +71,7 @@ class ShortcutSheet(Overlay):
         self._nothing = self._line("shortcut_nothing")
         self._nothing.setText(tr("Nothing is called that here."))
         self._scroll = QScrollArea()
+        self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._scroll.setWidgetResizable(True)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._says = self._line("shortcut_says")

@@ -26,9 +26,17 @@ class DropDown(QComboBox):
         self._widest_px = 0
         self.setObjectName(name)
         self.setAccessibleName(accessible_name)
+        # Qt on Linux tells what is chosen instead of the name, and this beside it.
+        self.setAccessibleDescription(accessible_name)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX - 4)
         self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+
+    def setEditable(self, editable: bool) -> None:
+        super().setEditable(editable)
+        line = self.lineEdit()
+        if line is not None:
+            line.setAccessibleName(self.accessibleName())
 
     def show_whole(self, *, up_to_px: int) -> None:
         """From now on it is as wide as what is chosen needs, this wide at most."""

@@ -1,0 +1,126 @@
+"""Asks the accessibility interface for what a screen reader would tell of a window, and finds what it could not."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from PySide6.QtCore import QPoint, QRect
+from PySide6.QtGui import QAccessible, QAccessibleInterface
+from PySide6.QtWidgets import QAbstractScrollArea, QScrollArea, QScrollBar, QWidget
+
+from caris_desktop.ui.overlay import Overlay
+
+Role = QAccessible.Role
+
+_NO_ROLE = (Role.NoRole, Role.Pane, Role.Window, Role.Border, Role.Whitespace, Role.Separator)
+"""Of a part of which a screen reader says only that there is something."""
+
+_MAY_BE_ALIKE = (Role.Cell, Role.StaticText)
+"""The same value may stand in many lines of a table, where row and column tell which it is; text does nothing."""
+
+_ACTS = ("Press", "Toggle", "Increase", "ShowMenu")
+_SPARE_PX = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a screen reader says of one control that can be focused or pressed, and the panel that it stands in."""
+
+    name: str
+    about: str
+    role: QAccessible.Role
+    place: QRect
+    widget: QWidget
+    own: bool
+    """Whether it is a widget itself, not a row or cell of one."""
+    panel: str
+
+    @property
+    def spot(self) -> str:
+        """For whoever has to find it in the code."""
+        return f"{type(self.widget).__name__} {self.widget.objectName()!r} ({self.role.name}) in {self.panel}"
+
+
+def told_flaws(part: QWidget) -> list[str]:
+    """One line for each control of ``part`` that cannot be told, or not from another one; empty if all can be."""
+    found, alike = list[str](), defaultdict[tuple[str, ...], list[Told]](list)
+    window = part.window()
+    room = QRect(window.mapToGlobal(QPoint()), window.size()).adjusted(-_SPARE_PX, -_SPARE_PX, _SPARE_PX, _SPARE_PX)
+    for one in controls(part):
+        if one.role == Role.PageTab and one.place.isEmpty():
+            continue  # in the list behind the button at the end of its tabs
+        if not one.name.strip():
+            found.append(f"{one.spot} has no name")
+        elif one.name == one.widget.objectName() or one.name == type(one.widget).__name__:
+            found.append(f"{one.spot} is called as the program calls it: {one.name!r}")
+        if one.role in _NO_ROLE or (one.role == Role.Client and not _paints_itself(one.widget)):
+            found.append(f"{one.spot}, {one.name!r}, does not say what it is")
+        if one.place.isEmpty() or not (room.contains(one.place) or _scrolled(one)):
+            found.append(f"{one.spot}, {one.name!r}, lies at {one.place.getRect()}, outside of {room.getRect()}")
+        if one.role not in _MAY_BE_ALIKE:
+            # Qt on Linux calls a drop-down by what is chosen in it; which one it is stands in its description.
+            about = one.about if one.role == Role.ComboBox else ""
+            alike[one.panel, one.role.name, one.name, about].append(one)
+    found += [
+        f"{len(controls_)} controls are called {name!r}: {', '.join(one.spot for one in controls_)}"
+        for (_panel, _role, name, _about), controls_ in alike.items()
+        if len(controls_) > 1
+    ]
+    return found
+
+
+def controls(part: QWidget) -> list[Told]:
+    """Everything within ``part`` that can be focused or pressed, as far as it is shown."""
+    root = QAccessible.queryAccessibleInterface(part)
+    assert root is not None
+    return list(_below(root, part))
+
+
+def _below(node: QAccessibleInterface, holder: QWidget) -> Iterator[Told]:
+    for number in range(node.childCount()):
+        child = node.child(number)
+        if child is None or not child.isValid() or child.state().invisible:
+            continue
+        thing = child.object()
+        widget = thing if isinstance(thing, QWidget) else holder
+        if widget.window() is not holder.window():
+            continue
+        acts = child.actionInterface()
+        pressable = acts is not None and any(act in _ACTS for act in acts.actionNames())
+        if (child.state().focusable or pressable) and not isinstance(widget, QScrollBar):
+            name, about = child.text(QAccessible.Text.Name), child.text(QAccessible.Text.Description)
+            yield Told(name, about, child.role(), child.rect(), widget, widget is thing, panel_of(widget))
+        yield from _below(child, widget)
+
+
+def panel_of(widget: QWidget) -> str:
+    """The part of the window in which a name has to tell one control from another: a panel, a card, a strip, a
+    dialog.
+    """
+    at: QWidget = widget
+    while not at.isWindow():
+        holder = at.parentWidget()
+        if holder is None or (at.objectName().startswith("dock_") and at.objectName() != "dock_host"):
+            break
+        if isinstance(at, Overlay) or holder.objectName() in ("main_window", "middle"):
+            break
+        at = holder
+    return at.objectName() or type(at).__name__
+
+
+def _paints_itself(widget: QWidget) -> bool:
+    """Qt has no role for what a program paints by itself, nor for text that is scrolled by keys: the name that it
+    was given has to say what it is.
+    """
+    own = type(widget).__module__.startswith("caris_desktop.") or isinstance(widget, QScrollArea)
+    return own and bool(widget.accessibleName())
+
+
+def _scrolled(one: Told) -> bool:
+    """Whether it can be brought in by scrolling."""
+    parent = one.widget if not one.own else one.widget.parentWidget()
+    while parent is not None and not parent.isWindow():
+        if isinstance(parent, QAbstractScrollArea):
+            return True
+        parent = parent.parentWidget()
+    return False
