@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import MODEL
 from caris_desktop.domain.events import ProblemEnd, Severity
-from caris_desktop.domain.intents import INTENTS, Intent, IntentSpec, Permission
+from caris_desktop.domain.intents import INTENTS, AsBefore, Intent, IntentSpec, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Permissions
@@ -35,6 +35,12 @@ _NOT_PERMITTED: dict[Permission, tuple[str, str]] = {
     "face": (QT_TR_NOOP("In this scenario the robot has no face."), QT_TR_NOOP("Nothing was shown.")),
     "speech": (QT_TR_NOOP("In this scenario the robot does not speak."), QT_TR_NOOP("Nothing was said.")),
     "notes": (QT_TR_NOOP("This scenario keeps no notes."), QT_TR_NOOP("Nothing was written down.")),
+}
+_UNCONFIRMED: dict[AsBefore, str] = {
+    "map": QT_TR_NOOP("where the robot is"),
+    "people": QT_TR_NOOP("who is there"),
+    "permissions": QT_TR_NOOP("what is recorded"),
+    "consent": QT_TR_NOOP("that the participant agrees"),
 }
 
 
@@ -81,6 +87,18 @@ class Gate:
         if withheld is not None:
             what, meaning = _NOT_PERMITTED[withheld]
             return Refusal(tr(what), tr(meaning), tr("Open a scenario that does."), quiet=spec.quiet)
+        asked_again = self._state.going_on.value.unconfirmed
+        unconfirmed = [
+            tr(words) for what, words in _UNCONFIRMED.items() if what in spec.confirmed and what in asked_again
+        ]
+        if unconfirmed:
+            return Refusal(
+                tr("{act} is not possible before this is confirmed again: {what}.").format(
+                    act=tr(spec.words), what=", ".join(unconfirmed)
+                ),
+                tr("The program broke off in the midst of this trial, and nothing is kept before that."),
+                tr("Look, and tick it on the card above the panels, or choose Do not go on there."),
+            )
         words, moves = self._of_control(intent, spec)
         if moves and self._state.drive.value.emergency_stop:
             return Refusal(

@@ -154,6 +154,10 @@ class PerceptionWorker(QObject):
         """Whom the scenario lets the console recognise, and whether it lets the wizard name them."""
         self._inputs.put(_Recognise(settings, may_decide))
 
+    def ask_consents_again(self, again: bool) -> None:
+        """Whether what people agreed to before counts only once they have said so again."""
+        self._inputs.put(_AskConsents(again))
+
     def note(self, event: HistoryEvent) -> None:
         """What belongs into the history of the people here."""
         self._inputs.put(event)
@@ -208,6 +212,9 @@ class PerceptionWorker(QObject):
             elif isinstance(item, _Recognise):
                 presence.use_settings(item.settings, may_decide=item.may_decide)
                 self._faces = item.settings.recognise == "faces"
+            elif isinstance(item, _AskConsents):
+                presence.ask_consents_again(item.again)
+                self._everybody_told_ns = 0
             elif isinstance(item, HistoryEvent):
                 presence.note(item)
             elif isinstance(item, PersonLooks):
@@ -345,6 +352,11 @@ class _LookUp:
 class _Recognise:
     def __init__(self, settings: RecognitionSettings, may_decide: bool) -> None:
         self.settings, self.may_decide = settings, may_decide
+
+
+class _AskConsents:
+    def __init__(self, again: bool) -> None:
+        self.again = again
 
 
 class _ChildEnded:

@@ -55,6 +55,7 @@ class KnownPeople:
         self._abouts: dict[str, About] = {}
         self._roots: dict[str, str] = {}
         self._consents: dict[str, dict[ConsentKind, Consent]] = {}
+        self._consents_count_from_utc_ns = 0
         self._rejections: set[tuple[str, str]] = set()
         self._last_seen_utc_ns: dict[str, int] = {}
         self._problem: str = ""
@@ -187,10 +188,19 @@ class KnownPeople:
 
     # What they agreed to, and who they are not
 
+    def ask_consents_again(self, again: bool) -> None:
+        """While that is so, what was noted before counts as not given."""
+        if again != self.asks_consents_again:
+            self._consents_count_from_utc_ns = self.utc_now_ns() if again else 0
+
+    @property
+    def asks_consents_again(self) -> bool:
+        return self._consents_count_from_utc_ns > 0
+
     def consents(self, person_id: str) -> tuple[ConsentKind, ...]:
         """What the person agrees to now."""
-        held = self._consents.get(self.root_of(person_id), {})
-        return tuple(kind for kind, consent in held.items() if consent.given)
+        held, from_utc_ns = self._consents.get(self.root_of(person_id), {}), self._consents_count_from_utc_ns
+        return tuple(kind for kind, noted in held.items() if noted.given and noted.noted_utc_ns >= from_utc_ns)
 
     def note_consent(self, person_id: str, kind: ConsentKind, *, given: bool, actor: Actor = "") -> Undo:
         root = self.root_of(person_id)

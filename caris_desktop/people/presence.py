@@ -187,6 +187,10 @@ class Presence:
             self._decisions.forget_decisions()
         self._settings = settings
 
+    def ask_consents_again(self, again: bool) -> None:
+        """While that is so, nobody has agreed to anything who was not asked since; what they said before is kept."""
+        self._known.ask_consents_again(again)
+
     # What is seen
 
     def update(self, people: People) -> tuple[People, list[Event]]:
@@ -454,7 +458,11 @@ class Presence:
         if looks.kind == "clothing":
             return True
         decided = visit.identified or visit.settled or self._known.is_known(visit.person_id)
-        return self._settings.recognise == "faces" and (not decided or "face" in self._known.consents(visit.person_id))
+        if self._settings.recognise != "faces":
+            return False
+        # Of whom a face is that is not known yet, only the faces tell that others agreed to have kept.
+        may_compare = not decided and not self._known.asks_consents_again
+        return may_compare or "face" in self._known.consents(visit.person_id)
 
     def _somebody_else_stands_there(self, visit: Visit, now_ns: int) -> list[Event]:
         """A tracker that mistakes one for another would pass a name on."""

@@ -188,6 +188,7 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
 CONFIRMED: dict[intents.AsBefore, str] = {
     "map": QT_TR_NOOP("Confirmed: the robot is where the map shows it"),
     "people": QT_TR_NOOP("Confirmed: people are who the list says"),
+    "permissions": QT_TR_NOOP("Confirmed: what is recorded and what the language model may do"),
     "consent": QT_TR_NOOP("Confirmed: the participant agrees to go on"),
 }
 

@@ -12,7 +12,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import GoingOnStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens
+from caris_desktop.ui import event_words, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
@@ -23,7 +23,10 @@ _FROM_TOP_PX = 82
 _ASKED: dict[AsBefore, str] = {
     "map": QT_TR_NOOP("The robot stands where the map shows it"),
     "people": QT_TR_NOOP("People are who the list says"),
-    "consent": QT_TR_NOOP("The participant agrees to go on being recorded"),
+    "permissions": QT_TR_NOOP("The recording is as wanted. {kept}"),
+    "consent": QT_TR_NOOP(
+        "The participant agrees to go on being recorded, and the consents that People had noted hold"
+    ),
 }
 
 
@@ -32,6 +35,30 @@ def trial_in_words(details: TrialDetails) -> str:
     if details.participant and details.trial:
         return tr("{participant}, trial {trial}").format(participant=details.participant, trial=details.trial)
     return details.participant or (tr("trial {trial}").format(trial=details.trial) if details.trial else tr("a trial"))
+
+
+def permissions_in_words(console: WizardConsole) -> str:
+    """What a recording will hold and what not, and what a language model may do, as it is set now."""
+    from caris_desktop.ui.start_dialog import kept_words
+
+    scenario = console.scenario
+    permissions, levels = scenario.permissions, console.state.levels.value
+    sentences = [
+        kept_words(permissions, console.microphone, scenario.blur),
+        tr("What participants say is turned into text.") if permissions.transcription
+        else tr("What participants say is not turned into text."),
+    ]  # fmt: skip
+    if not permissions.assistant:
+        sentences.append(tr("No language model."))
+    elif permissions.cloud_models:
+        sentences.append(tr("Language models may be asked, on other computers too."))
+    else:
+        sentences.append(tr("Language models are asked on this computer only."))
+    for function, title in event_words.FUNCTIONS.items():
+        if getattr(scenario.assistance, function) != "off":
+            level = tr(event_words.LEVELS[getattr(levels, function)])
+            sentences.append(tr("{function}: {level}.").format(function=tr(title), level=level))
+    return " ".join(sentences)
 
 
 class GoingOnCard(QWidget):
@@ -62,7 +89,7 @@ class GoingOnCard(QWidget):
         column.addWidget(self._heading)
         column.addWidget(self._text)
         for what, asked in _ASKED.items():
-            box = self._boxes[what] = CheckBox(theme, tr(asked))
+            box = self._boxes[what] = CheckBox(theme, tr(asked), wraps=True)
             box.setObjectName(f"going_on_{what}")
             box.clicked.connect(self._confirmer(what))
             column.addWidget(box)
@@ -88,6 +115,8 @@ class GoingOnCard(QWidget):
         self.hide()
         self._style()
         console.state.going_on.changed.connect(self._show)
+        for value in (console.state.scenario, console.state.levels, console.state.microphone):
+            value.changed.connect(self._show_permissions)
         self._show(console.state.going_on.value)
 
     def _confirmer(self, what: AsBefore) -> Callable[[bool], None]:
@@ -119,6 +148,7 @@ class GoingOnCard(QWidget):
             box.setVisible(not offered)
             box.setChecked(what not in status.unconfirmed)
             box.setEnabled(what in status.unconfirmed)
+        self._show_permissions()
         self._yes.setVisible(offered)
         self._start.setVisible(not offered)
         self._start.setEnabled(status.state == "confirmed")
@@ -126,6 +156,15 @@ class GoingOnCard(QWidget):
         self.setAccessibleName(f"{self._heading.text()} {self._text.text()}")
         self.show()
         self._place()
+
+    def _show_permissions(self, _changed: object = None) -> None:
+        if self._console.state.going_on.value.state not in ("unconfirmed", "confirmed"):
+            return
+        box, text = self._boxes["permissions"], tr(_ASKED["permissions"])
+        text = text.format(kept=permissions_in_words(self._console))
+        if text != box.text():
+            box.setText(text)
+            self._place()
 
     def _place(self) -> None:
         self.setFixedWidth(min(_WIDTH_PX, self._over.width() - 2 * _FROM_EDGE_PX))
@@ -142,6 +181,8 @@ class GoingOnCard(QWidget):
         self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         self._text.setFont(self._theme.font(tokens.BODY_PX))
         self._theme.color_text(self._text, "dim")
+        for box in self._boxes.values():
+            box.setFont(self._theme.font(tokens.BODY_PX))
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

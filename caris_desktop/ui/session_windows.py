@@ -90,6 +90,10 @@ class SessionWindows(QObject):
         if self._start is not None:
             self._start.raise_()
             return
+        if self._console.state.going_on.value.unconfirmed:
+            # It is refused, and why, before anybody fills anything in.
+            self._console.do(intents.StartRecording(TrialDetails()))
+            return
         from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, last_details
 
         console, suggested = self._console, self._console.suggested_details()

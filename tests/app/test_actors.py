@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from PySide6.QtCore import QCoreApplication
@@ -130,12 +130,14 @@ def tell(story: Story) -> None:
     # Nobody is forgotten while a session is recorded.
     stranger = story.until(lambda: state.persons.value, "somebody is here")[0].person_id
     ask(intents.ForgetPerson(stranger), events.PersonForgotten)
+    story.until(lambda: state.going_on.value.state == "offered", "the trial that broke off")
+    ask(intents.GoOnWithTrial(), events.TrialResumed, folder="broken-off")
+    for what in get_args(intents.AsBefore):
+        ask(intents.ConfirmAsBefore(what), events.ConfirmedAsBefore, what=what)
     ask(intents.StartRecording(TrialDetails(participant="P1"), anyway=True), events.SessionStarted)
     story.until(lambda: state.recording.value.state == "recording", "the recording")
     story.folder = Path(state.recording.value.folder)
 
-    ask(intents.GoOnWithTrial(), events.TrialResumed, folder="broken-off")
-    ask(intents.ConfirmAsBefore("map"), events.ConfirmedAsBefore, what="map")
     by_hand = next(check.id for check in state.preflight.value if check.manual)
     ask(intents.TickCheck(by_hand), events.PreflightChecked, state="passed")
     ask(intents.ReleaseEmergencyStop(), events.EmergencyStopChanged, latched=False)

@@ -24,6 +24,7 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.console import Console
 from caris_desktop.live.gate import Gate
 from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import GoingOnStatus
 from caris_desktop.scenario.model import Permissions
 from tests.support.polling import wait_for
 
@@ -182,6 +183,7 @@ def bench(shared_bench: Bench) -> Iterator[Bench]:
     shared_bench.connected()
     yield shared_bench
     state = shared_bench.console.state
+    state.going_on.set(GoingOnStatus())
     state.link.set(replace(state.link.value, state="closed"))
 
 
@@ -258,6 +260,23 @@ def test_a_language_model_asks_for_nothing_by_itself(bench: Bench) -> None:
         refused = bench.console.do(replace(asked, actor=MODEL))
         assert refused.endswith(" is not possible: a language model asks for nothing by itself."), asked
     assert bench.done == [] and bench.sent == []
+
+
+@pytest.mark.logs(r"live\.bus: ")
+@pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
+def test_nothing_is_recorded_before_what_may_have_changed_is_confirmed(bench: Bench, asked: Intent) -> None:
+    """After an end that nobody wanted, whoever asks, and by whatever key."""
+    state, needed = bench.console.state, INTENTS[type(asked)].confirmed
+    for what in get_args(intents.AsBefore):
+        state.going_on.set(GoingOnStatus("unconfirmed", unconfirmed=(what,)))
+        bench.done.clear()
+        refused = bench.console.do(asked)
+        assert is_a_sentence(refused) if what in needed else refused == "", what
+        assert bench.done == ([] if what in needed else [asked]), what
+    for state_of_trial in ("offered", "confirmed"):
+        state.going_on.set(GoingOnStatus(state_of_trial))
+        assert bench.console.do(asked) == ""
+    assert needed == get_args(intents.AsBefore) or not isinstance(asked, intents.StartRecording)
 
 
 def test_a_light_is_no_motion(bench: Bench) -> None:

@@ -254,6 +254,24 @@ def test_a_face_is_known_on_another_day_only_with_consent_and_where_the_scenario
     room.presence.close()
 
 
+def test_no_face_is_looked_at_while_consents_are_asked_again(tmp_path: Path) -> None:
+    store = PeopleStore(tmp_path / "people.sqlite")
+    room = Room(store, settings=RecognitionSettings("faces"))
+    (visit,) = room.visit(ADA, leaves=False, kind="face")
+    room.presence.do(intents.NamePerson(visit, "Ada"), room.now_ns)
+    room.presence.do(intents.NoteConsent(visit, "face", given=True), room.now_ns)
+    room.see({1: ADA}, frames=12, kind="face")
+    room.wait(24 * 3600.0)
+    room.presence.ask_consents_again(True)
+    room.visit(ADA, kind="face")
+    assert room.of(PersonIdentified) == room.of(PersonSuggested) == []
+    assert len(store.looks()) == 1, "it is kept for when they agree"
+    room.presence.ask_consents_again(False)
+    room.visit(ADA, leaves=False, kind="face")
+    assert len(room.of(PersonIdentified)) == 1
+    room.presence.close()
+
+
 def test_of_a_face_nothing_is_left_when_its_owner_goes_and_has_not_agreed() -> None:
     room = Room(settings=RecognitionSettings("faces", confirm_at=1.0))
     (ada,) = room.visit(ADA, leaves=False, kind="face")

@@ -9,7 +9,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.status import GoingOnStatus
+from caris_desktop.live.status import GoingOnStatus, LevelsStatus, RecordingStatus
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.panels.people import PeoplePanel
@@ -36,7 +36,7 @@ def test_the_next_part_is_recorded_once_everything_was_looked_at(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
     console.suggested = replace(P07, trial="3")
-    unconfirmed = replace(OFFERED, state="unconfirmed", unconfirmed=("map", "people", "consent"))
+    unconfirmed = replace(OFFERED, state="unconfirmed", unconfirmed=("map", "people", "permissions", "consent"))
     console.state.going_on.set(unconfirmed)
     card = find(window, "going_on_card")
     start = find(card, "going_on_start")
@@ -84,6 +84,39 @@ def test_the_rows_of_people_say_it_until_each_is_confirmed(
     assert panel.list.button_rect(0, "same").isEmpty()
     console.state.going_on.set(replace(unconfirmed, unconfirmed=("map",)))
     assert "not confirmed" not in told(1)
+
+
+def test_what_is_recorded_is_shown_as_it_is_set_now(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+    console.state.going_on.set(replace(OFFERED, state="unconfirmed", unconfirmed=("permissions", "consent")))
+    card = find(window, "going_on_card")
+    box = find(card, "going_on_permissions")
+    assert isinstance(box, CheckBox)
+    permissions = console.scenario.permissions
+    assert permissions.video_recording and "video" in box.text() and "No sound" in box.text()
+    assert "Language models may be asked, on other computers too." in box.text()
+    assert "Suggested replies: Off." in box.text()
+    console.state.levels.set(LevelsStatus(replies="suggest"))
+    assert "Suggested replies: Suggest: my key does it." in box.text()
+    console.scenario = replace(
+        console.scenario,
+        permissions=replace(permissions, video_recording=False, cloud_models=False, transcription=True),
+    )
+    console.state.scenario.set_anew(console.scenario)
+    assert "No video" in box.text() and "Language models are asked on this computer only." in box.text()
+    assert "What participants say is turned into text." in box.text()
+    assert card.height() >= card.layout().heightForWidth(card.width()), "all of it can be read"
+    click(qtbot, box)
+    assert console.named("ConfirmAsBefore") == [intents.ConfirmAsBefore("permissions")]
+
+
+def test_the_record_button_asks_nobody_for_details_of_what_is_refused(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    console.state.recording.set(RecordingStatus())
+    console.state.going_on.set(replace(OFFERED, state="unconfirmed", unconfirmed=("consent",)))
+    click(qtbot, find(window, "record_button"))
+    assert window.sessions._start is None
+    assert len(console.named("start_session")) == 1, "the gate says why not"
 
 
 @pytest.mark.usefixtures("screen_reader")

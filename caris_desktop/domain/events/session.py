@@ -204,12 +204,13 @@ class TrialResumed:
 
 @dataclass(frozen=True, slots=True)
 class ConfirmedAsBefore:
-    """After that somebody looked: the ``map`` shows where the robot is, ``people`` are who the list says, and the
-    participant gave ``consent`` once more. With ``person_id`` only this one of the people was looked at.
+    """After that somebody looked: the ``map`` shows where the robot is, ``people`` are who the list says, what is
+    recorded and what a model may do (``permissions``) is as wanted, and the participant gave ``consent`` once more.
+    With ``person_id`` only this one of the people was looked at.
     """
 
     stamp_ns: int
-    what: Literal["map", "people", "consent"]
+    what: Literal["map", "people", "permissions", "consent"]
     actor: Actor = ""
     person_id: str = ""
 

@@ -19,7 +19,7 @@ from caris_desktop.domain.intents.assistant import (
     ResetPrompts,
     SayAnswer,
 )
-from caris_desktop.domain.intents.base import Bounds, Intent, IntentSpec, IntentTable, Permission
+from caris_desktop.domain.intents.base import AsBefore, Bounds, Intent, IntentSpec, IntentTable, Permission
 from caris_desktop.domain.intents.conversation import CONVERSATION, CorrectUtterance
 from caris_desktop.domain.intents.driving import (
     DRIVING,
@@ -99,7 +99,6 @@ from caris_desktop.domain.intents.protocol import (
 from caris_desktop.domain.intents.robot import ROBOT, UseControl, UseRobot
 from caris_desktop.domain.intents.session import (
     SESSION,
-    AsBefore,
     ConfirmAsBefore,
     DeletePhoto,
     DismissAlarm,

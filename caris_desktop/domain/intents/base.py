@@ -23,6 +23,11 @@ Permission = Literal[
 ]
 """What a scenario can switch off."""
 
+AsBefore = Literal["map", "people", "permissions", "consent"]
+"""What holds as before only once somebody has looked: where the robot is, who is there, what is recorded and what a
+language model may do, and that they agree to it.
+"""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intent:
@@ -53,7 +58,8 @@ class IntentSpec:
     so the emergency stop refuses it. ``needs_link``: it is for the robot, so nothing waits for one that is not there.
     ``in_replay``: a replay does it too. ``quiet``: it is refused so often, as while a key is held, that nobody is told
     each time; the window shows the reason all the while. ``proposable``: a language model may propose it. ``bounds``
-    are the least and the greatest value of numbers among its fields.
+    are the least and the greatest value of numbers among its fields. ``confirmed`` is what has to be confirmed before,
+    where a trial goes on that broke off with the program.
     """
 
     words: str
@@ -65,6 +71,7 @@ class IntentSpec:
     quiet: bool = False
     proposable: bool = False
     bounds: Mapping[str, Bounds] = field(default_factory=dict)
+    confirmed: tuple[AsBefore, ...] = ()
 
     @property
     def permissions(self) -> tuple[Permission, ...]:

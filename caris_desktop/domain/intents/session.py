@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import get_args
 
-from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.intents.base import AsBefore, Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.trial import TrialDetails
 
@@ -121,10 +121,6 @@ class DismissAlarm(Intent):
     alarm_id: str
 
 
-AsBefore = Literal["map", "people", "consent"]
-"""What holds as before only once somebody has looked: where the robot is, who is there, that they agree."""
-
-
 @dataclass(frozen=True, slots=True)
 class GoOnWithTrial(Intent):
     """Go on with the trial that an end nobody wanted has broken off."""
@@ -144,10 +140,12 @@ class ConfirmAsBefore(Intent):
 
 
 SESSION: IntentTable = {
-    StartRecording: IntentSpec(QT_TR_NOOP("Starting a recording")),
+    StartRecording: IntentSpec(QT_TR_NOOP("Starting a recording"), confirmed=get_args(AsBefore)),
     StopRecording: IntentSpec(QT_TR_NOOP("Ending the recording")),
     PauseRecording: IntentSpec(QT_TR_NOOP("Pausing the recording")),
-    TakePhoto: IntentSpec(QT_TR_NOOP("Taking a photo"), "photos", proposable=True),
+    TakePhoto: IntentSpec(
+        QT_TR_NOOP("Taking a photo"), "photos", proposable=True, confirmed=("permissions", "consent")
+    ),
     TagPhoto: IntentSpec(QT_TR_NOOP("Tagging the photo"), "photos"),
     DeletePhoto: IntentSpec(QT_TR_NOOP("Deleting the photo"), "photos"),
     RestorePhoto: IntentSpec(QT_TR_NOOP("Bringing the photo back"), "photos"),

@@ -18,7 +18,7 @@ from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.robot import RobotService
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import GoingOnStatus, RecordingStatus
+from caris_desktop.live.status import IN_SESSION, GoingOnStatus, RecordingStatus
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.study import unfinished
 from caris_desktop.study.unfinished import UnfinishedTrial
@@ -43,7 +43,7 @@ class GoingOnService(Service):
     """Keeps ``state.going_on``.
 
     Nothing is taken for granted after such an end: the robot is held by the emergency stop, and where it is, who is
-    there and that they agree is asked again.
+    there, what is recorded and that they agree is asked again. Until then the gate lets nothing be kept.
     """
 
     def __init__(
@@ -88,7 +88,12 @@ class GoingOnService(Service):
         return {InitialPoseSet: self._on_pose_set}
 
     def use_scenario(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+        before, self._scenario = self._scenario, scenario
+        status: GoingOnStatus = self._state.going_on.value
+        if status.state in ("unconfirmed", "confirmed") and (before is None or _keeps(before) != _keeps(scenario)):
+            # Whoever ticked it had another one in view.
+            left = tuple(what for what in get_args(intents.AsBefore) if what in (*status.unconfirmed, "permissions"))
+            self._state.going_on.set(replace(status, state="unconfirmed", unconfirmed=left))
 
     def start(self) -> None:
         def work() -> tuple[UnfinishedTrial, TrialDetails] | None:
@@ -115,6 +120,7 @@ class GoingOnService(Service):
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if status.state in ("recording", "paused"):
             if self._kept is None:
+                self._state.going_on.set(GoingOnStatus())
                 self._keep()
         elif status.state in ("idle", "failed") and self._kept is not None:
             self._kept = None
@@ -162,6 +168,11 @@ class GoingOnService(Service):
             raise ToldFailure(
                 tr("There is no trial to go on with."), tr("Nothing was changed."), tr("Start a recording.")
             )
+        if self._state.recording.value.state in IN_SESSION:
+            raise ToldFailure(
+                tr("A recording is under way: the trial that broke off cannot go on in it."),
+                tr("Nothing was changed."), tr("End the recording first."),
+            )  # fmt: skip
         # Whoever was about to move when the program ended may be anywhere by now.
         if not self._state.drive.value.emergency_stop:
             self._do(intents.EmergencyStop(actor=asked.actor))
@@ -223,6 +234,11 @@ class GoingOnService(Service):
     def _on_pose_set(self, event: InitialPoseSet) -> None:
         """Who says where the robot is has looked where it is."""
         self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))
+
+
+def _keeps(scenario: Scenario) -> tuple[object, ...]:
+    """What a scenario lets be recorded, and what of it a model may have."""
+    return scenario.permissions, scenario.blur, scenario.assistance
 
 
 def _told(work: Callable[[], T]) -> Callable[[], T]:

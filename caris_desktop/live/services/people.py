@@ -19,7 +19,7 @@ from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import PerceptionStatus
+from caris_desktop.live.status import GoingOnStatus, PerceptionStatus
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.presence import HistoryEvent, PortraitsOf, Presence, RecognitionSettings
 from caris_desktop.perception.inference_settings import InferenceSettings
@@ -73,6 +73,7 @@ class PeopleService(Service):
         state.robot.changed.connect(self._on_cameras_changed)
         state.own_cameras.changed.connect(self._on_cameras_changed)
         state.camera.changed.connect(self._on_camera_changed)
+        state.going_on.changed.connect(self._on_going_on_changed)
         bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens, DepthGrid))
 
     def handlers(self) -> Handlers:
@@ -126,6 +127,7 @@ class PeopleService(Service):
         worker.everybody_changed.connect(self._state.everybody.set, Qt.ConnectionType.QueuedConnection)
         worker.recognise(self._recognition, may_decide=self._may_decide)
         worker.look_to_cover(self._cover)
+        worker.ask_consents_again("consent" in self._state.going_on.value.unconfirmed)
         self._thread.started.connect(worker.run)
         self._worker = worker
         self._on_cameras_changed(None)
@@ -206,6 +208,10 @@ class PeopleService(Service):
     def _on_camera_changed(self, name: str) -> None:
         if self._worker is not None:
             self._worker.show_camera(name)
+
+    def _on_going_on_changed(self, status: GoingOnStatus) -> None:
+        if self._worker is not None:
+            self._worker.ask_consents_again("consent" in status.unconfirmed)
 
     def _on_status(self, status: PerceptionStatus) -> None:
         self._state.perception.set(status)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from PySide6.QtWidgets import QApplication
@@ -120,15 +120,16 @@ def test_going_on_holds_the_robot_and_asks_everything_again(after_a_crash: Run) 
     run.ask(intents.GoOnWithTrial())
     assert [type(intent) for intent in run.asked] == [intents.EmergencyStop, intents.AttendPerson]
     assert run.asked[1] == intents.AttendPerson("p-2")
-    assert run.state.going_on.value.unconfirmed == ("map", "people", "consent")
-    for what in ("people", "map", "map"):
+    assert run.state.going_on.value.unconfirmed == ("map", "people", "permissions", "consent")
+    for what in ("people", "map", "map", "permissions"):
         run.ask(intents.ConfirmAsBefore(what))  # type: ignore[arg-type]
     assert run.state.going_on.value.state == "unconfirmed" and run.state.going_on.value.unconfirmed == ("consent",)
     run.ask(intents.ConfirmAsBefore("consent"))
     assert run.state.going_on.value.state == "confirmed"
     said = [(type(event), getattr(event, "what", "")) for event in run.told]
     assert said == [
-        (TrialResumed, ""), (ConfirmedAsBefore, "people"), (ConfirmedAsBefore, "map"), (ConfirmedAsBefore, "consent"),
+        (TrialResumed, ""), (ConfirmedAsBefore, "people"), (ConfirmedAsBefore, "map"),
+        (ConfirmedAsBefore, "permissions"), (ConfirmedAsBefore, "consent"),
     ]  # fmt: skip
 
 
@@ -148,7 +149,7 @@ def test_each_of_those_who_were_there_is_confirmed_for_themselves(run: Run, runs
     assert status.unconfirmed_people == ("p-1",) and "people" in status.unconfirmed
     another.ask(intents.ConfirmAsBefore("people", "p-1"))
     status = another.state.going_on.value
-    assert status.unconfirmed_people == () and status.unconfirmed == ("map", "consent")
+    assert status.unconfirmed_people == () and status.unconfirmed == ("map", "permissions", "consent")
     told = [event.person_id for event in another.told if isinstance(event, ConfirmedAsBefore)]
     assert told == ["p-2", "p-1", ""], "each is recorded, and that it was all of them"
 
@@ -174,7 +175,7 @@ def test_saying_where_the_robot_is_confirms_the_map(after_a_crash: Run) -> None:
     assert run.told == [], "nothing goes on yet"
     run.ask(intents.GoOnWithTrial())
     follow(pose_set)
-    assert run.state.going_on.value.unconfirmed == ("people", "consent")
+    assert run.state.going_on.value.unconfirmed == ("people", "permissions", "consent")
     assert [event.what for event in run.told if isinstance(event, ConfirmedAsBefore)] == ["map"]
 
 
@@ -186,8 +187,30 @@ def test_the_next_recording_is_headed_by_it_and_ends_it(after_a_crash: Run) -> N
     heads = run.service.standing(7)
     assert [(type(event), event.stamp_ns) for event in heads] == [(TrialResumed, 7), (ConfirmedAsBefore, 7)]
     run.record("two")
+    assert run.state.going_on.value.state == "", "the card is gone while it is recorded"
+    assert len(run.service.standing(8)) == 2, "as for what goes on after a pause"
     run.state.recording.set(replace(run.state.recording.value, state="idle"))
     assert run.service.step == "" and run.service.standing(9) == [] and run.state.going_on.value.state == ""
+
+
+def test_what_is_recorded_is_asked_again_for_another_scenario(after_a_crash: Run) -> None:
+    run = after_a_crash
+    run.ask(intents.GoOnWithTrial())
+    for what in get_args(intents.AsBefore):
+        run.ask(intents.ConfirmAsBefore(what))
+    assert run.state.going_on.value.state == "confirmed"
+    run.service.use_scenario(replace(run.scenario, places=()))
+    assert run.state.going_on.value.state == "confirmed", "nothing else is kept by that"
+    run.service.use_scenario(load_scenario(find_scenario("mental-health-check")))
+    assert (run.state.going_on.value.state, run.state.going_on.value.unconfirmed) == ("unconfirmed", ("permissions",))
+
+
+def test_a_trial_does_not_go_on_in_the_midst_of_another_recording(after_a_crash: Run) -> None:
+    run = after_a_crash
+    run.state.recording.set(replace(run.state.recording.value, state="starting"))
+    with pytest.raises(ToldFailure, match="under way"):
+        run.ask(intents.GoOnWithTrial())
+    assert run.asked == [] and run.told == []
 
 
 def test_another_scenario_and_robot_of_that_trial_are_used_again(run: Run, runs: Callable[[], Run]) -> None:

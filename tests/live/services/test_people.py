@@ -7,12 +7,16 @@ from PySide6.QtCore import QObject
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.composition import find_scenario
+from caris_desktop.domain import intents
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.services.people import PeopleParts, PeopleService
 from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import GoingOnStatus
+from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.presence import Presence
+from caris_desktop.people.sealing import About
 from caris_desktop.scenario.model import Scenario
 from tests.live import bodies
 
@@ -40,6 +44,43 @@ def test_inference_starts_anew_for_a_scenario_that_wants_another_detector_and_fo
         service.use_scenario(second)
         qtbot.waitUntil(lambda: state.perception.value.model == "brightness two", timeout=30_000)
         assert service.inference_pid != child
+    finally:
+        service.stop()
+        service.end()
+        ring.close()
+
+
+@pytest.mark.logs(r"live\.bus: ")
+def test_what_people_agreed_to_counts_no_more_until_it_is_confirmed_after_a_trial_broke_off(qtbot: QtBot) -> None:
+    owner, ring = QObject(), FrameRing.create(max_frame_bytes=64 * 48 * 3)
+    state, known = LiveState(owner), KnownPeople()
+    for person, kind in (("p-1", "photo"), ("p-2", "video")):
+        known.describe(person, About(name=person))
+        known.note_consent(person, kind, given=True)  # type: ignore[arg-type]
+    known.note_consent("p-1", "video", given=True)
+    parts = PeopleParts(ProcessBody("inference", bodies.brightness, ("",)), lambda: (Presence(known), []))
+    service = PeopleService(
+        state, Bus(state, owner), parts, rings=RingsToRead((ring.name,)), who_speaks=lambda _said: "", parent=owner
+    )
+
+    def agreed() -> dict[str, tuple[str, ...]]:
+        return {row.person_id: row.consents for row in state.everybody.value}
+
+    before = {"p-1": ("photo", "video"), "p-2": ("video",)}
+    service.use_scenario(find_scenario("tour-guide"))
+    service.start()
+    try:
+        qtbot.waitUntil(lambda: agreed() == before, timeout=30_000)
+        going_on = GoingOnStatus("unconfirmed", unconfirmed=("map", "consent"))
+        state.going_on.set(going_on)
+        qtbot.waitUntil(lambda: agreed() == {"p-1": (), "p-2": ()})
+        service.decide(intents.NoteConsent("p-1", "photo", given=True))
+        qtbot.waitUntil(lambda: agreed() == {"p-1": ("photo",), "p-2": ()})
+        state.going_on.set(replace(going_on, unconfirmed=("consent",)))
+        service.decide(intents.NoteConsent("p-2", "face", given=True))
+        qtbot.waitUntil(lambda: agreed() == {"p-1": ("photo",), "p-2": ("face",)})
+        state.going_on.set(replace(going_on, unconfirmed=(), state="confirmed"))
+        qtbot.waitUntil(lambda: agreed() == {"p-1": ("photo", "video"), "p-2": ("video", "face")})
     finally:
         service.stop()
         service.end()
