@@ -224,17 +224,31 @@ def run(arguments: argparse.Namespace) -> int:
     except composition.StartError as refusal:
         print(refusal, file=sys.stderr)
         return 2
-    # A terminal's Ctrl+C closes the window in order; the timer lets Python see the signal between Qt events.
-    signal.signal(signal.SIGINT, lambda *_: console_run.application.closeAllWindows())
-    signal.signal(signal.SIGTERM, lambda *_: console_run.application.closeAllWindows())
-    heartbeat = QTimer()
-    heartbeat.timeout.connect(_let_python_run)
-    heartbeat.start(200)
+    end_when_told(console_run)
     console_run.show()
     try:
         return console_run.application.exec()
     finally:
         console_run.close()
+
+
+def end_when_told(console_run: ConsoleRun) -> None:
+    """End in order on Ctrl+C, when the terminal is closed, and with the computer or the user's session."""
+    application, console = console_run.application, console_run.console
+
+    def end(_number: int, _frame: object) -> None:
+        console.expect_end()
+        # Nobody is there to be asked, and a window that somebody drives from would stay.
+        application.exit(0)
+
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), end)
+    heartbeat = QTimer(application)  # Python sees signals only between Qt events
+    heartbeat.timeout.connect(_let_python_run)
+    heartbeat.start(200)
+    application.commitDataRequest.connect(lambda _manager: console.expect_shutdown())
+    application.aboutToQuit.connect(console.expect_end)
 
 
 def check_screen() -> None:

@@ -194,8 +194,9 @@ def _writable(connection: Connection) -> bool:
 
 def _run_body(body: ProcessBody, connection: Connection) -> None:
     """Child side. Signals to the whole group belong to the console, which ends its children in order."""
-    for unwanted in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(unwanted, signal.SIG_IGN)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     title_process(body.name)
     if hasattr(os, "setsid"):
         # Linux shares the processor among sessions first, then within each: what this child computes is not taken from

@@ -132,7 +132,9 @@ class Console(QObject):
             state, bus, slow_work, recording, assistant,
             frames=self._shown_frames, study=parts.session.study, parent=self,
         )  # fmt: skip
-        going_on = GoingOnService(state, bus, parts.going_on, slow_work, robot=self._robot, do=self.do, parent=self)
+        going_on = self._going_on = GoingOnService(
+            state, bus, parts.going_on, slow_work, robot=self._robot, do=self.do, parent=self
+        )
         preflight = PreflightService(
             state, bus.publish, slow_work,
             disk=parts.session.disk, microphone_chosen=lambda: self._microphone.chosen is not None, parent=self,
@@ -282,6 +284,14 @@ class Console(QObject):
         self._gamepads.start()
         for service in self._services:
             service.start()
+
+    def expect_end(self) -> None:
+        """Somebody wants the program to end: it will not offer to go on with what it records."""
+        self._going_on.expect_end()
+
+    def expect_shutdown(self) -> None:
+        """As :meth:`expect_end`, where that can still be called off."""
+        self._going_on.expect_shutdown()
 
     def shutdown(self, during: During = lambda _what, work: work()) -> None:
         """Zero, close the recording, end every thread and child, in that order.

@@ -1,13 +1,14 @@
 """Which trial was being recorded, so that after an end that nobody wanted the next run can offer to go on with it.
 
 One small file for each running program, written while it records and gone when the recording or the program ends in
-order. What is left of a program that runs no more tells of a crash, unless the computer was started anew since.
+order, or as soon as it is told to end. What is left of a program that runs no more tells of a crash or a power cut: also
+where the computer was started anew since, as whoever shuts it down tells its programs before.
 """
 
 import json
 import logging
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,6 @@ from caris_desktop.domain.file_replacement import replace_file
 _log = logging.getLogger(__name__)
 _MOST_BYTES = 64 * 1024
 _MOST_PEOPLE = 100
-_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ def keep(folder: Path, trial: UnfinishedTrial) -> None:
         "session": str(trial.session), "scenario": trial.scenario, "robot": trial.robot,
         "people": list(trial.people[:_MOST_PEOPLE]), "attended": trial.attended,
         "step": trial.step,
-        "began": own.create_time(), "boot": this_boot(),
+        "began": own.create_time(),
     }  # fmt: skip
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     replace_file(folder / f"{own.pid}.json", json.dumps(data).encode(), durable=True)
@@ -56,22 +56,20 @@ def forget(folder: Path, pid: int | None = None) -> None:
     (folder / f"{os.getpid() if pid is None else pid}.json").unlink(missing_ok=True)
 
 
-def take_newest(folder: Path, study: Path, *, boot: Callable[[], str] | None = None) -> UnfinishedTrial | None:
+def take_newest(folder: Path, study: Path) -> UnfinishedTrial | None:
     """The trial of ``study`` that broke off last, if any; each is told of once, as its file goes.
 
-    Those of programs that still run, and of another study, stay. One from before the computer was started anew goes
-    without a word: whoever shuts a computer down has ended their work. Raises OSError.
+    Those of programs that still run, and of another study, stay. Raises OSError.
     """
     if not folder.is_dir():
         return None
-    here = (boot or this_boot)()
     newest: tuple[float, UnfinishedTrial] | None = None
     for path in sorted(folder.glob("*.json")):
         data, written_s = _read(path)
         if data is not None and _runs(path.stem, data.get("began")):
             continue
         trial = None if data is None else _trial(data)
-        if data is None or trial is None or data.get("boot") != here or not trial.session.is_dir():
+        if data is None or trial is None or not trial.session.is_dir():
             path.unlink(missing_ok=True)
             continue
         if not trial.session.resolve().is_relative_to(study.resolve()):
@@ -80,14 +78,6 @@ def take_newest(folder: Path, study: Path, *, boot: Callable[[], str] | None = N
         if newest is None or written_s > newest[0]:
             newest = (written_s, trial)
     return newest[1] if newest is not None else None
-
-
-def this_boot() -> str:
-    """Another one each time the computer is started."""
-    try:
-        return _BOOT_ID.read_text("ascii").strip()
-    except OSError:
-        return f"{psutil.boot_time():.0f}"
 
 
 def _read(path: Path) -> tuple[Mapping[str, Any] | None, float]:

@@ -16,9 +16,9 @@ from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QWidget
 
-from caris_desktop.app.console_command import ConsoleRun, default_arguments
+from caris_desktop.app.console_command import ConsoleRun, default_arguments, end_when_told
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AlarmChanged, DriveEnded, Problem
 from caris_desktop.domain.geometry import Pose2D
@@ -116,6 +116,10 @@ class Driver(Reporter):
             "goal": state.goal.value.state if state.goal.value is not None else "",
             "places": [place.name for place in state.places.value],
             "guard": state.drive.value.guard,
+            "moving": self._run.window.hold.motion.moving,
+            "held": state.drive.value.emergency_stop,
+            "going_on": state.going_on.value.state,
+            "going_on_card": self._run.window.findChild(QWidget, "going_on_card").isVisible(),
             "path": state.path.freshness,
             "controls": {name: status.state for name, status in state.control_states.value.items()},
             "readings": sorted(state.readings.value.values) if state.readings.value is not None else [],
@@ -155,6 +159,7 @@ def main(address: str, study: Path, driver_type: type[Driver] = Driver, *, scena
         default_arguments(scenario=scenario, robot=robot, study=study, camera=camera and [camera]),
         settings=settings,
     )
+    end_when_told(run)
     run.show()
     return attend(run, driver_type(run))
 

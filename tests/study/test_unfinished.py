@@ -7,7 +7,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from caris_desktop.study.unfinished import UnfinishedTrial, forget, keep, take_newest, this_boot
+from caris_desktop.study.unfinished import UnfinishedTrial, forget, keep, take_newest
 from tests.support.crashed import of_one_that_is_gone
 
 
@@ -53,10 +53,13 @@ def test_nothing_is_left_of_an_end_in_order(folder: Path, study: Path) -> None:
     assert list(folder.iterdir()) == [] and take_newest(folder, study) is None
 
 
-def test_a_computer_that_was_shut_down_is_no_crash(folder: Path, study: Path) -> None:
+def test_a_power_cut_is_an_end_that_nobody_wanted(folder: Path, study: Path) -> None:
+    """The computer was started anew since, and has other programs under all numbers."""
     keep(folder, _trial(study))
-    of_one_that_is_gone(folder)
-    assert take_newest(folder, study, boot=lambda: f"{this_boot()}-later") is None
+    path = folder / f"{os.getpid()}.json"
+    data = json.loads(path.read_text()) | {"began": psutil.boot_time() - 3600, "boot": "of an older program"}
+    path.write_text(json.dumps(data))
+    assert take_newest(folder, study) == _trial(study)
     assert list(folder.iterdir()) == []
 
 

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -101,6 +102,13 @@ class ConsoleProcess:
         self._process.kill()
         self._process.wait()
         self._remove_folder()
+
+    def terminate(self, number: signal.Signals = signal.SIGTERM) -> int:
+        """As the system does that is shut down; gives the exit status."""
+        self._process.send_signal(number)
+        self._process.wait(60)
+        self._remove_folder()
+        return self._process.returncode
 
     def _remove_folder(self) -> None:
         """Children that end by themselves may still write into it."""

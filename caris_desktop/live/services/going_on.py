@@ -25,6 +25,7 @@ from caris_desktop.study.unfinished import UnfinishedTrial
 
 _log = logging.getLogger(__name__)
 _KEPT_EVERY_MS = 5000
+_NOT_SHUT_DOWN_AFTER_MS = 60_000
 T = TypeVar("T")
 
 
@@ -73,6 +74,9 @@ class GoingOnService(Service):
         self._kept: UnfinishedTrial | None = None
         self._soon = QTimer(self, singleShot=True, interval=_KEPT_EVERY_MS)
         self._soon.timeout.connect(self._keep)
+        self._told_to_end = False
+        self._shut_down_soon = QTimer(self, singleShot=True, interval=_NOT_SHUT_DOWN_AFTER_MS)
+        self._shut_down_soon.timeout.connect(self._on_not_shut_down)
         state.recording.changed.connect(self._on_recording_changed)
         for value in (state.persons, state.selected_person, state.protocol, state.scenario, state.robot):
             value.changed.connect(self._on_changed)
@@ -109,6 +113,25 @@ class GoingOnService(Service):
         except OSError:
             _log.exception("the next run will offer to go on with a trial that has ended")
 
+    def expect_end(self) -> None:
+        """Somebody wants the program to end: whatever becomes of that, it is no end that nobody wanted."""
+        self._shut_down_soon.stop()
+        self._told_to_end = True
+        self.end()
+
+    def expect_shutdown(self) -> None:
+        """The computer is to be shut down, or the user is to be logged out; that can still be called off."""
+        if not self._told_to_end:
+            self._shut_down_soon.start()
+        self._told_to_end = True
+        self.end()
+
+    def _on_not_shut_down(self) -> None:
+        self._told_to_end = False
+        if self._kept is not None:
+            self._kept = None
+            self._keep()
+
     def standing(self, now_ns: int) -> list[Event]:
         """What heads a recording of a trial that goes on."""
         if self._resumed is None:
@@ -140,7 +163,7 @@ class GoingOnService(Service):
     def _keep(self) -> None:
         state, scenario, connection = self._state, self._scenario, self._robot.connection
         folder: Path | None = state.recording.value.folder
-        if folder is None:
+        if folder is None or self._told_to_end:
             return
         trial = UnfinishedTrial(
             folder,
@@ -152,7 +175,11 @@ class GoingOnService(Service):
         )
         if trial != self._kept:
             self._kept = trial
-            self._slow_work.do(_told(lambda: unfinished.keep(self._parts.folder, trial)), lambda _done: None, _tell)
+            self._slow_work.do(_told(lambda: self._write(trial)), lambda _done: None, _tell)
+
+    def _write(self, trial: UnfinishedTrial) -> None:  # any thread
+        if not self._told_to_end:
+            unfinished.keep(self._parts.folder, trial)
 
     # Going on
 

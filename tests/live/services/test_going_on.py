@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 import pytest
 from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import ConfirmedAsBefore, InitialPoseSet, TrialResumed
@@ -238,6 +239,35 @@ def test_after_an_end_in_order_nothing_is_offered(run: Run, runs: Callable[[], R
     assert another.state.going_on.value.state == ""
     with pytest.raises(ToldFailure):
         another.ask(intents.GoOnWithTrial())
+
+
+def test_a_program_that_was_told_to_end_offers_nothing_whatever_becomes_of_its_end(
+    run: Run, runs: Callable[[], Run]
+) -> None:
+    run.record("one")
+    run.settle()
+    run.service.expect_end()
+    run.state.selected_person.set("p-3")
+    run.service._keep()
+    run.settle()
+    assert list((run.folder / "trials").iterdir()) == []
+    another = runs()
+    another.start()
+    assert another.state.going_on.value.state == ""
+
+
+def test_a_shutdown_that_is_called_off_takes_nothing_away(run: Run, qtbot: QtBot) -> None:
+    run.record("one")
+    run.settle()
+    run.service.expect_shutdown()
+    run.state.selected_person.set("p-3")
+    run.service._keep()
+    run.settle()
+    assert list((run.folder / "trials").iterdir()) == [], "whoever shuts the computer down has ended their work"
+    run.service._shut_down_soon.setInterval(0)
+    qtbot.waitUntil(lambda: not run.service._shut_down_soon.isActive())
+    run.settle()
+    assert len(list((run.folder / "trials").iterdir())) == 1, "it is still recorded"
 
 
 def test_a_recording_that_ended_is_not_unfinished(run: Run, tmp_path: Path) -> None:

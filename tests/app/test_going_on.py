@@ -1,0 +1,114 @@
+"""The whole program broke off in the midst of a recording, or was told to end: what the next start offers."""
+
+import os
+import signal
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import ConfirmedAsBefore, SessionEnded, TrialResumed
+from caris_desktop.recording.session.session_header import read_header
+from caris_desktop.recording.session.session_reader import open_session
+from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
+from tests.support.console_process import ConsoleProcess
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import SimulatedRobot
+
+pytestmark = pytest.mark.alone
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[[], ConsoleProcess]]:
+    """Each call starts the program of the same user, on the same robot and study."""
+    # Short: where replays find the live robots, sockets lie, whose paths have about a hundred characters at most.
+    with tempfile.TemporaryDirectory(prefix="s-", ignore_cleanup_errors=True) as name, SimulatedRobot() as robot:
+        folder, started = Path(name), list[ConsoleProcess]()
+        environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
+        # Looking for people would slow down everything else.
+        (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
+        environment["PYTHONPATH"] = f"{folder}{os.pathsep}{Path(__file__).parents[2]}"
+        environment |= {"CARIS_MODELS_DIR": str(folder / "models"), "YOLO_OFFLINE": "1"}
+
+        def run() -> ConsoleProcess:
+            console = ConsoleProcess(robot.address, folder / "study", module="tests.app.safety_child", **environment)
+            started.append(console)
+            return console
+
+        yield run
+        for console in started:
+            console.kill()
+
+
+def _recording(console: ConsoleProcess) -> Path:
+    console.wait_until_shown(timeout_s=120.0, link="connected", going_on="")
+    console.say("record")
+    console.wait_until_shown(recording="recording")
+    return Path(console.shown["session"])
+
+
+def _kept(console: ConsoleProcess, session: Path) -> None:
+    """Until it is written down that this is recorded."""
+    trials = session.parents[2] / "XDG_STATE_HOME" / "caris-desktop" / "trials"
+    wait_for(lambda: list(trials.glob("*.json")), "what is under way is written down")
+
+
+def test_a_killed_program_offers_to_go_on_and_records_nothing_before_all_is_confirmed(
+    start: Callable[[], ConsoleProcess],
+) -> None:
+    killed = start()
+    first = _recording(killed)
+    _kept(killed, first)
+    killed.kill()
+
+    console = start()
+    console.wait_until_shown(timeout_s=120.0, link="connected", going_on="offered", going_on_card=True, held=False)
+    console.say("click going_on_yes")
+    console.wait_until_shown(going_on="unconfirmed", going_on_card=True, held=True, drive_allowed=False)
+    for way in ("click record_button", "record"):
+        told = len(console.shown["problems"])
+        console.say(way)
+        wait_for(lambda told=told: len(console.shown["problems"]) > told, "a refusal")  # type: ignore[misc]
+        assert "Starting a recording is not possible before this is confirmed again" in console.shown["problems"][-1]
+        assert console.shown["recording"] == "idle"
+    for what in get_args(intents.AsBefore):
+        console.say(f"click going_on_{what}")
+    console.wait_until_shown(going_on="confirmed", held=True)
+    console.say("click going_on_start")
+    # Twice, as checks are open here: Record anyway.
+    console.say("click start_dialog_begin")
+    console.say("click start_dialog_begin")
+    console.wait_until_shown(recording="recording", going_on_card=False, held=True)
+    second = Path(console.shown["session"])
+    assert console.close() == 0
+
+    assert second != first
+    trials = [read_header(folder)["trial"] for folder in (first, second)]
+    assert trials[0]["participant"] == trials[1]["participant"] == "P1"
+    assert trials[1]["recording"] == "2"
+    happened = [value for _, value in open_session(second).values()]
+    assert [value.folder for value in happened if isinstance(value, TrialResumed)] == [first.name]
+    confirmed = [value.what for value in happened if isinstance(value, ConfirmedAsBefore)]
+    assert confirmed == list(get_args(intents.AsBefore))
+
+
+@pytest.mark.parametrize("told", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.long)])
+def test_a_program_that_is_told_to_end_saves_its_recording_and_offers_nothing(
+    start: Callable[[], ConsoleProcess], told: signal.Signals
+) -> None:
+    """Also in the midst of driving, when no window closes."""
+    ended = start()
+    session = _recording(ended)
+    _kept(ended, session)
+    ended.hold("A", lambda: ended.shown["moving"], "the robot is driven")
+    assert ended.terminate(told) == 0
+    (end,) = [value for _, value in open_session(session).values() if isinstance(value, SessionEnded)]
+    assert end.reason == "console_closed"
+
+    console = start()
+    console.wait_until_shown(timeout_s=120.0, link="connected", going_on="", going_on_card=False)
+    assert console.close() == 0
+    assert not any(report["going_on"] for report in console.history)
