@@ -30,7 +30,7 @@ _SCALAR_WORDS = {bool: "`true` or `false`", str: "text", int: "whole number", fl
 
 
 def reference(declaration: Group) -> str:
-    """Markdown: one table for the file itself, then one section for each group in it."""
+    """Markdown: one table for the file itself, then one section for each group in it, and for those in that."""
     lines = _table(keys_of(declaration))
     for key in keys_of(declaration):
         lines += _section(key)
@@ -57,14 +57,18 @@ def with_tables(page: str, files: dict[str, Group]) -> str:
     return _PLACE.sub(table, page)
 
 
-def _section(key: Key) -> list[str]:
+def _section(key: Key, within: str = "") -> list[str]:
     form = item_of(key.form.kind) or key.form
     if form.elsewhere is not None:
         return []
     if is_group(form.kind):
-        return ["", f"## `{key.name}`", "", description_of(key.form), "", *_table(keys_of(form.kind))]
+        lines = ["", f"## `{within}{key.name}`", "", description_of(key.form), "", *_table(keys_of(form.kind))]
+        for inner in keys_of(form.kind):
+            if is_group((item_of(inner.form.kind) or inner.form).kind):
+                lines += _section(inner, f"{within}{key.name}.")
+        return lines
     groups = groups_of(form.kind)
-    lines = ["", f"## `{key.name}`", "", description_of(key.form)] if groups else []
+    lines = ["", f"## `{within}{key.name}`", "", description_of(key.form)] if groups else []
     for group in groups:
         lines += ["", description_of(form_of(group)), "", *_table(keys_of(group))]
     return lines

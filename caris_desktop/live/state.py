@@ -269,6 +269,7 @@ class LiveState(QObject):
         self.going_on = LiveValue(GoingOnStatus(), self)
         self.practice = LiveValue(PracticeStatus(), self)
         self._camera_by_hand = False
+        self._camera_preferred = ""
         self._of_camera: dict[tuple[str, str], LiveStream] = {}
         self._robot_clock: LinkQuality | None = None
         self._places_by_camera: dict[str, PeopleInMap] = {}
@@ -355,6 +356,19 @@ class LiveState(QObject):
             self._camera_by_hand = True
             self._show_camera(name)
 
+    def prefer_camera(self, name: str) -> None:
+        """Show this one as soon as it is there, and until another is chosen. Without a name it is the first one, unless
+        one was chosen already.
+        """
+        self._camera_preferred = name
+        self._camera_by_hand = self._camera_by_hand and not name
+        if not self._camera_by_hand:
+            self._show_camera(self._usual_camera())
+
+    def _usual_camera(self) -> str:
+        names: tuple[str, ...] = self.cameras.value
+        return self._camera_preferred if self._camera_preferred in names else names[0] if names else ""
+
     def choose_phrases(self, group: int) -> None:
         """The keys of phrases mean this group of the scenario's, counted round."""
         scenario = self.scenario.value
@@ -382,7 +396,7 @@ class LiveState(QObject):
         self.cameras.set(names)
         if name == self.camera.value:
             self._camera_by_hand = False
-            self._show_camera(names[0] if names else "")
+            self._show_camera(self._usual_camera())
 
     def _show_camera(self, name: str) -> None:
         if name != self.camera.value:
@@ -395,8 +409,8 @@ class LiveState(QObject):
                     shown.update_value(its.value)
 
     def _note_camera(self, name: str) -> None:
-        """The robot's come first, then those of this computer as they were asked for; the first one is shown until the
-        wizard chooses.
+        """The robot's come first, then those of this computer as they were asked for; the first one, or the one that
+        is preferred, is shown until the wizard chooses.
         """
         if name in self.cameras.value:
             if not self.camera.value:
@@ -409,7 +423,7 @@ class LiveState(QObject):
         names = sorted((*self.cameras.value, name), key=lambda camera: place.get(camera, len(order)))
         self.cameras.set(tuple(names))
         if not self._camera_by_hand:
-            self._show_camera(names[0])
+            self._show_camera(self._usual_camera())
 
     def _people_of_all_cameras(self, places: PeopleInMap) -> PeopleInMap:
         """Those whom this camera sees, with those whom the others see at about the same time."""

@@ -21,6 +21,7 @@ from caris_desktop.scenario.assistant import AssistantSettings
 from caris_desktop.scenario.face import FaceSettings
 from caris_desktop.scenario.gestures import MOST_GESTURES, Gesture
 from caris_desktop.scenario.listening import ListeningSettings
+from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.scenario.phrases import PhraseEntry, Sentence
 from caris_desktop.scenario.preflight import PreflightEntry
 from caris_desktop.scenario.protocol import ProtocolSettings
@@ -437,6 +438,9 @@ class Scenario:
             quiet=True,
         ),
     ] = ()
+    panels: Annotated[PanelSettings, Rule(title="What panels show at first", section="Panels", quiet=True)] = field(
+        default_factory=PanelSettings
+    )
     recording: Annotated[RecordingSettings, Rule(section="Recording", quiet=True)] = field(
         default_factory=RecordingSettings
     )

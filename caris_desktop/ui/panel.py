@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QBoxLayout, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
@@ -123,6 +124,9 @@ class Panel(QWidget):
         """
         if self.in_view:
             self.catch_up()
+
+    def use_settings(self, settings: PanelSettings) -> None:
+        """Be as these have it, whatever it was like before; nothing in a panel of which they say nothing."""
 
     def what_lasts(self) -> Any:
         """What the next panel of this kind takes over, when all are built anew; None for nothing."""

@@ -8,6 +8,7 @@ far. Whoever asks for a panel meanwhile gets it: then the rest is made at once.
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
@@ -15,6 +16,7 @@ from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
+from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
 from caris_desktop.ui.layout.tree import panels_in, permitted
@@ -62,9 +64,11 @@ class PanelBoard(QObject):
         self._aside: dict[PanelName, Panel] = {}
         self._lasting: dict[PanelName, Any] = {}
         self._least: dict[PanelName, QSize] = {}
+        self._opened: tuple[Path | None, PanelSettings] | None = None
+        self._opened_in: set[PanelName] = set()
         self._has_library = False
         self._building: _Building | None = None
-        self._outdated: deque[Panel] = deque()  # they go on, and show what the scenario before said
+        self._outdated: deque[PanelName] = deque()  # they go on, and show what the scenario before said
         self._missing: deque[PanelName] = deque()
         self._behind: deque[PanelName] = deque()
         self._without_room: PanelName | None = None
@@ -106,6 +110,7 @@ class PanelBoard(QObject):
         for name, panel in tuple(kept.items()):
             if name not in possible or not panel.follow(scenario):
                 self._keep(name, kept.pop(name))
+        self._open_scenario(scenario)
         tree = permitted(scenario.layout, possible)
         arrangement = arrange(tree)
         self._panels, self._aside = kept, {}
@@ -113,7 +118,7 @@ class PanelBoard(QObject):
         self._docks.leave_gaps({**self._panels, **self._aside}, self._panels)
         actions.rebuild(scenario)
         self._bind_driving()
-        self._outdated.extend(self._panels.values())
+        self._outdated.extend(self._panels)
         missing, seen = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
         self._missing.extend(name for name in missing if name in seen)
         self._behind.extend(name for name in missing if name not in seen)
@@ -142,7 +147,9 @@ class PanelBoard(QObject):
         if self._without_room is not None:
             self._give_room()
         elif self._outdated:
-            self._outdated.popleft().show_scenario()
+            name = self._outdated.popleft()
+            self._panels[name].show_scenario()
+            self._open_in(name, self._panels[name])
         elif self._missing:
             self._make_next(self._missing)
         elif self._building is not None:
@@ -272,9 +279,26 @@ class PanelBoard(QObject):
         panel.window_wanted.connect(self.window_wanted)
         panel.moment_wanted.connect(self.moment_wanted)
         panel.use_library(present=self._has_library)
+        if name in self._opened_in:
+            panel.use_settings(self._context.console.scenario.panels)
         if name in self._lasting:
             panel.take_over(self._lasting[name])
+        self._open_in(name, panel)
         return panel
+
+    def _open_scenario(self, scenario: Scenario) -> None:
+        """Panels are as its file has them at first, once: then as the wizard has them, for as long as it is open, also
+        where something else in it is changed meanwhile.
+        """
+        if (scenario.path, scenario.panels) != self._opened:
+            self._opened = scenario.path, scenario.panels
+            self._opened_in.clear()
+            self._context.console.state.prefer_camera(scenario.panels.video.camera)
+
+    def _open_in(self, name: PanelName, panel: Panel) -> None:
+        if name not in self._opened_in:
+            self._opened_in.add(name)
+            panel.use_settings(self._context.console.scenario.panels)
 
     def _bring(self, name: PanelName) -> Panel:
         """The panel that was put aside, which shows the present scenario again; else a new one."""
@@ -283,6 +307,7 @@ class PanelBoard(QObject):
             return self._make(name)
         self._panels[name] = panel
         panel.show_scenario()
+        self._open_in(name, panel)
         return panel
 
     def _put_aside_all_but(self, names: Collection[PanelName]) -> None:

@@ -38,6 +38,14 @@ from caris_desktop.scenario.file import (
 from caris_desktop.scenario.gestures import Gesture
 from caris_desktop.scenario.listening import ListeningSettings
 from caris_desktop.scenario.model import PanelLeaf, Place, Scenario, SplitNode, TabNode
+from caris_desktop.scenario.panel_settings import (
+    DriveSettings,
+    LogSettings,
+    MapSettings,
+    PanelSettings,
+    QuestionSettings,
+    VideoSettings,
+)
 from caris_desktop.scenario.preflight import ManualCheck
 from caris_desktop.scenario.protocol import Branch, ProtocolSettings, ProtocolStep
 from caris_desktop.scenario.recording import ErrorKind, RecordingSettings
@@ -366,6 +374,13 @@ COMPLETE = Scenario(
     face=FaceSettings(live_picture=True, page="network"),
     permissions=model.Permissions(transcription=True, own_voice=True, cloud_models=False, face=True, notes=False),
     panels_off=("diagnostics",),
+    panels=PanelSettings(
+        MapSettings(follow=True, up="robot", trail=False),
+        VideoSettings("desk"),
+        DriveSettings("stick"),
+        LogSettings("problems"),
+        QuestionSettings(("people", "notes")),
+    ),
     notes="Offer a glass of water first.",
 )
 

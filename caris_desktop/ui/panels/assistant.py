@@ -20,6 +20,7 @@ from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characte
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus
+from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.assistant.along_chips import AlongChips
 from caris_desktop.ui.assistant.exchange_rows import ROW_PX, ExchangeRows
@@ -174,6 +175,9 @@ class AssistantPanel(Panel):
         self._words.forget()
         self._pages.setCurrentWidget(self._main)
         self.catch_up()
+
+    def use_settings(self, settings: PanelSettings) -> None:
+        self.along.keep(settings.assistant.left_out, self.along.pictures)
 
     def what_lasts(self) -> Any:
         return self.field.text(), self.along.left_out, self.along.pictures

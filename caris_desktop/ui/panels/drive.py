@@ -9,6 +9,7 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.motion_wish import MotionWish
 from caris_desktop.live.status import DriveStatus
+from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui import speed_steps, tokens, words
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
@@ -151,6 +152,10 @@ class DrivePanel(Panel):
             source.removeWidget(self._settings)
             target.addWidget(self._settings)
             self._show_guard(self.state.drive.value)
+        self._arrange_views()
+
+    def use_settings(self, settings: PanelSettings) -> None:
+        self._chosen_view = ("arrows", "stick", "head").index(settings.drive.first)
         self._arrange_views()
 
     def _available_views(self) -> list[QWidget]:

@@ -15,6 +15,7 @@ from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
+from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui import event_words, words
 from caris_desktop.ui.ahead import nearest_words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
@@ -53,6 +54,7 @@ class MapPanel(Panel):
         self._ended = ("", "", 0.0)
         self._goal_id, self._goal_since_ns = "", 0
         self._odometry_since_ns: int | None = None
+        self._follows_on_map = False  # drawn by odometry the robot is always followed
         self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
         self._told = ToldState(self.view, self._told_words)
@@ -116,6 +118,16 @@ class MapPanel(Panel):
 
     def show_scenario(self) -> None:
         self._on_people_changed()
+
+    def use_settings(self, settings: PanelSettings) -> None:
+        shown, view = settings.map, self.view
+        followed, self._follows_on_map = view.follow, shown.follow
+        if not self.tools.by_odometry:
+            view.set_follow(shown.follow)
+            if followed and not shown.follow:
+                view.fit()
+        view.set_rotate(shown.up == "robot")
+        view.set_trail_shown(shown.trail)
 
     def _show_unconfirmed(self, _status: object = None) -> None:
         """After an unexpected end the robot may have been moved: the map says so until somebody has looked."""
@@ -300,8 +312,10 @@ class MapPanel(Panel):
         self.view.show_pose(None)
         self.view.show_scan(None)
         self.view.clear_trail()
-        self.view.set_follow(by_odometry)
-        if not by_odometry:
+        if by_odometry:
+            self._follows_on_map = self.view.follow
+        self.view.set_follow(by_odometry or self._follows_on_map)
+        if not self.view.follow:
             self.view.fit()
         self._on_places_changed(self.state.places.value)
         self._on_freshness_changed()

@@ -25,6 +25,7 @@ from caris_desktop.domain.events import Marked
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
+from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui import event_words, tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
@@ -43,6 +44,10 @@ _EVERYTHING = QT_TR_NOOP("Everything")
 _ICONS = {
     QT_TR_NOOP("Said"): "chat-text", QT_TR_NOOP("Moved"): "navigation-arrow", QT_TR_NOOP("People"): "user",
     QT_TR_NOOP("Session"): "info", QT_TR_NOOP("Problems"): "warning",
+}  # fmt: skip
+_SHOWN = {
+    "everything": "", "said": event_words.SAID, "moved": event_words.MOVED, "people": event_words.PEOPLE,
+    "session": event_words.SESSION, "problems": event_words.PROBLEMS,
 }  # fmt: skip
 _CATEGORY_ROLE = int(Qt.ItemDataRole.UserRole)
 _TIME_ROLE = _CATEGORY_ROLE + 1
@@ -216,6 +221,9 @@ class SessionPanel(Panel):
         self._filter.set_label(tr(category or _EVERYTHING))
         self._model.set_category(category)
         self._log.scrollToBottom()
+
+    def use_settings(self, settings: PanelSettings) -> None:
+        self.show_category(_SHOWN[settings.session.shows])
 
     def _open_filter_menu(self) -> None:
         self._filter_menu.popup(self._filter.mapToGlobal(QPoint(0, self._filter.height() + 4)))

@@ -80,7 +80,10 @@ class MapView(QWidget):
 
     def _on_rendered(self, first: bool) -> None:
         if first or not self._fitted:
-            self.fit()
+            if self.follow:
+                self._fitted = True  # who follows the robot looks from near
+            else:
+                self.fit()
         self.update()
 
     def _on_theme_changed(self) -> None:

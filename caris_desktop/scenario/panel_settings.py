@@ -1,0 +1,77 @@
+"""What a scenario says of how its panels are when it is opened; the wizard can change each for the session."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.intents import Along
+
+
+@dataclass(frozen=True, slots=True)
+class MapSettings:
+    """The Map panel."""
+
+    follow: Annotated[
+        bool, Rule("The robot stays in the middle, from near; else the whole map is shown.", title="Follows the robot")
+    ] = False
+    up: Annotated[
+        Literal["north", "robot"],
+        Rule("What is up: north, or where the robot looks: then the map turns with it.", title="Up is"),
+    ] = "north"
+    trail: Annotated[bool, Rule("Where the robot has driven is drawn.", title="Shows where it has driven")] = True
+
+
+@dataclass(frozen=True, slots=True)
+class VideoSettings:
+    """The Video panel."""
+
+    camera: Annotated[
+        str,
+        Rule(
+            "The name of the camera that is on show, as soon as it is there; the first one if not given.",
+            longest=40,
+        ),
+    ] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveSettings:
+    """The Drive panel."""
+
+    first: Annotated[
+        Literal["arrows", "stick", "head"],
+        Rule("What is shown where there is not room for all three.", title="Shown first"),
+    ] = "arrows"
+
+
+@dataclass(frozen=True, slots=True)
+class LogSettings:
+    """The log in the Session panel."""
+
+    shows: Annotated[
+        Literal["everything", "said", "moved", "people", "session", "problems"],
+        Rule("Which kind of events is listed."),
+    ] = "everything"
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionSettings:
+    """The Assistant panel."""
+
+    left_out: Annotated[
+        tuple[Along, ...],
+        Rule("What does not go along with a question, unless the wizard adds it.", longest=6, unique=True),
+    ] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PanelSettings:
+    """How panels are when the scenario is opened. The wizard can change each of it while the scenario is open; another
+    scenario has its own.
+    """
+
+    map: Annotated[MapSettings, Rule(quiet=True)] = field(default_factory=MapSettings)
+    video: Annotated[VideoSettings, Rule(quiet=True)] = field(default_factory=VideoSettings)
+    drive: Annotated[DriveSettings, Rule(quiet=True)] = field(default_factory=DriveSettings)
+    session: Annotated[LogSettings, Rule(quiet=True)] = field(default_factory=LogSettings)
+    assistant: Annotated[QuestionSettings, Rule(quiet=True)] = field(default_factory=QuestionSettings)
