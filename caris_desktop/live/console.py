@@ -5,6 +5,7 @@ GUI thread, except where a method says otherwise.
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from PySide6.QtCore import QObject
 
@@ -16,7 +17,6 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
@@ -60,8 +60,10 @@ from caris_desktop.live.shown_frames import ShownFrames
 from caris_desktop.live.slow_work import During, SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status_tap import StatusTap
-from caris_desktop.live.wizard_console import RobotChoice
+from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
 from caris_desktop.scenario.model import Scenario
+
+T = TypeVar("T")
 
 
 class Console(QObject):
@@ -140,7 +142,7 @@ class Console(QObject):
             disk=parts.session.disk, microphone_chosen=lambda: self._microphone.chosen is not None, parent=self,
         )  # fmt: skip
         self._session = SessionService(
-            state, parts.session,
+            state, parts.session, slow_work,
             Concerned(
                 recording, self._microphone, marks, protocol, assistant, suggestions, self._robot, self._scenario,
                 going_on, preflight,
@@ -196,14 +198,13 @@ class Console(QObject):
         """The current session's folder, or the last one's."""
         return self._recording.session_folder
 
-    def suggested_details(self) -> TrialDetails:
-        return self._session.suggested_details()
+    def look_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
+        self._session.look_before(told)
 
-    def expected_bytes_per_hour(self) -> float | None:
-        return self._session.expected_bytes_per_hour()
-
-    def free_bytes(self) -> int | None:
-        return self._session.free_bytes()
+    def read_aside(
+        self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[ToldFailure], None] | None = None
+    ) -> None:
+        self._slow_work.do(read, done, self._bus.answer if failed is None else failed)
 
     def robots(self) -> Sequence[RobotChoice]:
         return self._parts.robots.choices()

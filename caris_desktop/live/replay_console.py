@@ -9,7 +9,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,9 @@ from PySide6.QtCore import QObject, Signal
 from caris_desktop.domain import intents, person_marks
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened, Severity
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.coding_desk import CodingDesk
 from caris_desktop.live.gate import Gate, Refusal
@@ -30,9 +30,10 @@ from caris_desktop.live.replay_photos import ReplayPhotos
 from caris_desktop.live.replay_player import ReplayPlayer
 from caris_desktop.live.replay_transcript import ReplayTranscript
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
+from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
 from caris_desktop.live.status import LiveRobotsStatus
-from caris_desktop.live.wizard_console import RobotChoice
+from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
@@ -43,6 +44,7 @@ _log = logging.getLogger(__name__)
 _REFUSE_EVERY_NS = 8_000_000_000
 # From a moment itself, "the next one" is another one.
 _SAME_MOMENT_NS = 20_000_000
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,7 @@ class ReplayConsole(QObject):
         anchor: ClockAnchor = session.clock.anchor
         self._state = LiveState(self, present=PresentClock(self._clock.position_ns, anchor, live=False))
         self._frames = ReplayFrames()
+        self._slow_work = SlowWork(self)
         self._asyncio = AsyncioThread()
         self._player = ReplayPlayer(
             session,
@@ -153,6 +156,7 @@ class ReplayConsole(QObject):
         self._thumbnails.close()
         self._photos.close()
         self._transcript.close()
+        self._slow_work.finish(lambda _words, wait: wait())
         self._asyncio.stop()
         self._state.close()
 
@@ -324,14 +328,16 @@ class ReplayConsole(QObject):
     def robots(self) -> Sequence[RobotChoice]:
         return ()
 
-    def suggested_details(self) -> TrialDetails:
-        return TrialDetails()
+    def look_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
+        told(BeforeRecording())
 
-    def expected_bytes_per_hour(self) -> float | None:
-        return None
+    def read_aside(
+        self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[ToldFailure], None] | None = None
+    ) -> None:
+        def tell(failure: ToldFailure) -> None:
+            self._told(failure.what, failure.meaning, failure.advice)
 
-    def free_bytes(self) -> int | None:
-        return None
+        self._slow_work.do(read, done, tell if failed is None else failed)
 
     def microphones(self) -> Sequence[str]:
         return ()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
 
 from PySide6.QtCore import SignalInstance
 
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.trial import TrialDetails
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from caris_desktop.recording.session.session_reader import Session
     from caris_desktop.recording.studies.query import SessionQuery
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True, slots=True)
 class RobotChoice:
@@ -30,6 +33,19 @@ class RobotChoice:
     title: str
     address: str
     problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class BeforeRecording:
+    """What the start dialog begins with, as far as it could be found out.
+
+    ``suggested`` are the study's last answers, with the trial counted on; ``bytes_per_hour`` is what an hour of
+    recording will take, from this study's sessions and what the scenario keeps; ``free_bytes`` where the study lies.
+    """
+
+    suggested: TrialDetails = field(default_factory=TrialDetails)
+    bytes_per_hour: float | None = None
+    free_bytes: int | None = None
 
 
 class WizardConsole(Protocol):
@@ -50,17 +66,20 @@ class WizardConsole(Protocol):
     def do(self, intent: Intent) -> str:
         """Ask for something; gives why it was refused, empty when it is under way. The wizard is told by itself."""
 
+    def read_aside(
+        self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[ToldFailure], None] | None = None
+    ) -> None:
+        """Have files read in another thread: ``done`` gets later what ``read`` gave, ``failed`` what it raised, else
+        the wizard is told. One after the other, in the order in which it is asked.
+        """
+
     def robots(self) -> Sequence[RobotChoice]:
-        """The robots that can be connected to: shipped profiles and the wizard's own."""
+        """The robots that can be connected to: shipped profiles and the wizard's own. Waits on files, in any
+        thread: it is for ``read_aside``.
+        """
 
-    def suggested_details(self) -> TrialDetails:
-        """What the start dialog begins with: the study's last answers, with the trial counted on."""
-
-    def expected_bytes_per_hour(self) -> float | None:
-        """What an hour of recording will take, from this study's sessions and what the scenario keeps."""
-
-    def free_bytes(self) -> int | None:
-        """What is free where the study lies."""
+    def look_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
+        """Find out what the start dialog begins with; ``told`` gets it later, whatever could be found out."""
 
     def microphones(self) -> Sequence[str]:
         """Names of the sound inputs of this computer; the empty name is the system's default."""

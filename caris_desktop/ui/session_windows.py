@@ -12,7 +12,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.distant_ear import ear_of
 from caris_desktop.live.status import IN_SESSION, LibraryStatus, RecordingStatus
-from caris_desktop.live.wizard_console import SessionLibrary, WizardConsole
+from caris_desktop.live.wizard_console import BeforeRecording, SessionLibrary, WizardConsole
 from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import WINDOW_FRAME
@@ -96,18 +96,24 @@ class SessionWindows(QObject):
             return
         from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, last_details
 
-        console, suggested = self._console, self._console.suggested_details()
-        suggested = replace(suggested, wizard=self._wizards.current or suggested.wizard)
+        console = self._console
         offer = RecordingOffer(
-            console.scenario.permissions, last_details(suggested, self._last), console.expected_bytes_per_hour(),
-            console.free_bytes(), console.microphones(), console.microphone, console.scenario.blur,
+            console.scenario.permissions, console.microphones(), console.microphone, console.scenario.blur,
             ear_of(console.scenario, console.state.robot.value) == "computer",
         )  # fmt: skip
-        self._start = StartDialog(self._theme, suggested, self._window, offer, console)
+        dialog = self._start = StartDialog(self._theme, self._window, offer, console)
+
+        def know(before: BeforeRecording) -> None:
+            if self._start is dialog:
+                wizard = self._wizards.current or before.suggested.wizard
+                before = replace(before, suggested=replace(before.suggested, wizard=wizard))
+                dialog.know(before, last_details(before.suggested, self._last))
+
         self._start.microphone_chosen.connect(lambda name: console.do(intents.UseMicrophone(name)))
         self._start.begin.connect(self._on_begin)
         self._start.finished.connect(self._on_start_finished)
         self._start.open()
+        console.look_before_recording(know)
 
     def record_next_part(self) -> None:
         """Ask as before each recording, with the trial of the last one filled in."""

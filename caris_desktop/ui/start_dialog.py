@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QBoxLayout, QDialog, QFormLayout, QHBoxLayout, QLa
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import PreflightCheck
-from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
 from caris_desktop.scenario.model import BlurSettings, Permissions
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.preflight.preflight_list import PreflightList
@@ -37,15 +37,12 @@ _FRAME_PX = QSize(16, 56)  # what the desktop puts around a dialog
 class RecordingOffer:
     """What the dialog tells and asks beside the details.
 
-    ``last`` are the details of the session before, where there was one. ``microphones`` are names of sound inputs, the
+    ``microphones`` are names of sound inputs, the
     empty one for the system's default; ``microphone`` is the chosen one, None for none.
     ``chooses_microphone`` is False where the participant is heard by none of this computer.
     """
 
     permissions: Permissions = field(default_factory=Permissions)
-    last: TrialDetails | None = None
-    bytes_per_hour: float | None = None
-    free_bytes: int | None = None
     microphones: Sequence[str] = ()
     microphone: str | None = None
     blur: BlurSettings = field(default_factory=BlurSettings)
@@ -95,6 +92,8 @@ class StartDialog(QDialog):
     """``begin(TrialDetails, bool)`` once the wizard starts, with empty details after Skip; True where they were asked
     about checks that are open, and start nevertheless.
 
+    It opens before the disk has told how it begins; :meth:`know` says it, whatever was typed meanwhile stays, and who
+    starts before that is taken at their word as soon as it is known.
     ``microphone_chosen(str | None)`` comes before it where another microphone was chosen.
     """
 
@@ -104,7 +103,6 @@ class StartDialog(QDialog):
     def __init__(
         self,
         theme: Theme,
-        prefilled: TrialDetails,
         parent: QWidget,
         offer: RecordingOffer | None = None,
         console: WizardConsole | None = None,
@@ -112,7 +110,9 @@ class StartDialog(QDialog):
         """Without ``console`` nothing is checked before the recording."""
         super().__init__(parent)
         self._theme = theme
-        self._prefilled = prefilled
+        self._prefilled = TrialDetails()
+        self._last: TrialDetails | None = None
+        self._known = self._wants_last = self._wants_begin = False
         self._offer = offer or RecordingOffer()
         self.setObjectName("start_dialog")
         self.setWindowTitle(tr("Start recording"))
@@ -128,7 +128,7 @@ class StartDialog(QDialog):
         form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         self._fields: dict[str, QLineEdit] = {}
         for name, label, placeholder in _FIELDS:
-            line = QLineEdit(str(getattr(prefilled, name)))
+            line = QLineEdit()
             line.setObjectName(f"start_{name}")
             line.setPlaceholderText(tr(placeholder))
             line.setAccessibleName(tr(label))
@@ -143,12 +143,11 @@ class StartDialog(QDialog):
         self._practice = CheckBox(theme, tr("Practice run (counts as wizard training, not as data)"), wraps=True)
         self._practice.setObjectName("start_practice")
         # Never ticked beforehand: data that is taken for practice is lost to the study.
-        last = self._offer.last
-        if last is not None:
-            self._again.setText(again_words(last))
-            form.addRow("", self._again)
-            for name in ("study", "participant", "condition", "trial"):
-                self._fields[name].textEdited.connect(self._on_edited)
+        form.addRow("", self._again)
+        form.setRowVisible(self._again, False)
+        self._form = form
+        for name in ("study", "participant", "condition", "trial"):
+            self._fields[name].textEdited.connect(self._on_edited)
         self._fields["participant"].textEdited.connect(self._on_participant_edited)
         form.addRow("", self._practice)
         self._microphone = self._make_microphones()
@@ -156,14 +155,9 @@ class StartDialog(QDialog):
             form.addRow(tr("Microphone"), self._microphone)
         self._kept = self._small("")
         self._kept.setObjectName("start_kept")
-        self._room = self._small(words.expectation(self._offer.bytes_per_hour, self._offer.free_bytes))
+        self._room = self._small("")
         self._room.setObjectName("start_room")
-        self._room.setVisible(bool(self._room.text()))
-        if self._short_of_room():
-            self._theme.color_text(self._room, "amber")
-            self._room.setText(
-                tr("{expected}. Free some disk space before a long session.").format(expected=self._room.text())
-            )
+        self._room.hide()
         begin = self._begin_button = ActionButton(
             theme, tr("Start recording"), icon="record", key="Enter", look="primary", height_px=38
         )
@@ -224,7 +218,34 @@ class StartDialog(QDialog):
         self.resize(self.sizeHint())  # Qt would give it two thirds of the screen at most
         # What changes from session to session.
         self._fields["participant"].setFocus(Qt.FocusReason.OtherFocusReason)
-        self._fields["participant"].selectAll()
+
+    def know(self, before: BeforeRecording, last: TrialDetails | None = None) -> None:
+        """How it begins, and the details of the session before, where there was one."""
+        self._known, self._prefilled, self._last = True, before.suggested, last
+        for name, line in self._fields.items():
+            if not line.isModified():
+                line.setText(str(getattr(before.suggested, name)))
+        participant = self._fields["participant"]
+        if participant.isModified():
+            self._on_participant_edited(participant.text())
+        else:
+            participant.selectAll()
+        if last is not None:
+            self._again.setText(again_words(last))
+            self._form.setRowVisible(self._again, True)
+            self._again.setChecked(self._wants_last)
+        self._show_room(before.bytes_per_hour, before.free_bytes)
+        self.resize(self.size().expandedTo(self.sizeHint()))
+        if self._wants_begin:
+            self._on_begin()
+
+    def _show_room(self, bytes_per_hour: float | None, free_bytes: int | None) -> None:
+        expected = words.expectation(bytes_per_hour, free_bytes)
+        self._room.setVisible(bool(expected))
+        if bytes_per_hour and free_bytes is not None and free_bytes < bytes_per_hour:
+            self._theme.color_text(self._room, "amber")
+            expected = tr("{expected}. Free some disk space before a long session.").format(expected=expected)
+        self._room.setText(expected)
 
     def sizeHint(self) -> QSize:
         least_px = _WITH_CHECKS_PX if self._checks is not None and self._checks.value else 0
@@ -300,7 +321,8 @@ class StartDialog(QDialog):
 
     def use_last_trial(self) -> None:
         """The same trial once more, where there was one."""
-        if self._offer.last is not None:
+        self._wants_last = True
+        if self._last is not None:
             self._again.setChecked(True)
 
     def details(self) -> TrialDetails:
@@ -309,16 +331,12 @@ class StartDialog(QDialog):
             purpose=PRACTICE if self._practice.isChecked() else "",
         )
 
-    def _short_of_room(self) -> bool:
-        rate, free = self._offer.bytes_per_hour, self._offer.free_bytes
-        return bool(rate) and free is not None and free < (rate or 0.0)
-
     def _show_kept(self, _index: int = 0) -> None:
         self._kept.setText(kept_words(self._offer.permissions, self.microphone, self._offer.blur))
 
     def _on_again(self, again: bool) -> None:
         """The same trial once more: what heads it is that of the last session, and is not typed anew."""
-        source = self._offer.last if again else self._prefilled
+        source = self._last if again else self._prefilled
         if source is None:
             return
         for name in ("study", "participant", "condition", "trial"):
@@ -334,6 +352,7 @@ class StartDialog(QDialog):
 
     def _on_edited(self, _text: str) -> None:
         # Whoever types another trial means another one.
+        self._wants_last = False
         if self._again.isChecked():
             self._again.blockSignals(True)
             self._again.setChecked(False)
@@ -351,10 +370,17 @@ class StartDialog(QDialog):
         self.begin.emit(details, waits)
 
     def _on_begin(self) -> None:
-        if self.isVisible():
+        self._wants_begin = not self._known
+        if self._wants_begin:
+            self._room.setText(
+                tr("The last answers of the study are still being read. The recording starts with them in a moment.")
+            )
+            self._room.show()
+        elif self.isVisible():
             self._finish(self.details())
 
     def _on_skip(self) -> None:
+        self._wants_begin = False
         self._finish(TrialDetails(purpose=self.details().purpose))
 
 

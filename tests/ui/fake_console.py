@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ from caris_desktop.live.status import (
     RecordingStatus,
     VoiceStatus,
 )
-from caris_desktop.live.wizard_console import RobotChoice
+from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.people.store import HistoryEntry
 from caris_desktop.recording.session.marks import final_marks_of, notes_among
@@ -111,6 +111,9 @@ class FakeConsole:
         self.suggested = TrialDetails()
         self.bytes_per_hour: float | None = None
         self.free: int | None = None
+        self.disk_is_slow = False
+        self.told_failures: list[ToldFailure] = []
+        self._asked_of_disk: list[tuple[Callable[[], Any], Callable[[Any], None], Any]] = []
         self.inputs: tuple[str, ...] = ()
         self.input: str | None = None
         self.wizard_input: str | None = ""
@@ -509,14 +512,26 @@ class FakeConsole:
         self.state.notes.set(notes_among(final_marks_of(self._told_marks, ended_ns=mark.stamp_ns)))
         return mark.mark_id
 
-    def suggested_details(self) -> TrialDetails:
-        return self.suggested
+    def look_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
+        self.read_aside(lambda: BeforeRecording(self.suggested, self.bytes_per_hour, self.free), told)
 
-    def expected_bytes_per_hour(self) -> float | None:
-        return self.bytes_per_hour
+    def read_aside(
+        self, read: Callable[[], Any], done: Callable[[Any], None], failed: Callable[[ToldFailure], None] | None = None
+    ) -> None:
+        """At once, as from a disk that is quick; while ``disk_is_slow`` when ``answer_of_disk`` is called."""
+        self._asked_of_disk.append((read, done, failed))
+        if not self.disk_is_slow:
+            self.answer_of_disk()
 
-    def free_bytes(self) -> int | None:
-        return self.free
+    def answer_of_disk(self) -> None:
+        while self._asked_of_disk:
+            read, done, failed = self._asked_of_disk.pop(0)
+            try:
+                found = read()
+            except ToldFailure as failure:
+                (failed or self.told_failures.append)(failure)
+            else:
+                done(found)
 
     def microphones(self) -> Sequence[str]:
         return self.inputs

@@ -16,6 +16,7 @@ from caris_desktop.domain.events import Marked, StopRequested, UtteranceChanged
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.services.governor import STEPS
 from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
+from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.export import FORMATS
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.robot.profile import AudioInterface, RobotProfile
@@ -27,7 +28,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.session import SessionPanel
 from caris_desktop.ui.session_table import COLUMNS
 from caris_desktop.ui.sessions_window import SessionsWindow
-from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, kept_words, last_details
+from caris_desktop.ui.start_dialog import StartDialog, kept_words, last_details
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
@@ -258,7 +259,8 @@ def test_it_is_said_that_people_will_be_pixelated() -> None:
 def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme) -> None:
     parent = QWidget()
     qtbot.addWidget(parent)
-    dialog = StartDialog(theme, TrialDetails(participant="P07", trial="3"), parent, RecordingOffer())
+    dialog = StartDialog(theme, parent)
+    dialog.know(BeforeRecording(TrialDetails(participant="P07", trial="3")))
     dialog.show()
     participant, trial = find(dialog, "start_participant"), find(dialog, "start_trial")
     participant.selectAll()
@@ -279,7 +281,8 @@ def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme) -> None:
     suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim", recording="1")
     last = last_details(suggested, None)
     assert last is not None
-    dialog = StartDialog(theme, suggested, parent, RecordingOffer(last=last))
+    dialog = StartDialog(theme, parent)
+    dialog.know(BeforeRecording(suggested), last)
     begun: list[TrialDetails] = []
     dialog.begin.connect(lambda details, _anyway: begun.append(details))
     dialog.show()
@@ -297,6 +300,61 @@ def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme) -> None:
     click(qtbot, find(dialog, "start_dialog_begin"))
     assert begun == [TrialDetails("Lab visit", "P07", "B", "2", "Kim", purpose="practice")]
     assert last_details(TrialDetails(), None) is None
+
+
+def test_it_opens_before_the_disk_tells_and_keeps_what_is_typed_meanwhile(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    console.suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim")
+    console.bytes_per_hour, console.free = 1.2e9, 64_000_000_000
+    console.disk_is_slow = True
+    console.stop_session()
+    window.sessions.open_start_dialog()
+    dialog = find(window, "start_dialog")
+    assert isinstance(dialog, StartDialog)
+    assert dialog.details() == TrialDetails()
+    QTest.keyClicks(find(dialog, "start_participant"), "P08")
+    console.answer_of_disk()
+    assert dialog.details() == TrialDetails("Lab visit", "P08", "B", "1", "Kim"), "another participant begins anew"
+    room = find(dialog, "start_room")
+    assert isinstance(room, QLabel) and "64.0 GB free" in room.text()
+    assert find(dialog, "start_again").property("text") == "Same trial again: P07, trial 2 (2nd recording)"
+    dialog.close()
+
+
+def test_who_starts_before_the_disk_tells_starts_with_what_it_tells(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    console.suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim")
+    console.disk_is_slow = True
+    console.stop_session()
+    console.calls.clear()
+    window.sessions.open_start_dialog()
+    click(qtbot, find(window, "start_dialog_begin"))
+    room = find(window, "start_room")
+    assert isinstance(room, QLabel) and "still being read" in room.text()
+    assert console.calls == []
+    console.answer_of_disk()
+    assert [name for name, _ in console.calls] == ["start_session"]
+    assert console.suggested == TrialDetails("Lab visit", "P07", "B", "3", "Kim"), "what it was started with"
+
+
+def test_the_same_trial_is_meant_before_the_disk_tells_which(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    console.suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim")
+    console.disk_is_slow = True
+    console.stop_session()
+    window.sessions.record_next_part()
+    console.answer_of_disk()
+    dialog = find(window, "start_dialog")
+    assert isinstance(dialog, StartDialog) and dialog.details().trial == "2"
+    dialog.close()
+    console.disk_is_slow = True
+    window.sessions.open_start_dialog()
+    find(window, "start_dialog").close()
+    console.answer_of_disk()
+    assert window.sessions._start is None, "the one that it was for has gone"
 
 
 # All sessions

@@ -23,15 +23,19 @@ from caris_desktop.live.services.recording import RecordingService
 from caris_desktop.live.services.robot import RobotConnection, RobotService
 from caris_desktop.live.services.scenario import ScenarioService
 from caris_desktop.live.services.suggestions import SuggestionsService
+from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus, RecordingStatus
+from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.recorder.messages import SessionHeader
 from caris_desktop.scenario.model import Scenario
 
 
 @dataclass(frozen=True, slots=True)
 class SessionParts:
-    """``new_session`` makes the folder, in a thread of its own, and raises ToldFailure."""
+    """All but ``photo_file`` waits on files, in a thread of its own; ``new_session`` makes the folder, and raises
+    ToldFailure.
+    """
 
     suggested_details: Callable[[], TrialDetails]
     new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]]
@@ -64,10 +68,13 @@ class Concerned:
 class SessionService(Service):
     """Starts, pauses and ends sessions, and takes photos."""
 
-    def __init__(self, state: LiveState, parts: SessionParts, concerned: Concerned, parent: QObject) -> None:
+    def __init__(
+        self, state: LiveState, parts: SessionParts, slow_work: SlowWork, concerned: Concerned, parent: QObject
+    ) -> None:
         super().__init__(parent)
         self._state = state
         self._parts = parts
+        self._slow_work = slow_work
         self._with = concerned
         self._latched: EmergencyStopChanged | None = None
         state.recording.changed.connect(self._on_recording_changed)
@@ -188,13 +195,12 @@ class SessionService(Service):
             self._with.microphone.close()
             self._with.marks.forget()
 
-    # What the start dialog shows
+    def look_before(self, told: Callable[[BeforeRecording], None]) -> None:
+        """As :meth:`WizardConsole.look_before_recording`."""
+        scenario = self._with.scenario.current
 
-    def suggested_details(self) -> TrialDetails:
-        return self._parts.suggested_details()
+        def look() -> BeforeRecording:
+            free_bytes, bytes_per_hour = self._parts.disk(scenario)
+            return BeforeRecording(self._parts.suggested_details(), bytes_per_hour, free_bytes)
 
-    def expected_bytes_per_hour(self) -> float | None:
-        return self._parts.expected_bytes_per_hour(self._with.scenario.current)
-
-    def free_bytes(self) -> int | None:
-        return self._parts.free_bytes()
+        self._slow_work.do(look, told, lambda _failure: told(BeforeRecording()))

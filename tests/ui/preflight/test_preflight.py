@@ -14,6 +14,7 @@ from caris_desktop.domain.events import PreflightChecked
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import MicrophoneStatus, PreflightCheck, RecordingStatus
+from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.scenario.model import Permissions
 from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
@@ -145,7 +146,8 @@ def test_a_replay_shows_how_it_stood_and_changes_nothing(
 class Dialog:
     def __init__(self, qtbot: QtBot, theme: Theme, window: QWidget, console: FakeConsole) -> None:
         self.begun: list[tuple[TrialDetails, bool]] = []
-        self.dialog = StartDialog(theme, TrialDetails(participant="P1"), window, console=console)
+        self.dialog = StartDialog(theme, window, console=console)
+        self.dialog.know(BeforeRecording(TrialDetails(participant="P1")))
         self.dialog.begin.connect(lambda details, anyway: self.begun.append((details, anyway)))
         self.dialog.open()
         self.qtbot = qtbot
