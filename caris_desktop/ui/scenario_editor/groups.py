@@ -1,4 +1,7 @@
-"""Pieces of the form that hold others: groups of keys, lists with their entries, what may be one of several groups."""
+"""Pieces of the form that hold others: groups of keys, lists with their entries, what may be one of several groups.
+
+Long because each of them holds pieces of every other kind: in files of their own they would import one another.
+"""
 
 from collections.abc import Callable
 from typing import Any
