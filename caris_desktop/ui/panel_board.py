@@ -17,7 +17,7 @@ from PySide6.QtWidgets import QApplication, QMenu, QWidget
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.scenario.panel_settings import PanelSettings
-from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
 from caris_desktop.ui.layout.tree import panels_in, permitted
 from caris_desktop.ui.panel import Panel, PanelContext
@@ -231,6 +231,15 @@ class PanelBoard(QObject):
     def floater(self, name: PanelName) -> Callable[[], None]:
         """Gives the panel a window of its own, or puts it back."""
         return lambda: self._docks.toggle_floating(name)
+
+    def resizers(self, name: PanelName) -> list[tuple[int, Callable[[], None]]]:
+        """By how many pixels the panel can be made larger, or smaller, and what does it."""
+        docks = self._docks
+
+        def resizer(by_px: int) -> Callable[[], None]:
+            return lambda: docks.resize_panel(name, by_px)
+
+        return [(by_px, resizer(by_px)) for by_px in (RESIZE_PX, -RESIZE_PX) if docks.can_resize(name, by_px)]
 
     def toggler(self, name: PanelName) -> Callable[[bool], None]:
         """Opens or closes the panel after the menu has closed, so that it gets its size and the focus can go there."""

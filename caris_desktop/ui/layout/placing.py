@@ -6,7 +6,7 @@ from typing import Literal
 
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode
 from caris_desktop.ui.layout.rect import Rect
-from caris_desktop.ui.layout.tree import Side, panels_in, shares, split_at
+from caris_desktop.ui.layout.tree import Side, panels_in, path_of, shares, split_at
 
 GAP_PX = 8
 TAB_BAR_PX = 36
@@ -166,6 +166,28 @@ def dragged(node: LayoutNode, handle: Handle, moved_px: int) -> tuple[float, ...
     # What is hidden keeps its share of the whole.
     visible, total = sum(part_of[i] for i in had), sum(had.values()) or 1
     return tuple(max(0.001, visible * had[i] / total) if i in had else part for i, part in enumerate(part_of))
+
+
+def grown(
+    node: LayoutNode, placing: Placing, panel: PanelName, by_px: int
+) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
+    """The split that makes a panel larger by so much, or smaller where that is below zero, and its weights then. It is
+    the nearest one around the panel in which that can be, and what follows the panel gives way first; None where it can
+    be in none.
+    """
+    at = path_of(node, panel)
+    around = [
+        (handle, handle.before == at[len(handle.path)])
+        for handle in placing.handles
+        if len(handle.path) < len(at)
+        and handle.path == at[: len(handle.path)]
+        and at[len(handle.path)] in (handle.before, handle.after)
+    ]
+    for handle, is_before in sorted(around, key=lambda each: (-len(each[0].path), not each[1])):
+        weights = dragged(node, handle, by_px if is_before else -by_px)
+        if weights != dragged(node, handle, 0):
+            return handle.path, weights
+    return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -166,6 +166,16 @@ def with_weights(node: LayoutNode, path: tuple[int, ...], weights: tuple[float, 
     return SplitNode(whole.split, tuple(children), whole.weights)
 
 
+def path_of(node: LayoutNode, panel: PanelName) -> tuple[int, ...]:
+    """Which children lead to the group that has the panel; empty where the whole tree is that group, or none has it."""
+    if not isinstance(node, SplitNode):
+        return ()
+    for number, child in enumerate(node.children):
+        if panel in panels_in(child):
+            return (number, *path_of(child, panel))
+    return ()
+
+
 def split_at(node: LayoutNode, path: tuple[int, ...]) -> SplitNode:
     for index in path:
         node = split_at(node, ()).children[index]

@@ -387,7 +387,20 @@ class PaletteEntries:
             )
             for name in shown
         ]
-        return opened if self._parts.layout.locked else [*opened, *closed, *floats]
+        resizes = [
+            Entry(
+                (tr("{panel}: larger") if by_px > 0 else tr("{panel}: smaller")).format(panel=tr(PANELS[name].title)),
+                tr("Panel"),
+                "arrows-out-simple" if by_px > 0 else "arrows-in-simple",
+                "",
+                do,
+                also=tr("size resize width height room split"),
+                id=f"Panel: {PANELS[name].title}: {'larger' if by_px > 0 else 'smaller'}",
+            )
+            for name in shown
+            for by_px, do in panels.resizers(name)
+        ]
+        return opened if self._parts.layout.locked else [*opened, *closed, *floats, *resizes]
 
     def _of_layout(self) -> list[Entry]:
         layout = self._parts.layout

@@ -9,8 +9,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.scenario.model import PanelLeaf, TabNode
-from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.scenario.model import PanelLeaf, PanelName, TabNode
+from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
 from caris_desktop.ui.layout.arrangement import (
     Arrangement,
     arrangement_data,
@@ -162,6 +162,46 @@ def test_the_menu_of_a_title_moves_and_floats_by_keys_too(host: DockHost) -> Non
     assert group is not None and group.panels == ("video", "map")
     menu.actions()[0].trigger()
     assert "map" in arranged(host).afloat
+
+
+def test_a_panel_gets_larger_and_smaller_by_keys(window: MainWindow, host: DockHost) -> None:
+    def press(panel: PanelName, words: str) -> bool:
+        menu = QMenu()
+        host.fill_menu(menu, panel)
+        action = next(action for action in menu.actions() if action.text() == words)
+        possible = action.isEnabled()
+        action.trigger()
+        return possible
+
+    before, map_px, video_px = arranged(host), host.docks["map"].height(), host.docks["video"].height()
+    assert press("map", "Larger")
+    assert host.docks["map"].height() == map_px + RESIZE_PX and host.docks["video"].height() == video_px
+    # Its column is the nearest split: the one around that gives way once the column cannot.
+    while press("people", "Smaller"):
+        check(host)
+    column: tuple[PanelName, ...] = ("map", "drive", "assistant", "session", "people")
+    assert host.docks["people"].width() == max(host.docks[name].least()[0] for name in column)
+    assert host.docks["people"].height() == host.docks["people"].least()[1]
+    larger = {entry.text: entry for entry in window.palette_entries()}
+    assert "People: smaller" not in larger, "there is no room for that"
+    height_px = host.docks["people"].height()
+    larger["People: larger"].do()
+    assert host.docks["people"].height() == height_px + RESIZE_PX
+    while arranged(host) != before:
+        window.layout_keeper.undo()
+    assert host.docks["map"].height() == map_px
+
+
+def test_a_locked_panel_keeps_its_size(window: MainWindow, host: DockHost) -> None:
+    refused, before = list[str](), arranged(host)
+    host.refused.connect(refused.append)
+    window.layout_keeper.set_locked(True)
+    menu = QMenu()
+    host.fill_menu(menu, "map")
+    assert not [action for action in menu.actions() if action.text() in ("Larger", "Smaller") and action.isEnabled()]
+    assert not [entry.text for entry in window.palette_entries() if entry.text == "Map: larger"]
+    host.resize_panel("map", RESIZE_PX)
+    assert arranged(host) == before and len(refused) == 1
 
 
 def test_a_panel_that_is_too_small_says_what_is_cut_off_and_opens_as_a_drawer(
