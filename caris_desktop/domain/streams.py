@@ -7,7 +7,7 @@ added here (and nowhere else) to be conflated, recorded, replayed and exported.
 import re
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from caris_desktop.domain import events, foxglove, sensing, sound
 from caris_desktop.domain.foxglove import WellKnown
@@ -19,6 +19,10 @@ class Delivery(Enum):
     LATEST = "latest"  # the newest value wins in the panels; the recorder gets every one
     LOSSLESS = "lossless"  # every value reaches everybody
     MEDIA = "media"  # pixels in a shared ring; recorded as video
+
+
+ShownAs = Literal["panels", "picture"]
+"""What a busy machine shows less often: first all panels, the map among them, and only then the picture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +56,10 @@ class StreamSpec:
     def latched(self) -> bool:
         """Whether the newest value holds until the next one comes, however long that takes."""
         return self.delivery is Delivery.LATEST and self.expected_period_s is None
+
+    @property
+    def shown_as(self) -> ShownAs:
+        return "picture" if self.delivery is Delivery.MEDIA else "panels"
 
     @property
     def stale_after_s(self) -> float | None:

@@ -1,7 +1,7 @@
 """Carries domain values from any thread to whoever wants them: before anything is conflated, or in the GUI thread."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject, Qt, Signal
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd, Severity
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.streams import CARRIER_STREAMS
+from caris_desktop.domain.streams import CARRIER_STREAMS, ShownAs
 from caris_desktop.live.mailbox import Mailbox
 from caris_desktop.live.pace import PassPace
 from caris_desktop.live.service import Follows
@@ -58,9 +58,9 @@ class Bus(QObject):
         """What cannot wait for the GUI thread to take in what has come."""
         self._before_work = call
 
-    def pass_at_most_every(self, seconds: float) -> None:
-        """How often the panels get new state at most; 0 for as often as they can take it."""
-        self._pace.at_most_every(seconds)
+    def pass_at_most_every(self, *, panels_s: float, picture_s: float) -> None:
+        """How often the panels and the picture get new state at most; 0 for as often as they can take it."""
+        self._pace.at_most_every(panels_s=panels_s, picture_s=picture_s)
 
     def publish(self, value: Any, raw: bytes | None = None) -> None:
         """Any thread. ``raw`` is the value pickled, where the caller has it already."""
@@ -95,17 +95,20 @@ class Bus(QObject):
 
     def take_in(self) -> None:
         """Take in everything that waits, now."""
-        events, latest = self._mailbox.drain()
+        self._take_in(("panels", "picture"))
+
+    def _take_in(self, shown_as: Collection[ShownAs]) -> None:
+        events, latest = self._mailbox.drain(shown_as)
         self._take_events(events)
         for value in latest:
             self._state.take(value)
 
     def _on_woken(self) -> None:
         self._before_work()
-        if self._pace.may_begin():
-            self.take_in()
-        else:
-            self._take_events(self._mailbox.drain_events())
+        waiting = self._mailbox.waiting
+        self._take_in(self._pace.may_begin(waiting))
+        if self._mailbox.waiting - waiting:
+            self._woken.emit()  # came meanwhile, without a call of its own
 
     def _take_events(self, events: list[Any]) -> None:
         for event in events:

@@ -2,10 +2,10 @@
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
-from caris_desktop.domain.streams import BY_TYPE, Delivery
+from caris_desktop.domain.streams import BY_TYPE, Delivery, ShownAs, StreamSpec
 
 
 class Mailbox:
@@ -18,7 +18,8 @@ class Mailbox:
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
         self._lock = threading.Lock()
-        self._latest: dict[str, Any] = {}
+        self._latest: dict[str, tuple[StreamSpec, Any]] = {}
+        self._waiting: frozenset[ShownAs] = frozenset()
         self._events: deque[Any] = deque()
         self._woken = False
 
@@ -30,26 +31,28 @@ class Mailbox:
             if spec.delivery is Delivery.LOSSLESS:
                 self._events.append(value)
             else:
-                # What goes on waiting after drain_events is taken in without another call.
-                wakes = wakes and not self._latest
-                self._latest[spec.key_of(value)] = value
+                # What goes on waiting after a drain is taken in without another call.
+                wakes = wakes and spec.shown_as not in self._waiting
+                self._waiting |= {spec.shown_as}
+                self._latest[spec.key_of(value)] = spec, value
             self._woken = self._woken or wakes
         if wakes:
             self._wake()
 
-    def drain_events(self) -> list[Any]:
-        """All events in order; what there is of the state streams goes on waiting."""
+    @property
+    def waiting(self) -> frozenset[ShownAs]:
+        """Of what there are values of state streams."""
+        return self._waiting
+
+    def drain(self, shown_as: Collection[ShownAs] = ("panels", "picture")) -> tuple[list[Any], list[Any]]:
+        """All events in order, and the newest value of each state stream that is shown as one of these; the others go
+        on waiting.
+        """
         with self._lock:
             events = list(self._events)
             self._events.clear()
-            self._woken = False
-        return events
-
-    def drain(self) -> tuple[list[Any], list[Any]]:
-        """All events in order, and the newest value of each state stream; empties the mailbox."""
-        with self._lock:
-            events, latest = list(self._events), list(self._latest.values())
-            self._events.clear()
-            self._latest.clear()
+            latest = [value for spec, value in self._latest.values() if spec.shown_as in shown_as]
+            self._latest = {key: held for key, held in self._latest.items() if held[0].shown_as not in shown_as}
+            self._waiting -= frozenset(shown_as)
             self._woken = False
         return events, latest

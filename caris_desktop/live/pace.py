@@ -1,8 +1,12 @@
 """How often the panels get new state: less often while the machine lets the GUI thread wait."""
 
+import math
 import time
+from collections.abc import Collection
 
 from PySide6.QtCore import QObject, QTimer, Signal
+
+from caris_desktop.domain.streams import ShownAs
 
 UNHURRIED_S = 0.03
 """What a pass (taking state in and painting it) may take before it counts as slow."""
@@ -20,45 +24,57 @@ def rest_after(took_s: float) -> float:
 
 
 class PassPace(QObject):
-    """``due`` when the next pass may begin and something waits for it."""
+    """``due`` when something that waits may be passed on."""
 
     due = Signal()
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._began_s = 0.0
-        self._every_s = 0.0
+        self._every_s: dict[ShownAs, float] = {"panels": 0.0, "picture": 0.0}
+        self._passed_s: dict[ShownAs, float] = {"panels": 0.0, "picture": 0.0}
         self._waiting = False
         self._free = True
+        self._ended = False
         # Fires once everything that a pass has caused is painted: events come before timers without a delay.
         self._painted = QTimer(self, singleShot=True, interval=0)
         self._painted.timeout.connect(self._on_painted)
         self._rest = QTimer(self, singleShot=True)
         self._rest.timeout.connect(self._on_rested)
+        self._held = QTimer(self, singleShot=True)
+        self._held.timeout.connect(self._on_held)
 
-    def at_most_every(self, seconds: float) -> None:
-        """No more passes than this, whatever they cost; 0 for as many as they allow themselves."""
-        self._every_s = seconds
+    def at_most_every(self, *, panels_s: float, picture_s: float) -> None:
+        """No more passes of each than this, whatever they cost; 0 for as many as they allow themselves."""
+        self._every_s = {"panels": panels_s, "picture": picture_s}
 
-    def may_begin(self) -> bool:
-        """Whether a pass may begin now; if not, ``due`` follows."""
+    def may_begin(self, waiting: Collection[ShownAs] = ("panels", "picture")) -> frozenset[ShownAs]:
+        """What of this is passed on now; for the rest ``due`` follows."""
+        if not waiting or self._ended:
+            return frozenset()
         if not self._free:
             self._waiting = True
-            return False
-        self._free = False
-        self._began_s = time.monotonic()
-        self._painted.start()
-        return True
+            return frozenset()
+        now_s = time.monotonic()
+        held_s = {what: self._passed_s[what] + self._every_s[what] - now_s for what in waiting}
+        passed = frozenset(what for what, wait_s in held_s.items() if wait_s <= 0.0)
+        if len(passed) < len(held_s):
+            self._held.start(math.ceil(min(wait_s for wait_s in held_s.values() if wait_s > 0.0) * 1000))
+        if passed:
+            self._free = False
+            self._began_s = now_s
+            self._passed_s.update(dict.fromkeys(passed, now_s))
+            self._painted.start()
+        return passed
 
     def end(self) -> None:
         """No pass may begin from now on."""
-        self._free = self._waiting = False
-        self._painted.stop()
-        self._rest.stop()
+        self._ended = True
+        for timer in (self._painted, self._rest, self._held):
+            timer.stop()
 
     def _on_painted(self) -> None:
-        took_s = time.monotonic() - self._began_s
-        rest_s = max(rest_after(took_s), self._every_s - took_s)
+        rest_s = rest_after(time.monotonic() - self._began_s)
         if rest_s > 0.0:
             self._rest.start(round(rest_s * 1000))
         else:
@@ -69,3 +85,9 @@ class PassPace(QObject):
         if self._waiting:
             self._waiting = False
             self.due.emit()
+
+    def _on_held(self) -> None:
+        if self._free:
+            self.due.emit()
+        else:
+            self._waiting = True

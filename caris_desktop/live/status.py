@@ -541,6 +541,11 @@ class LoadStatus:
     step: int = 0
     detail: str = ""
 
+    @property
+    def pays_small(self) -> bool:
+        """Whether small pictures, of other cameras and of people, are renewed less often: they pay first."""
+        return self.step > 0
+
 
 @dataclass(frozen=True, slots=True)
 class PersonHistory:

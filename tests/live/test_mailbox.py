@@ -29,12 +29,27 @@ def test_events_can_be_taken_alone_while_the_picture_waits() -> None:
     mailbox = Mailbox(lambda: wakes.append(1))
     mailbox.put(_frame(1))
     mailbox.put(Marked(1, "first"))
-    assert mailbox.drain_events() == [Marked(1, "first")]
+    assert mailbox.drain(()) == ([Marked(1, "first")], [])
     mailbox.put(_frame(2))
     assert len(wakes) == 1, "whoever lets the picture wait comes for it"
     mailbox.put(Marked(2, "second"))
     assert len(wakes) == 2, "but an event is told at once"
     assert mailbox.drain() == ([Marked(2, "second")], [_frame(2)])
+
+
+def test_the_picture_can_be_taken_alone_while_the_panels_wait() -> None:
+    wakes: list[int] = []
+    mailbox = Mailbox(lambda: wakes.append(1))
+    mailbox.put(BatteryState(1, 0.5))
+    mailbox.put(_frame(1))
+    assert mailbox.drain(("picture",)) == ([], [_frame(1)])
+    assert mailbox.waiting == {"panels"}
+    wakes.clear()
+    mailbox.put(BatteryState(2, 0.4))
+    assert not wakes, "whoever lets the panels wait comes for it"
+    mailbox.put(_frame(2))
+    assert wakes, "but a picture is told at once"
+    assert mailbox.drain() == ([], [BatteryState(2, 0.4), _frame(2)])
 
 
 def test_cameras_do_not_overwrite_one_another() -> None:

@@ -28,21 +28,32 @@ def test_what_waits_comes_after_the_rest_and_timers_run_meanwhile(qtbot: QtBot) 
 
 def test_passes_can_be_held_to_a_rate_and_let_go_again(qtbot: QtBot) -> None:
     pace, due = PassPace(), []
-    pace.due.connect(lambda: due.append(time.monotonic()))
-    pace.at_most_every(0.15)
+    pace.due.connect(lambda: due.append(time.monotonic()) if pace.may_begin() else None)
+    pace.at_most_every(panels_s=0.15, picture_s=0.15)
     begun_s = time.monotonic()
     assert pace.may_begin()
     assert not pace.may_begin()
     qtbot.waitUntil(lambda: bool(due), timeout=5000)
     assert due[0] - begun_s >= 0.14, "a timer may be late, never as early as without"
-    pace.at_most_every(0.0)
-    assert pace.may_begin()
+    pace.at_most_every(panels_s=0.0, picture_s=0.0)
+    qtbot.waitUntil(lambda: bool(pace.may_begin()), timeout=5000)
+
+
+def test_the_panels_are_held_back_before_the_picture(qtbot: QtBot) -> None:
+    pace, passed = PassPace(), []
+    pace.due.connect(lambda: passed.append(pace.may_begin(("panels",))))
+    pace.at_most_every(panels_s=0.15, picture_s=0.0)
+    assert pace.may_begin() == {"panels", "picture"}
+    begun_s = time.monotonic()
+    qtbot.waitUntil(lambda: pace.may_begin() == {"picture"}, timeout=5000)
+    qtbot.waitUntil(lambda: {"panels"} in passed, timeout=5000)
+    assert time.monotonic() - begun_s >= 0.14
 
 
 def test_no_pass_begins_once_it_has_ended(qtbot: QtBot) -> None:
     pace, due = PassPace(), []
     pace.due.connect(lambda: due.append("due"))
-    pace.at_most_every(0.01)
+    pace.at_most_every(panels_s=0.01, picture_s=0.01)
     assert pace.may_begin()
     assert not pace.may_begin()
     pace.end()

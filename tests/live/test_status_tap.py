@@ -13,6 +13,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import (
     ControlStatus,
     DriveStatus,
+    LoadStatus,
     MarksStatus,
     PreflightCheck,
     RecordingStatus,
@@ -49,6 +50,16 @@ def test_everything_that_changed_comes_back() -> None:
     back = _put_back(shown, names={})
     for name in STATUS_TYPES:
         assert getattr(back, name).value == getattr(state, name).value, name
+
+
+def test_what_was_given_up_on_a_busy_machine_is_in_the_record_and_shown_again() -> None:
+    state, shown = LiveState(), list[StatusShown]()
+    tap = StatusTap(state, shown.append)
+    load = LoadStatus(2, "people less often")
+    state.load.set(load)
+    del tap
+    assert shown[-1].name == "load" and shown[-1].content == {"step": 2, "detail": "people less often"}
+    assert _put_back(shown, names={}).load.value == load
 
 
 def test_names_and_paths_stay_out() -> None:

@@ -634,7 +634,7 @@ def test_a_failed_recording_is_told_whole(window: MainWindow, console: FakeConso
 
 def test_that_the_machine_is_busy_leaves_room_for_the_recording(window: MainWindow, console: FakeConsole) -> None:
     change(console, room_s=19_200.0, bytes_per_s=333_000.0)
-    console.state.load.set(LoadStatus(3, STEPS[3][2]))
+    console.state.load.set(LoadStatus(len(STEPS) - 1, STEPS[-1].detail))
     window.status_bar.refresh()
     QApplication.processEvents()
     items = window.status_bar.items

@@ -1,14 +1,16 @@
-"""Who pays when the machine is busy: looking for people first, then the panels, then the picture. Driving, stopping,
-sound and the record never do, and where people have to be covered in the record, looking for them does not either.
-Decided here alone, in steps, and shown.
+"""Who pays when the machine is busy: small pictures first, then looking for people, then the panels and the map, then
+the picture. Driving, stopping, sound and the record never do, and where people have to be covered in the record,
+looking for them does not either. Decided here alone, in steps, and shown.
 """
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from PySide6.QtCore import QObject, Qt, QTimer
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
@@ -21,64 +23,153 @@ from caris_desktop.scenario.model import Scenario
 
 LOOK_EVERY_MS = 100
 _WINDOW = 30  # looks, three seconds
-LATE_MS, IN_TIME_MS = 25.0, 10.0
-"""A tenth of the looks later than this: one step more. Earlier than that all the while: one step less."""
+_LEAST_KNOWN = 3
 _STEP_AFTER_NS = 2_000_000_000
 _BACK_AFTER_NS = 8_000_000_000
 
-# Of each step: the least time from one look for people to the next, the same of the panels, and what the wizard reads.
-STEPS: tuple[tuple[float, float, str], ...] = (
-    (0.0, 0.0, ""),
-    (0.25, 0.0, QT_TR_NOOP("people less often")),
-    (0.6, 0.07, QT_TR_NOOP("people less often, panels slower")),
-    (1.2, 0.15, QT_TR_NOOP("people seldom, picture and panels slower")),
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Of one measure in ms: one step more where the ``counted`` share of the looks is above ``late``, and one less once
+    that is below ``in_time`` for all of them.
+    """
+
+    late: float
+    in_time: float
+    counted: float
+
+
+STALLS = Limits(late=25.0, in_time=10.0, counted=0.1)
+"""How late the GUI thread is: a tenth of the looks tells, as one stall is no load."""
+FRAMES = Limits(late=150.0, in_time=80.0, counted=0.1)
+"""How old a picture is when it gets here: to unpack a large one takes some 20 ms."""
+DETECTION = Limits(late=500.0, in_time=300.0, counted=0.5)
+"""How long a look for people takes: with fewer than two a second who walks by is counted more than once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What is given up: the least time from one look for people to the next, from one pass of the panels and of the
+    picture; and what the wizard reads. Small pictures pay from the first step on (:meth:`LoadStatus.pays_small`).
+    """
+
+    look_every_s: float = 0.0
+    panels_every_s: float = 0.0
+    picture_every_s: float = 0.0
+    detail: str = ""
+
+
+# No panel waits longer than 0.15 s: a scan that is older than half a second slows driving down.
+STEPS = (
+    Step(),
+    Step(detail=QT_TR_NOOP("small pictures less often")),
+    Step(0.25, detail=QT_TR_NOOP("people less often")),
+    Step(0.6, 0.15, detail=QT_TR_NOOP("people less often, panels slower")),
+    Step(1.2, 0.15, 0.15, QT_TR_NOOP("people seldom, picture and panels slower")),
 )
 # The same where the record shows only what was looked at.
-STEPS_WITH_BLUR: tuple[tuple[float, float, str], ...] = (
-    (0.0, 0.0, ""),
-    (0.0, 0.07, QT_TR_NOOP("panels slower")),
-    (0.0, 0.11, QT_TR_NOOP("panels slower")),
-    (0.0, 0.15, QT_TR_NOOP("picture and panels slower")),
+STEPS_WITH_BLUR = (
+    Step(),
+    Step(detail=QT_TR_NOOP("small pictures less often")),
+    Step(0.0, 0.07, detail=QT_TR_NOOP("panels slower")),
+    Step(0.0, 0.15, detail=QT_TR_NOOP("panels slower")),
+    Step(0.0, 0.15, 0.15, QT_TR_NOOP("picture and panels slower")),
 )
-_ANSWERING = 2
+PEOPLE_PAY = 2
+"""The last step before panels and picture pay. Boxes alone are worth no more than this."""
+_ANSWERING = 3
 """While a language model on this computer answers, whatever it is asked for, who waits for it comes before boxes. So
 does, in a pause of a participant, who waits for the last words; while somebody speaks, their mouth tells who it is.
 """
 _PANELS_STAND_NS = 600_000_000
 """For so long after another scenario was opened its panels are what the wizard waits for."""
+_LOOK_COUNTS_NS = 5_000_000_000
+"""For so long a look for people says how long the next one will take."""
 _HEARD_WITHIN_NS = 5_000_000_000
 """Longer than any pause within a turn. What was heard before that says nothing of now: the recogniser may be gone."""
 
 
+class _Measure:
+    """The last looks at one figure; None where there was none to be had."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._seen_ms: deque[float | None] = deque(maxlen=_WINDOW)
+
+    def look(self, ms: float | None) -> None:
+        self._seen_ms.append(ms)
+
+    def forget(self) -> None:
+        self._seen_ms.clear()
+
+    @property
+    def counts(self) -> float:
+        """The figure that tells: 0 where there are too few."""
+        known = sorted(ms for ms in self._seen_ms if ms is not None)
+        return known[-max(1, int(len(known) * self._limits.counted))] if len(known) >= _LEAST_KNOWN else 0.0
+
+    @property
+    def late(self) -> bool:
+        return self.counts > self._limits.late
+
+    @property
+    def in_time(self) -> bool:
+        return self.counts < self._limits.in_time
+
+
 class LoadSteps:
-    """How many steps are given up, from how late the GUI thread is. Times in ns of one clock."""
+    """How many steps are given up, from how late the GUI thread is, how old pictures are when they get here, and how
+    long a look for people takes. Times in ns of one clock.
+    """
 
     def __init__(self) -> None:
         self.step = 0
-        self._late_ms: deque[float] = deque(maxlen=_WINDOW)
+        self.covers = False
+        """Looking for people ranks with the record: where it is slow, everything else pays."""
+        self._stalls, self._frames, self._detection = _Measure(STALLS), _Measure(FRAMES), _Measure(DETECTION)
+        self._measures = (self._stalls, self._frames, self._detection)
+        self._looks = 0
         self._changed_ns = 0
 
-    def look(self, late_ms: float, now_ns: int) -> int:
-        """One look; gives the step from now on."""
-        self._late_ms.append(late_ms)
-        if len(self._late_ms) < _WINDOW // 2:
+    def look(
+        self, late_ms: float, now_ns: int, *, frame_age_ms: float | None = None, detection_ms: float | None = None
+    ) -> int:
+        """One look; gives the step from now on. None where no picture came, or nobody is looked for here."""
+        for measure, ms in zip(self._measures, (late_ms, frame_age_ms, detection_ms), strict=True):
+            measure.look(ms)
+        self._looks += 1
+        if self._looks < _WINDOW // 2:
             return self.step
-        late = sorted(self._late_ms)[-max(1, len(self._late_ms) // 10)]
         since_ns = now_ns - self._changed_ns
-        if late > LATE_MS and self.step < len(STEPS) - 1 and since_ns >= _STEP_AFTER_NS:
-            self._go(self.step + 1, now_ns)
-        elif late < IN_TIME_MS and self.step > 0 and since_ns >= _BACK_AFTER_NS:
+        last = len(STEPS) - 1
+        worth = last if self._stalls.late or self._frames.late else 0
+        if self._detection.late:
+            worth = max(worth, last if self.covers else PEOPLE_PAY)
+        if self.step < worth:
+            if since_ns >= _STEP_AFTER_NS:
+                self._go(self.step + 1, now_ns)
+        elif since_ns >= _BACK_AFTER_NS and self.step > self._kept:
             self._go(self.step - 1, now_ns)
         return self.step
 
+    @property
+    def _kept(self) -> int:
+        """The step below which nothing is given back as it is."""
+        if not (self._stalls.in_time and self._frames.in_time):
+            return self.step
+        if self._detection.in_time:
+            return 0
+        return self.step if self.covers else min(self.step, PEOPLE_PAY)
+
     def _go(self, step: int, now_ns: int) -> None:
         # What was late before says nothing of how it is with this step.
-        self.step, self._changed_ns = step, now_ns
-        self._late_ms.clear()
+        self.step, self._changed_ns, self._looks = step, now_ns, 0
+        for measure in self._measures:
+            measure.forget()
 
 
 class GovernorService(Service):
-    """Looks how late the GUI thread is, slows down what can wait, and keeps ``state.load``."""
+    """Looks how loaded the machine is, slows down what can wait, and keeps ``state.load``."""
 
     def __init__(
         self,
@@ -98,17 +189,21 @@ class GovernorService(Service):
         self._now_ns = now_ns
         self._steps = LoadSteps()
         self._due_ns = 0
+        self._frame_age_ms: float | None = None
+        self._detection_ms, self._detected_ns = 0.0, 0
         self._blurs = False
         self._hears_here = False
         self._panels_until_ns = 0
         for source in PARTICIPANT_SOURCES:
             state.hearing_of(source).changed.connect(self._apply)
+        bus.tap(self._note_frame, (FrameRef,))
+        bus.tap(self._note_people, (People,))
         self._timer = QTimer(self, interval=LOOK_EVERY_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._look)
         models.answering_changed.connect(self._apply)
 
     def use_scenario(self, scenario: Scenario) -> None:
-        self._blurs = scenario.covers_people
+        self._blurs = self._steps.covers = scenario.covers_people
         self._hears_here = scenario.listening.engine == "local"
         self._panels_until_ns = self._now_ns() + _PANELS_STAND_NS
         self._apply()
@@ -136,17 +231,27 @@ class GovernorService(Service):
             and self._now_ns() - hearing.stamp_ns < _HEARD_WITHIN_NS
         )
 
+    def _note_frame(self, frame: FrameRef, _raw: bytes | None) -> None:  # any thread
+        self._frame_age_ms = max(0.0, (self._now_ns() - frame.stamp_ns) / 1e6)
+
+    def _note_people(self, people: People, _raw: bytes | None) -> None:  # any thread
+        self._detection_ms, self._detected_ns = people.inference_ms, self._now_ns()
+
     def _look(self) -> None:
         now_ns = self._now_ns()
         late_ms = max(0.0, (now_ns - self._due_ns) / 1e6)
         self._due_ns = now_ns + LOOK_EVERY_MS * 1_000_000
-        self._steps.look(late_ms, now_ns)
+        frame_age_ms, self._frame_age_ms = self._frame_age_ms, None
+        # Another machine that is slow gets nothing of what is given up here.
+        looks_here = not self._state.perception.value.server and now_ns - self._detected_ns < _LOOK_COUNTS_NS
+        self._steps.look(
+            late_ms, now_ns, frame_age_ms=frame_age_ms, detection_ms=self._detection_ms if looks_here else None
+        )
         self._apply()
 
     def _apply(self) -> None:
-        step, steps = self._steps.step, STEPS_WITH_BLUR if self._blurs else STEPS
-        look_every_s = steps[max(step, self._waited_for())][0]
-        _, panels_every_s, detail = steps[step]
-        self._people.look_at_most_every(look_every_s)
-        self._bus.pass_at_most_every(panels_every_s)
-        self._state.load.set(LoadStatus(step, tr(detail) if detail else ""))
+        number, steps = self._steps.step, STEPS_WITH_BLUR if self._blurs else STEPS
+        step = steps[number]
+        self._people.look_at_most_every(steps[max(number, self._waited_for())].look_every_s)
+        self._bus.pass_at_most_every(panels_s=step.panels_every_s, picture_s=step.picture_every_s)
+        self._state.load.set(LoadStatus(number, tr(step.detail) if step.detail else ""))

@@ -52,7 +52,7 @@ class PeoplePanel(Panel):
         self._empty.setObjectName("people_empty")
         self._empty.setWordWrap(True)
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self._pixmaps = PortraitPixmaps(self.state.portraits.get)
+        self._pixmaps = PortraitPixmaps(self.state.portraits.get, lambda: self.state.load.value.pays_small)
         self.model = PeopleModel(self.state.present, self)
         self.list = PeopleList(self.theme, self.model, self._pixmaps)
         self.list.setObjectName("people_list")
@@ -103,6 +103,9 @@ class PeoplePanel(Panel):
     def _on_second(self) -> None:
         """Ages grow by themselves."""
         self.model.refresh_ages()
+        if self._pixmaps.put_off:
+            self._pixmaps.put_off = False
+            self.list.viewport().update()
         self._renew_card()
 
     def title_widgets(self) -> list[QWidget]:

@@ -410,7 +410,7 @@ class PersonDelegate(QStyledItemDelegate):
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawRoundedRect(QRectF(rect).adjusted(3, 1, -3, -1), 6, 6)
         mark = QRect(rect.left() + _SIDE_PX, rect.center().y() - avatar.SIZE_PX // 2, avatar.SIZE_PX, avatar.SIZE_PX)
-        if not self._portraits.draw(painter, mark, person.portrait):
+        if not self._portraits.draw(painter, mark, person.portrait, may_wait=True):
             avatar.draw_avatar(painter, theme, mark.toRectF(), person.name, known=named, here=person.here)
         if self._people.is_unconfirmed(person.person_id):
             pen = QPen(theme.color("amber"), 2)

@@ -138,7 +138,7 @@ class SmallPicture(QAbstractButton):
         if not self.isVisible() or not self._panel.in_view:
             return
         now_s = time.monotonic()
-        busy = self._panel.state.load.value.step > 0
+        busy = self._panel.state.load.value.pays_small
         if now_s - self._taken_s < (EVERY_WHEN_BUSY_S if busy else EVERY_S):
             return
         image_bgr = self._panel.console.frames.read(frame)

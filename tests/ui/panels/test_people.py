@@ -4,8 +4,8 @@ import dataclasses
 from collections.abc import Iterator
 
 import pytest
-from PySide6.QtCore import QEvent, QPoint, Qt
-from PySide6.QtGui import QPixmap
+from PySide6.QtCore import QEvent, QPoint, QRect, Qt
+from PySide6.QtGui import QPainter, QPixmap
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
@@ -13,6 +13,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import PersonIdentified, PersonRenamed
 from caris_desktop.live.state import LiveState, PresentClock
+from caris_desktop.live.status import LoadStatus
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.scenario.model import Permissions
 from caris_desktop.ui.main_window import MainWindow
@@ -139,6 +140,47 @@ def test_a_portrait_is_decoded_once_and_one_that_is_broken_is_none(qapp: QApplic
         assert pixmaps.pixmap("broken", 38) is None
     assert asked == ["good", "broken"]
     assert pixmaps.pixmap("", 38) is None
+
+
+def test_on_a_busy_machine_the_portraits_of_the_list_come_one_by_one(
+    qapp: QApplication, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s, load = [100.0], LoadStatus(1, "small pictures less often")
+    monkeypatch.setattr("caris_desktop.ui.people.portrait_pixmaps.time.monotonic", lambda: now_s[0])
+    pixmaps = PortraitPixmaps(lambda _key: people_samples.portrait(90), lambda: load.pays_small)
+    assert pixmaps.pixmap("p-1", 38, may_wait=True) is not None
+    assert pixmaps.pixmap("p-2", 38, may_wait=True) is None and pixmaps.put_off
+    assert pixmaps.pixmap("p-1", 38, may_wait=True) is not None, "what is decoded stays"
+    assert pixmaps.pixmap("p-3", 90) is not None, "a card that was opened is waited for"
+    now_s[0] += 1.1
+    assert pixmaps.pixmap("p-2", 38, may_wait=True) is not None
+    load = LoadStatus()
+    assert pixmaps.pixmap("p-4", 38, may_wait=True) is not None
+
+
+def test_a_portrait_that_was_put_off_comes_into_the_list_by_itself(
+    panel: PeoplePanel, console: FakeConsole, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[tuple[str, bool]] = []
+    really = PortraitPixmaps.draw
+
+    def draw(self: PortraitPixmaps, painter: QPainter, place: QRect, key: str, *, may_wait: bool = False) -> bool:
+        was_drawn = really(self, painter, place, key, may_wait=may_wait)
+        drawn.append((key, was_drawn))
+        return was_drawn
+
+    monkeypatch.setattr(PortraitPixmaps, "draw", draw)
+    monkeypatch.setattr(panel.model, "refresh_ages", lambda: None)  # a row whose age reads otherwise is drawn anyway
+    console.state.load.set(LoadStatus(1, "small pictures less often"))
+    meant = {"p-3": "p-3/1", "p-4": "p-4/1"}
+    for key in meant.values():
+        console.state.portraits.put(key, people_samples.portrait(220))
+    persons = console.state.persons.value
+    console.state.persons.set(
+        tuple(dataclasses.replace(row, portrait=meant.get(row.person_id, row.portrait)) for row in persons)
+    )
+    qtbot.waitUntil(lambda: ("p-4/1", False) in drawn, timeout=5000)
+    qtbot.waitUntil(lambda: {("p-3/1", True), ("p-4/1", True)} <= set(drawn), timeout=10_000)
 
 
 def test_five_hundred_known_people_cost_nothing_each_second(panel: PeoplePanel, console: FakeConsole) -> None:
