@@ -96,7 +96,7 @@ _LONGEST_FIRST = (
     "app/test_safety.py", "robot/test_link.py", "app/test_type_and_drive.py", "app/test_console_and_robot.py",
     "app/test_stops_and_kills.py", "app/test_beside_a_misbehaving_model.py", "ui/test_desktop.py",
     "app/test_nothing_lost.py",
-    "robot/test_link_faults.py", "conversation/test_speech.py", "robot/test_every_profile.py",
+    "robot/test_link_faults.py", "conversation/test_synthesis.py", "robot/test_every_profile.py",
     "robot/test_guard_in_simulator.py",
     "robot/test_link_and_simulator.py", "perception/test_inference.py", "app/test_track_command.py",
     "recording/recorder/test_recorder_process.py", "perception/backends/test_export.py", "simulator/test_slow_link.py",

@@ -32,9 +32,9 @@ def camera(connection: Connection, *arguments: Any) -> None:
 
 
 def speech(connection: Connection) -> None:
-    from caris_desktop.conversation.speech import run_speech
+    from caris_desktop.conversation.synthesis import run_synthesis
 
-    run_speech(connection)
+    run_synthesis(connection)
 
 
 def microphone(connection: Connection, *arguments: Any) -> None:

@@ -13,7 +13,7 @@ from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, missing
 from caris_desktop.conversation.models.chat import ChatTimeouts, Retries, stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.conversation.models.words import LanguageModelError
-from caris_desktop.conversation.speech_messages import SpeechSettings
+from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.conversation.voices.engine_process import VoiceEngine
 from caris_desktop.domain.events import ChatMessage
 
@@ -71,7 +71,7 @@ async def _seconds_to_answer(endpoint: ModelEndpoint, *, local_only: bool) -> fl
 def probe_sound() -> ProbeResult:
     """Whether there is a voice and an output device. Plays nothing."""
     inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
-    engine = VoiceEngine(SpeechSettings(), inbox, number=1, look=True)
+    engine = VoiceEngine(SynthesisSettings(), inbox, number=1, look=True)
     deadline_s = time.monotonic() + _SOUND_WITHIN_S
     voice = ""
     try:

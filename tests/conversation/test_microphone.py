@@ -21,8 +21,8 @@ from caris_desktop.conversation.microphone_messages import (
     MicrophoneOpened,
     OpenMicrophone,
 )
-from caris_desktop.conversation.speech import run_speech
-from caris_desktop.conversation.speech_messages import Speak, SpeechReady, SpeechSettings, UseVoice
+from caris_desktop.conversation.synthesis import run_synthesis
+from caris_desktop.conversation.synthesis_messages import Speak, SynthesisReady, SynthesisSettings, UseVoice
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_VOICE
@@ -86,13 +86,13 @@ def _loudness(chunks: list[AudioChunk], *, window_ns: int = 10_000_000) -> tuple
 
 
 def test_what_the_robot_says_is_recorded_when_a_microphone_hears_it(sound: SoundServer) -> None:
-    microphone, speech = Body(run_microphone), Body(run_speech)
+    microphone, speech = Body(run_microphone), Body(run_synthesis)
     try:
         assert microphone.wait_for(MicrophoneList).names
         microphone.connection.send(OpenMicrophone(""))
         microphone.wait_for(MicrophoneOpened)
-        speech.connection.send(UseVoice(SpeechSettings(rate=1.8)))
-        assert speech.wait_for(SpeechReady).audible
+        speech.connection.send(UseVoice(SynthesisSettings(rate=1.8)))
+        assert speech.wait_for(SynthesisReady).audible
         microphone.wait_for(AudioChunk)
         speech.connection.send(Speak("u1", "Welcome to the robot laboratory. Please follow me.", "typed"))
         start = speech.wait_for(UtteranceChanged, state="started")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from caris_desktop.conversation.microphone_messages import MicrophoneAlive
-from caris_desktop.conversation.speech_messages import Speak
+from caris_desktop.conversation.synthesis_messages import Speak
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import Say
 from caris_desktop.domain.events import Marked, Problem, UtteranceChanged

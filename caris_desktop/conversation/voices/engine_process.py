@@ -14,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Any
 
-from caris_desktop.conversation.speech_messages import SpeechSettings
+from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 
 _log = logging.getLogger(__name__)
 _PACKAGE_PARENT = Path(__file__).resolve().parents[3]
@@ -25,7 +25,7 @@ EngineInbox = queue.SimpleQueue[tuple[int, Any]]
 class VoiceEngine:
     """Its events arrive in ``inbox`` as (number, dict), with their sound under ``sound``; None when it ended."""
 
-    def __init__(self, settings: SpeechSettings, inbox: EngineInbox, *, number: int, look: bool) -> None:
+    def __init__(self, settings: SynthesisSettings, inbox: EngineInbox, *, number: int, look: bool) -> None:
         search_path = [str(_PACKAGE_PARENT), *filter(None, [os.environ.get("PYTHONPATH")])]
         self.number = number
         self._inbox = inbox

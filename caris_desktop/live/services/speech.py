@@ -5,14 +5,14 @@ from typing import Any
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.conversation.speech_messages import (
+from caris_desktop.conversation.synthesis_messages import (
     Draft,
     Prepare,
     SilenceSpeech,
     Speak,
-    SpeechFailed,
-    SpeechReady,
-    SpeechSettings,
+    SynthesisFailed,
+    SynthesisReady,
+    SynthesisSettings,
     UseVoice,
     VoicesFound,
 )
@@ -76,7 +76,7 @@ class SpeechService(Service):
         self._body = body
         self._child: ChildProcess | None = None
         self._restarts = Restarts()
-        self._settings = SpeechSettings()
+        self._settings = SynthesisSettings()
         self._held_problem: Problem | None = None
         self._phrases: tuple[str, ...] = ()
         self._suggested: dict[str, str] = {}
@@ -110,7 +110,7 @@ class SpeechService(Service):
         folder = "" if scenario.path is None else str(scenario.path.parent)
         self._use(
             scenario.voice,
-            SpeechSettings(told.name, told.language, told.rate, told.volume, told.device, folder),
+            SynthesisSettings(told.name, told.language, told.rate, told.volume, told.device, folder),
         )
         self._begin()
 
@@ -156,13 +156,13 @@ class SpeechService(Service):
     def on_heard(self, message: Any) -> None:
         """What this computer's voice says of itself."""
         match message:
-            case SpeechReady():
+            case SynthesisReady():
                 detail = "" if message.audible else tr("no sound device: nobody hears it")
                 self._state.speech.set(replace(self._state.speech.value, ready=True, detail=detail))
                 self._state.voice.set(replace(self._state.voice.value, used=message.voice))
             case VoicesFound(voices):
                 self._state.voice.set(replace(self._state.voice.value, choices=voices))
-            case SpeechFailed(problem):
+            case SynthesisFailed(problem):
                 self._tell(told_here(problem))
                 self._on_voice_lost("computer", problem.what)
             case Problem():
@@ -179,7 +179,7 @@ class SpeechService(Service):
             )
         )
 
-    def _use(self, output: VoiceKind, settings: SpeechSettings, actor: Actor = CONSOLE) -> None:
+    def _use(self, output: VoiceKind, settings: SynthesisSettings, actor: Actor = CONSOLE) -> None:
         before, self._settings = self._settings, replace(settings, at_hand=output != "robot")
         used = self._state.voice.value.used
         if not self._settings.tunes(before):

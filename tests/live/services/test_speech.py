@@ -12,7 +12,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.speech_messages import Draft, Prepare
+from caris_desktop.conversation.synthesis_messages import Draft, Prepare
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import RobotCommand
 from caris_desktop.domain.events import LinkChanged, SuggestionChanged, UtteranceChanged, VoiceChanged

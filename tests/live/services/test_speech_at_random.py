@@ -17,7 +17,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import bodies
-from caris_desktop.conversation.speech_messages import SpeechSettings
+from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.domain.commands import RobotCommand
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
@@ -50,7 +50,7 @@ class Bench:
         self.service = SpeechService(self.state, self.bus, self.children, body, robot=self, parent=self.owner)
         self.service._restarts = Restarts(at_most=1000)
         self.bus.follow(self.service.follows())
-        self.service._use("computer", SpeechSettings(rate=2.0))
+        self.service._use("computer", SynthesisSettings(rate=2.0))
         self.service.start()
         self.processes: set[psutil.Process] = set()
 
@@ -133,7 +133,7 @@ def act(bench: Bench, choices: random.Random) -> int:
             if child is not None and child.pid is not None:
                 bench.kill(psutil.Process(child.pid))
         case "voice":
-            bench.service._use("computer", SpeechSettings(rate=choices.choice([1.8, 2.0])))
+            bench.service._use("computer", SynthesisSettings(rate=choices.choice([1.8, 2.0])))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""What the console and the speech process say to one another."""
+"""What the console and the process that makes speech say to one another."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ from caris_desktop.domain.events import Problem, UtteranceOrigin
 
 
 @dataclass(frozen=True, slots=True)
-class SpeechSettings:
+class SynthesisSettings:
     """``voice``, ``language``, ``rate``, ``volume`` and ``device`` as in the scenario file, which is in ``folder``.
 
     ``at_hand``: it will be spoken with it, so that everything is loaded and the loudspeaker is kept open.
@@ -21,7 +21,7 @@ class SpeechSettings:
     folder: str = ""
     at_hand: bool = False
 
-    def tunes(self, before: "SpeechSettings") -> bool:
+    def tunes(self, before: "SynthesisSettings") -> bool:
         """Whether it is the same voice, with another rate or volume at most: nothing is loaded for that."""
         return replace(self, rate=before.rate, volume=before.volume) == before
 
@@ -30,7 +30,7 @@ class SpeechSettings:
 class UseVoice:
     """Speak like this from the next utterance on. The first message; the same settings change nothing."""
 
-    settings: SpeechSettings
+    settings: SynthesisSettings
     actor: Actor = ""
 
 
@@ -72,12 +72,12 @@ class SilenceSpeech:
 
 
 @dataclass(frozen=True, slots=True)
-class CloseSpeech:
+class CloseSynthesis:
     """Fall silent and end the process."""
 
 
 @dataclass(frozen=True, slots=True)
-class SpeechReady:
+class SynthesisReady:
     """Speech can be asked for. Sent again whenever ``audible`` changes."""
 
     voice: str
@@ -92,7 +92,7 @@ class VoicesFound:
 
 
 @dataclass(frozen=True, slots=True)
-class SpeechFailed:
+class SynthesisFailed:
     """No speech can be made; each further Speak tries again."""
 
     problem: Problem

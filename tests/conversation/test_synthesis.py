@@ -16,20 +16,20 @@ import psutil
 import pytest
 
 from caris_desktop.conversation.preflight import probe_sound
-from caris_desktop.conversation.speech import (
+from caris_desktop.conversation.synthesis import (
     MAX_UTTERANCE_CHARACTERS,
-    SpeechDeadlines,
-    _SpeechDesk,
-    run_speech,
+    SynthesisDeadlines,
+    _Synthesis,
+    run_synthesis,
     speakable,
 )
-from caris_desktop.conversation.speech_messages import (
-    CloseSpeech,
+from caris_desktop.conversation.synthesis_messages import (
+    CloseSynthesis,
     SilenceSpeech,
     Speak,
-    SpeechFailed,
-    SpeechReady,
-    SpeechSettings,
+    SynthesisFailed,
+    SynthesisReady,
+    SynthesisSettings,
     UseVoice,
     VoicesFound,
 )
@@ -50,12 +50,12 @@ NOWHERE = "unix:/nonexistent/no-sound-server"
 class Speech:
     """The speech process as the console sees it."""
 
-    def __init__(self, deadlines: SpeechDeadlines) -> None:
+    def __init__(self, deadlines: SynthesisDeadlines) -> None:
         self._connection, theirs = _CONTEXT.Pipe()
-        self.process = _CONTEXT.Process(target=run_speech, args=(theirs, deadlines), daemon=True)
+        self.process = _CONTEXT.Process(target=run_synthesis, args=(theirs, deadlines), daemon=True)
         self.process.start()
         theirs.close()
-        self._connection.send(UseVoice(SpeechSettings(rate=1.8, at_hand=True)))
+        self._connection.send(UseVoice(SynthesisSettings(rate=1.8, at_hand=True)))
         self.heard: list[Any] = []
 
     @property
@@ -79,8 +79,8 @@ class Speech:
                 return message
         raise AssertionError(f"not within {timeout_s:.0f} s: {what}; heard {self.heard}")
 
-    def wait_ready(self) -> SpeechReady:
-        ready: SpeechReady = self.wait(lambda message: isinstance(message, SpeechReady), "speech is ready")
+    def wait_ready(self) -> SynthesisReady:
+        ready: SynthesisReady = self.wait(lambda message: isinstance(message, SynthesisReady), "speech is ready")
         return ready
 
     def wait_state(self, utterance_id: str, state: str) -> UtteranceChanged:
@@ -126,7 +126,7 @@ def start_speech(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[St
 
     def start(sound: SoundServer | None, **deadlines: float) -> Speech:
         monkeypatch.setenv("PULSE_SERVER", NOWHERE if sound is None else sound.address)
-        started.append(Speech(SpeechDeadlines(**deadlines)))
+        started.append(Speech(SynthesisDeadlines(**deadlines)))
         return started[-1]
 
     yield start
@@ -237,7 +237,7 @@ def test_what_is_played_is_told_as_it_begins_and_when_it_is_cut_off(
 def test_a_voice_that_is_not_here_is_replaced_by_one_that_is_and_the_wizard_is_told(start_speech: StartSpeech) -> None:
     speech = start_speech(None)
     speech.wait_ready()
-    speech.connection.send(UseVoice(SpeechSettings("piper:de_DE-nobody-low", rate=1.8, at_hand=True)))
+    speech.connection.send(UseVoice(SynthesisSettings("piper:de_DE-nobody-low", rate=1.8, at_hand=True)))
     told = speech.wait(lambda message: isinstance(message, Problem) and "another voice" in message.what, "a warning")
     assert "the voice de_DE-nobody-low is not on this computer" in told.what
     assert (told.severity, "models folder" in told.advice) == ("warning", True)
@@ -250,7 +250,7 @@ def test_a_voice_that_is_not_here_is_replaced_by_one_that_is_and_the_wizard_is_t
         speech.engine().pid,
         _seconds(speech.wait_state("u1", "started"), speech.wait_state("u1", "finished")),
     )
-    speech.connection.send(UseVoice(SpeechSettings("piper:de_DE-nobody-low", rate=0.9, at_hand=True)))
+    speech.connection.send(UseVoice(SynthesisSettings("piper:de_DE-nobody-low", rate=0.9, at_hand=True)))
     speech.say("u2", "Ja, das ist gut.")
     slow_s = _seconds(speech.wait_state("u2", "started"), speech.wait_state("u2", "finished"))
     assert slow_s > 1.4 * usual_s, "it is tuned without a word"
@@ -270,7 +270,7 @@ class ToldEngine:
 @pytest.mark.parametrize("order", [("part", "started"), ("started", "part")])
 def test_a_start_that_is_told_before_its_sound_is_a_start(order: tuple[str, ...]) -> None:
     ours, theirs = _CONTEXT.Pipe()
-    desk = _SpeechDesk(theirs, SpeechDeadlines(open_s=0.0, heartbeat_s=60.0), queue.SimpleQueue())
+    desk = _Synthesis(theirs, SynthesisDeadlines(open_s=0.0, heartbeat_s=60.0), queue.SimpleQueue())
     desk._engine = ToldEngine()  # type: ignore[assignment]
     desk._enter("idle", None)
     desk._on_command(Speak("u1", "Yes.", "typed"))
@@ -295,7 +295,7 @@ def test_another_voice_waits_for_the_end_of_the_sentence_and_is_then_loaded_at_o
     speech.wait_ready()
     speech.say("u1")
     speech.wait_state("u1", "started")
-    speech.connection.send(UseVoice(SpeechSettings("espeak:gmw/de", rate=1.8, at_hand=True)))
+    speech.connection.send(UseVoice(SynthesisSettings("espeak:gmw/de", rate=1.8, at_hand=True)))
     assert speech.wait_ready().voice == "espeak:gmw/de"
     assert speech.states == [("u1", "started"), ("u1", "finished")]
 
@@ -400,7 +400,7 @@ def test_a_computer_without_a_voice_says_what_to_install(
     broken.write_text("def init():\n    raise OSError('libespeak-ng.so.1: cannot open shared object file')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     speech = start_speech(None)
-    failed: SpeechFailed = speech.wait(lambda message: isinstance(message, SpeechFailed), "the failure is told")
+    failed: SynthesisFailed = speech.wait(lambda message: isinstance(message, SynthesisFailed), "the failure is told")
     assert "libespeak-ng.so.1" in failed.problem.what
     assert "apt install espeak-ng" in failed.problem.advice
     speech.say("u1")
@@ -428,7 +428,7 @@ def test_closing_interrupts_and_ends_both_processes(start_speech: StartSpeech) -
     speech.say("u1", LONG_SENTENCE)
     speech.say("u2")
     speech.wait_state("u1", "started")
-    speech.connection.send(CloseSpeech())
+    speech.connection.send(CloseSynthesis())
     speech.wait_state("u2", "interrupted")
     assert speech.states == [("u1", "started"), ("u1", "interrupted"), ("u2", "interrupted")]
     speech.process.join(10)

@@ -13,15 +13,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.speech_messages import (
-    CloseSpeech,
+from caris_desktop.conversation.synthesis_messages import (
+    CloseSynthesis,
     Draft,
     Prepare,
     SilenceSpeech,
     Speak,
-    SpeechFailed,
-    SpeechReady,
-    SpeechSettings,
+    SynthesisFailed,
+    SynthesisReady,
+    SynthesisSettings,
     UseVoice,
     VoicesFound,
 )
@@ -46,7 +46,7 @@ _Phase = Literal["off", "starting", "looking", "idle", "rendering", "opening", "
 
 
 @dataclass(frozen=True, slots=True)
-class SpeechDeadlines:
+class SynthesisDeadlines:
     """How long the voice may take for each step before it counts as hung. ``render_s`` grows with the text."""
 
     start_s: float = 30.0
@@ -57,16 +57,16 @@ class SpeechDeadlines:
     silence_s: float = 0.3
 
 
-def run_speech(connection: Connection, deadlines: SpeechDeadlines = SpeechDeadlines()) -> None:
+def run_synthesis(connection: Connection, deadlines: SynthesisDeadlines = SynthesisDeadlines()) -> None:
     """Process body: speak what is asked until the connection ends.
 
-    Receives UseVoice, Prepare, Draft, Speak, SilenceSpeech and CloseSpeech. Sends SpeechReady (again whenever it
-    changes), SpeechFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and
+    Receives UseVoice, Prepare, Draft, Speak, SilenceSpeech and CloseSynthesis. Sends SynthesisReady (again whenever it
+    changes), SynthesisFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and
     failed, AudioChunk of what was heard, PlayedSound and PlayedSoundEnded.
     """
     inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     threading.Thread(target=_read_console, args=(connection, inbox), name="console", daemon=True).start()
-    desk = _SpeechDesk(connection, deadlines, inbox)
+    desk = _Synthesis(connection, deadlines, inbox)
     try:
         desk.run()
     except (BrokenPipeError, ConnectionResetError):
@@ -92,7 +92,7 @@ def _read_console(connection: Connection, inbox: "queue.SimpleQueue[tuple[int, A
         try:
             message = connection.recv()
         except (EOFError, OSError):
-            inbox.put((_CONSOLE, CloseSpeech()))
+            inbox.put((_CONSOLE, CloseSynthesis()))
             return
         inbox.put((_CONSOLE, message))
 
@@ -144,17 +144,17 @@ class _HeardSound:
         return self.started_ns + frame * 1_000_000_000 // self._rate_hz
 
 
-class _SpeechDesk:
+class _Synthesis:
     """One utterance at a time through an engine that is never trusted to answer: every phase has a deadline."""
 
     def __init__(
         self,
         connection: Connection,
-        deadlines: SpeechDeadlines,
+        deadlines: SynthesisDeadlines,
         inbox: "queue.SimpleQueue[tuple[int, Any]]",
     ) -> None:
         self._connection = connection
-        self._settings = SpeechSettings()
+        self._settings = SynthesisSettings()
         self._deadlines = deadlines
         self._inbox = inbox
         self._engine: VoiceEngine | None = None
@@ -208,7 +208,7 @@ class _SpeechDesk:
                 self._prepare(texts)
             case Draft(text):
                 self._draft(text)
-            case CloseSpeech():
+            case CloseSynthesis():
                 self._closed = True
                 self._silenced_by = CONSOLE
                 self._dropped += self._waiting
@@ -220,7 +220,7 @@ class _SpeechDesk:
             case _:
                 _log.error("unknown command %r", type(command).__name__)
 
-    def _use(self, settings: SpeechSettings) -> None:
+    def _use(self, settings: SynthesisSettings) -> None:
         before, self._settings = self._settings, settings
         changed = not settings.tunes(before)
         if self._engine is not None and not changed:
@@ -416,7 +416,7 @@ class _SpeechDesk:
             self._report(utterance, "failed", clock.now_ns(), f"this computer has no voice ({detail})")
         self._report_dropped()
         self._send(
-            SpeechFailed(
+            SynthesisFailed(
                 Problem(
                     clock.now_ns(),
                     "error",
@@ -444,7 +444,7 @@ class _SpeechDesk:
     def _set_audible(self, audible: bool, detail: str) -> None:
         same, self._audible = audible == self._audible, audible
         if not same or self._phase == "looking":
-            self._send(SpeechReady(self._voice, audible))
+            self._send(SynthesisReady(self._voice, audible))
         if not (audible or same):
             self._send(
                 Problem(
