@@ -5,7 +5,9 @@ import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.people.sealing import About, about_bytes, new_key, seal
 
 _log = logging.getLogger(__name__)
@@ -13,6 +15,13 @@ _log = logging.getLogger(__name__)
 # Recognised by `file` and by us: a database of another program is never written to. Reads "CaPe".
 _APPLICATION_ID = 0x43615065
 _BUSY_TIMEOUT_S = 2.0
+
+Verb = Literal["opened", "read", "written"]
+_CANNOT: dict[Verb, str] = {
+    "opened": QT_TR_NOOP("The study's people in {path} cannot be opened."),
+    "read": QT_TR_NOOP("The study's people in {path} cannot be read."),
+    "written": QT_TR_NOOP("The study's people in {path} cannot be written."),
+}
 
 
 class PeopleStoreError(Exception):
@@ -128,8 +137,10 @@ class PeopleDatabase:
             busy = self.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]
         if busy:
             raise PeopleStoreError(
-                f"Another program is using {self.path}, so its log still holds what was deleted. "
-                "Close that program and ask again."
+                tr(
+                    "Another program is using {path}, so its log still holds what was deleted. "
+                    "Close that program and ask again."
+                ).format(path=self.path)
             )
 
     def _prepare(self) -> None:
@@ -138,11 +149,14 @@ class PeopleDatabase:
         version = database.execute("PRAGMA user_version").fetchone()[0]
         tables = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
         if tables and application_id != _APPLICATION_ID:
-            raise PeopleStoreError(f"{self.path} is a database of another program and was left untouched.")
+            raise PeopleStoreError(
+                tr("{path} is a database of another program and was left untouched.").format(path=self.path)
+            )
         if version > len(STEPS):
             raise PeopleStoreError(
-                f"{self.path} was written by a newer version of this program and was left untouched. "
-                "Update the program."
+                tr(
+                    "{path} was written by a newer version of this program and was left untouched. Update the program."
+                ).format(path=self.path)
             )
         if tables and database.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
             raise PeopleStoreError(_damaged(self.path))
@@ -188,7 +202,7 @@ class PeopleDatabase:
             raise
 
     @contextmanager
-    def explained(self, verb: str) -> Iterator[None]:
+    def explained(self, verb: Verb) -> Iterator[None]:
         try:
             yield
         except sqlite3.DatabaseError as error:
@@ -196,26 +210,32 @@ class PeopleDatabase:
             raise PeopleStoreError(_explanation(self.path, verb, error)) from error
         except OSError as error:
             _log.exception("people database %s could not be %s", self.path, verb)
-            raise PeopleStoreError(
-                f"The study's people in {self.path} cannot be {verb}: {error.strerror or error}."
-            ) from error
+            raise PeopleStoreError(_for_this_reason(self.path, verb, error.strerror or error)) from error
 
 
 def _damaged(path: Path) -> str:
-    return (
-        f"{path} is not a people database or is damaged; it was left untouched. "
+    return tr(
+        "{path} is not a people database or is damaged; it was left untouched. "
         "Move it away to start an empty one, or put a backup in its place."
-    )
+    ).format(path=path)
 
 
-def _explanation(path: Path, verb: str, error: sqlite3.DatabaseError) -> str:
+def _explanation(path: Path, verb: Verb, error: sqlite3.DatabaseError) -> str:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
         return _damaged(path)
     if code == sqlite3.SQLITE_FULL:
-        return f"The disk is full: the study's people in {path} cannot be {verb}. Make room on the disk."
+        return " ".join((_cannot(path, verb), tr("The disk is full: make room on it.")))
     if code == sqlite3.SQLITE_BUSY:
-        return f"Another program is using {path}. Close it; the study's people cannot be {verb} meanwhile."
+        return " ".join((_cannot(path, verb), tr("Another program is using them: close it.")))
     if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_IOERR):
-        return f"The study's people in {path} cannot be {verb}. Choose a study folder that you may write to."
-    return f"The study's people in {path} cannot be {verb}: {error}."
+        return " ".join((_cannot(path, verb), tr("Choose a study folder that you may write to.")))
+    return _for_this_reason(path, verb, error)
+
+
+def _cannot(path: Path, verb: Verb) -> str:
+    return tr(_CANNOT[verb]).format(path=path)
+
+
+def _for_this_reason(path: Path, verb: Verb, why: object) -> str:
+    return " ".join((_cannot(path, verb), tr("The system says: {why}.").format(why=why)))
