@@ -26,6 +26,7 @@ from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE, Role
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.local_microphone import MicrophoneChoice
@@ -217,15 +218,16 @@ def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -
             try:
                 chosen.append(parse_camera(camera.source, name=camera.name))
             except CameraError as error:
-                meaning = "The scenario is used without this camera."
-                failures.append(ToldFailure(str(error), meaning, error.advice, severity="warning"))
+                what, meaning = str(error), tr("The scenario is used without this camera.")
+                failures.append(ToldFailure(tr(what), meaning, tr(error.advice), severity="warning"))
                 continue
             if camera.mount is not None:
                 stands = next((place for place in scenario.places if place.name == camera.place), None)
                 if camera.place and stands is None:
-                    what = f"The camera {chosen[-1].name} stands at “{camera.place}”, which is none of the places."
-                    meaning = "It is shown, but its people have no place in the map."
-                    failures.append(ToldFailure(what, meaning, "Correct the scenario file.", severity="warning"))
+                    what = tr("The camera {camera} stands at “{place}”, which is none of the places.")
+                    what = what.format(camera=chosen[-1].name, place=camera.place)
+                    meaning = tr("It is shown, but its people have no place in the map.")
+                    failures.append(ToldFailure(what, meaning, tr("Correct the scenario file."), severity="warning"))
                     continue
                 at = None if stands is None else stands.pose_in_map
                 models[chosen[-1].name] = replace(camera.mount, stands_in_map=at)
@@ -305,7 +307,7 @@ async def _ask_for_ros(url: str) -> RobotConnection:
     try:
         dialect = await detect_dialect(load_profile(url).address)
     except ExploreError as refusal:
-        raise ToldFailure(refusal.what, UNREACHABLE_MEANING, refusal.advice) from refusal
+        raise ToldFailure(tr(refusal.what), tr(UNREACHABLE_MEANING), tr(refusal.advice)) from refusal
     return robot_connection(with_ros(url, 2 if dialect is Dialect.ROS2 else 1))
 
 
@@ -334,8 +336,8 @@ def _open_presence(study: StudyFolder) -> tuple[Presence, list[Event]]:
             clock.now_ns(),
             "error",
             str(error),
-            "People are recognised, but names that you give are forgotten when the program closes.",
-            "Make the study's folder writable, or start with another --study.",
+            tr("People are recognised, but names that you give are forgotten when the program closes."),
+            tr("Make the study's folder writable, or start with another --study."),
         )
         return Presence(), [problem]
 
@@ -367,7 +369,9 @@ def _load_scenario(path: Path) -> Scenario:
         return load_scenario(path, _velocity_topic_of)
     except ScenarioError as error:
         raise ToldFailure(
-            "The scenario was not opened.", str(error), "The previous scenario stays. Correct the file and open it."
+            tr("The scenario was not opened."),
+            str(error),
+            tr("The previous scenario stays. Correct the file and open it."),
         ) from error
 
 
@@ -387,7 +391,9 @@ def _save_places(scenario: Scenario) -> Scenario:
         return save_places(scenario, path)
     except (OSError, ScenarioError) as error:
         raise ToldFailure(
-            "The place was not saved.", str(error), "Make that file writable, or copy the scenario and open the copy."
+            tr("The place was not saved."),
+            str(error),
+            tr("Make that file writable, or copy the scenario and open the copy."),
         ) from error
 
 
@@ -396,7 +402,9 @@ def _save_text(text: str, path: Path, edited: Path | None, replaces: str) -> str
         return save_text(text, path, came_from=edited, replaces=replaces, velocity_topic_of=_velocity_topic_of)
     except ScenarioError as error:
         raise ToldFailure(
-            "The scenario was not saved.", str(error), "What you changed is still in its window; save it again there."
+            tr("The scenario was not saved."),
+            str(error),
+            tr("What you changed is still in its window; save it again there."),
         ) from error
 
 
@@ -412,13 +420,17 @@ def _connect_to(name: str, *, address_of: Callable[[str], str | None]) -> RobotC
         return robot_connection(name, address=address_of(name))
     except StartError as refusal:
         raise ToldFailure(
-            "The robot was not connected.", str(refusal), "The present robot stays. Correct the profile and try again."
+            tr("The robot was not connected."),
+            str(refusal),
+            tr("The present robot stays. Correct the profile and try again."),
         ) from refusal
 
 
 def _no_robot_to_practise_on() -> None:
     raise ToldFailure(
-        "There is no simulated robot here to practise on.", "Nothing was changed.", "Start the program with --demo."
+        tr("There is no simulated robot here to practise on."),
+        tr("Nothing was changed."),
+        tr("Start the program with --demo."),
     )
 
 

@@ -20,10 +20,11 @@ from caris_desktop.app.demo_robot import PROFILE, DemoRobot
 from caris_desktop.app.kept_settings import KeptSettings
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import LayoutSaving
-from caris_desktop.app.user_settings import bring_up_to_date, own_settings
+from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
 from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sound import Role
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.console import Console
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.live_robots import LiveRobotHost
@@ -65,12 +66,13 @@ class ConsoleRun:
         self._settings_trouble = bring_up_to_date(kept)
         self.settings = KeptSettings(kept)
         self._arguments = arguments
-        scenario, self._refused_scenario = self._scenario_to_start_with()
+        scenario, refused = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
         check_screen()
         self.application = the_application(str(self.settings.value(SCALE_KEY, "")))
         self._language = Language()
         self._language.use(arguments.language or str(self.settings.value(LANGUAGE_KEY, ENGLISH)))
+        self._refused_scenario = _why_refused(refused) if refused else ""
         self.demo_robot: DemoRobot | None = None
         self._garbage: GarbageCollector | None = None
         parts = composition.parts(
@@ -93,7 +95,12 @@ class ConsoleRun:
             gamepads=self.console.gamepads,
             explorer=LiveRobotExplorer(self.console.asyncio_thread, self.console),
         )
-        self.library = LiveSessionLibrary(study.path, partial(self.console.problem, cause=ANSWER), self.console)
+        self.library = LiveSessionLibrary(
+            study.path,
+            partial(self.console.problem, cause=ANSWER),
+            self.console,
+            replay_options=("--language", arguments.language) if arguments.language else (),
+        )
         self.window.use_library(self.library)
         self._layouts = LayoutSaving(self.window, self.console, self.settings, self._keep_scenario)
         self._make_demo_robot = robot
@@ -131,13 +138,7 @@ class ConsoleRun:
         self.host.start()
         self.begin_first_use()
         self.tell_of_settings()
-        if self._refused_scenario:
-            self.console.problem(
-                "warning",
-                "The scenario of last time was not opened.",
-                f"{self._refused_scenario}",
-                f"{self.console.scenario.title} is open instead. Correct the file and open it.",
-            )
+        self.tell_of_scenario()
         if self._make_demo_robot is not None:
             self.demo_robot = self._make_demo_robot(self.console)
             self.demo_robot.start()
@@ -153,7 +154,17 @@ class ConsoleRun:
     def tell_of_settings(self) -> None:
         """Tell the wizard where the settings of last time could not be taken over."""
         if self._settings_trouble is not None:
-            self._on_settings_failed(self._settings_trouble)
+            self._on_settings_failed(said_now(self._settings_trouble))
+
+    def tell_of_scenario(self) -> None:
+        """Tell the wizard where the scenario of last time is not the one that is open."""
+        if self._refused_scenario:
+            self.console.problem(
+                "warning",
+                tr("The scenario of last time was not opened."),
+                self._refused_scenario,
+                tr("{title} is open instead. Correct the file and open it.").format(title=self.console.scenario.title),
+            )
 
     def _on_settings_failed(self, failure: ToldFailure) -> None:
         self.console.problem(failure.severity, failure.what, failure.meaning, failure.advice)
@@ -163,7 +174,9 @@ class ConsoleRun:
         try:
             return composition.robot_connection(robot)
         except composition.StartError as refusal:
-            raise ToldFailure(str(refusal), "No robot is connected.", "Start again with another --robot.") from refusal
+            raise ToldFailure(
+                str(refusal), tr("No robot is connected."), tr("Start again with another --robot.")
+            ) from refusal
 
     def _use_robot_to_practise_on(self) -> None:
         """The simulated robot is connected, now or as soon as it is ready."""
@@ -183,7 +196,7 @@ class ConsoleRun:
         return self.demo_robot.address_of(robot) if self.demo_robot is not None else None
 
     def _scenario_to_start_with(self) -> tuple[Scenario, str]:
-        """What was asked for; else the one of last time, or, with the reason, the tour guide where that is broken.
+        """What was asked for; else the one of last time, or, where that is broken, the tour guide and the broken one.
 
         Raises StartError.
         """
@@ -192,8 +205,8 @@ class ConsoleRun:
         last_time = str(self.settings.value(_SCENARIO_KEY, "tour-guide"))
         try:
             return composition.find_scenario(last_time), ""
-        except composition.StartError as refusal:
-            return composition.find_scenario("tour-guide"), str(refusal)
+        except composition.StartError:
+            return composition.find_scenario("tour-guide"), last_time
 
     def _kept_microphone(self, role: Role) -> str | None:
         """The system's default until another was chosen."""
@@ -213,6 +226,15 @@ class ConsoleRun:
     def _keep_scenario(self, path: Path) -> None:
         """It is open when the program starts again."""
         self.settings.setValue(_SCENARIO_KEY, str(path))
+
+
+def _why_refused(scenario: str) -> str:
+    """Once the wizard's language is in use: what reads a scenario says it in that."""
+    try:
+        composition.find_scenario(scenario)
+    except composition.StartError as refusal:
+        return str(refusal)
+    return ""
 
 
 def run(arguments: argparse.Namespace) -> int:

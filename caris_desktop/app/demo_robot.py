@@ -5,6 +5,7 @@ import sys
 from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.app import composition
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.console import Console
 from caris_desktop.live.simulated_robot import SimulatedRobotProcess
 
@@ -51,8 +52,8 @@ class DemoRobot(QObject):
     def _on_failed(self, detail: str) -> None:
         self._console.problem(
             "error",
-            f"The simulated robot did not start: {detail}.",
-            "There is no robot to drive; everything else works.",
-            "Run 'caris-desktop simulate' in a terminal to see why.",
+            tr("The simulated robot did not start: {why}.").format(why=detail),
+            tr("There is no robot to drive; everything else works."),
+            tr("Run 'caris-desktop simulate' in a terminal to see why."),
             until="connected",
         )

@@ -24,9 +24,10 @@ from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen
 from caris_desktop.app.kept_settings import KeptSettings
 from caris_desktop.app.qt_application import the_application
-from caris_desktop.app.user_settings import bring_up_to_date, own_settings
+from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
@@ -44,6 +45,7 @@ from caris_desktop.robot.profile import RobotProfile, parse_profile
 from caris_desktop.scenario.file import ScenarioError, parse_scenario
 from caris_desktop.scenario.layout import checked_layout
 from caris_desktop.scenario.model import LayoutNode, Scenario
+from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
 
@@ -63,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--at", type=float, metavar="SECONDS", help="begin at this second of the session")
     parser.add_argument("--at-ns", type=int, help=argparse.SUPPRESS)  # the same on the session's own clock
     parser.add_argument("--theme", choices=("system", "dark", "light"), help="this run's theme")
+    parser.add_argument("--language", metavar="NAME", help="this run's language, as in 'de' (default: the console's)")
     parser.add_argument("--verbose", action="store_true", help="show the log in the terminal")
 
 
@@ -105,6 +108,8 @@ class ReplayRun:
         kept = own_settings() if settings is None else settings
         self._settings_trouble = bring_up_to_date(kept)
         self.settings = KeptSettings(kept)
+        self._language = Language()
+        self._language.use(arguments.language or str(self.settings.value(LANGUAGE_KEY, ENGLISH)))
         session = _opened(_session_folder(arguments.session))
         self._videos = VideoReader(session)
         self._people = _people_of(session)
@@ -134,7 +139,7 @@ class ReplayRun:
         self._garbage = GarbageCollector(self.console)
         self.console.start()
         if self._settings_trouble is not None:
-            self._on_settings_failed(self._settings_trouble)
+            self._on_settings_failed(said_now(self._settings_trouble))
         if self._arguments.at_ns is not None:
             self.console.seek(self._arguments.at_ns)
         elif self._arguments.at is not None:
@@ -180,8 +185,10 @@ def _opened(folder: Path) -> Session:
     told = QProgressDialog()
     told.setWindowTitle("CARIS Desktop")
     told.setLabelText(
-        "This session was cut off while it was recorded.\n"
-        "It is being repaired; nothing of what was found is thrown away."
+        tr(
+            "This session was cut off while it was recorded.\n"
+            "It is being repaired; nothing of what was found is thrown away."
+        )
     )
     told.setRange(0, 0)
     told.setCancelButton(None)

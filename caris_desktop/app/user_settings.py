@@ -13,7 +13,7 @@ from pathlib import Path
 from PySide6.QtCore import QByteArray, QSettings, QStandardPaths
 
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
 
 VERSION = 1
 VERSION_KEY = "version"
@@ -51,22 +51,23 @@ def own_settings() -> QSettings:
 def bring_up_to_date(settings: QSettings) -> ToldFailure | None:
     """Migrate ``settings`` to the present version.
 
-    What is newer or cannot be read is copied aside and begun anew. Gives what the wizard is to be told, if anything.
+    What is newer or cannot be read is copied aside and begun anew. Gives what the wizard is to be told, if anything:
+    in English, as the settings name the wizard's language.
     """
     settings.allKeys()  # only now is the file read
     if settings.status() == QSettings.Status.AccessError:
         _log.warning("the settings in %s cannot be read or written", settings.fileName())
         return ToldFailure(
-            tr("Your settings cannot be read or kept."),
-            tr("The window begins as it did the first time, and forgets what you change in it when it closes."),
-            tr("See to it that {file} can be written to.").format(file=settings.fileName()),
+            QT_TR_NOOP("Your settings cannot be read or kept."),
+            QT_TR_NOOP("The window begins as it did the first time, and forgets what you change in it when it closes."),
+            filled(QT_TR_NOOP("See to it that {file} can be written to."), file=settings.fileName()),
             severity="warning",
         )
     version = _version(settings)
     if settings.status() != QSettings.Status.NoError or version is None:
-        return _begin_anew(settings, tr("Your settings could not be read."))
+        return _begin_anew(settings, QT_TR_NOOP("Your settings could not be read."))
     if version > VERSION:
-        return _begin_anew(settings, tr("Your settings are of a newer version of this program."))
+        return _begin_anew(settings, QT_TR_NOOP("Your settings are of a newer version of this program."))
     for number in range(version, VERSION):
         _MIGRATIONS[number](settings)
     if version < VERSION:
@@ -78,6 +79,11 @@ def bring_up_to_date(settings: QSettings) -> ToldFailure | None:
         _log.warning("the setting %s is not what belongs there, and is forgotten", key)
         settings.remove(key)
     return None
+
+
+def said_now(failure: ToldFailure) -> ToldFailure:
+    """What ``bring_up_to_date`` gave, in the language that the window speaks meanwhile."""
+    return ToldFailure(tr(failure.what), tr(failure.meaning), tr(failure.advice), severity=failure.severity)
 
 
 def _version(settings: QSettings) -> int | None:
@@ -96,8 +102,8 @@ def _begin_anew(settings: QSettings, what: str) -> ToldFailure:
         _log.warning("the settings could not be copied: %s", error)
         return ToldFailure(
             what,
-            tr("They could not be copied either ({why}), and are left as they are.").format(why=error),
-            tr("Make room, or take the file {file} away, and start again.").format(file=settings.fileName()),
+            filled(QT_TR_NOOP("They could not be copied either ({why}), and are left as they are."), why=error),
+            filled(QT_TR_NOOP("Make room, or take the file {file} away, and start again."), file=settings.fileName()),
             severity="warning",
         )
     _log.warning("%s They are kept in %s", what, copy)
@@ -105,8 +111,8 @@ def _begin_anew(settings: QSettings, what: str) -> ToldFailure:
     settings.setValue(VERSION_KEY, VERSION)
     return ToldFailure(
         what,
-        tr("Theme, keys, arrangement and devices begin as they did the first time. A copy was kept."),
-        tr("Set what you need again. The copy is {file}.").format(file=copy),
+        QT_TR_NOOP("Theme, keys, arrangement and devices begin as they did the first time. A copy was kept."),
+        filled(QT_TR_NOOP("Set what you need again. The copy is {file}."), file=copy),
         severity="warning",
     )
 

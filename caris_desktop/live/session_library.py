@@ -65,12 +65,14 @@ class LiveSessionLibrary(QObject):
         parent: QObject | None = None,
         *,
         program: Sequence[str] = _THIS_PROGRAM,
+        replay_options: Sequence[str] = (),
     ) -> None:
-        """``program`` is what a replay is started with."""
+        """``program`` is what a replay is started with, and ``replay_options`` what it is told besides."""
         super().__init__(parent)
         self._study = study
         self._problem = problem
         self._program = program
+        self._replay_options = replay_options
         self.found = LiveValue(LibraryStatus(), self)
         self.export = LiveValue(ExportStatus(), self)
         self._looked.connect(self.found.set, Qt.ConnectionType.QueuedConnection)
@@ -153,7 +155,7 @@ class LiveSessionLibrary(QObject):
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         """A program of its own: it may be slow or fail without the running session."""
-        command = [*self._program, "replay", str(folder)]
+        command = [*self._program, "replay", str(folder), *self._replay_options]
         if at_ns is not None:
             command.append(f"--at-ns={at_ns}")
         try:

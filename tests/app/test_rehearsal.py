@@ -189,7 +189,7 @@ def test_a_replay_shows_what_the_panels_showed(tour: Path, qtbot: QtBot, tmp_pat
     assert len(samples) > 20
     frames_ns = [sample["shown"]["streams"]["frame"][0] for sample in samples]
     settings = QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
-    replay = ReplayRun(Namespace(session=tour, at=None, at_ns=None, theme="dark"), settings=settings)
+    replay = ReplayRun(Namespace(session=tour, at=None, at_ns=None, theme="dark", language=None), settings=settings)
     qtbot.addWidget(replay.window)
     console = replay.console
     console.start()

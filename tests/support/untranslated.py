@@ -18,7 +18,7 @@ from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.widgets.buttons import Look
 
 PACKAGE = Path(__file__).parents[2] / "caris_desktop"
-ROOMS = ("live", "ui")
+ROOMS = ("app", "live", "ui")
 LEFT = Path(__file__).with_suffix(".txt")
 
 _A_STATE = "a state by its name in the record and in code; it is shown by words of its own"
@@ -28,16 +28,40 @@ _GUIDE = "written into the guide, which is English"
 _KEY_NAME = "the name of a key as the settings and Qt have it; a key cap shows it"
 _ID = "by which Find anything knows one of its lines again"
 _CAP = "what is printed on the key"
+_TERMINAL = "printed by a command in the terminal, which speaks English"
+_PLAYED = "a rehearsal's, which speaks and writes to the terminal in English"
+_PROCESS = "the name of a process, for the log"
+_FOLDER = "the name of a folder"
+_RECORD = "written into the record, which is English"
 _BROWSER = "for whoever types an address of the page by hand"
 AS_IT_IS: dict[str, dict[str, str]] = {
     "": {"not checked": _A_STATE},
+    "app/check_command.py": {"*": _TERMINAL},
+    "app/commands.py": {"*": _TERMINAL},
+    "app/composition.py": {
+        "imported bags": _FOLDER,
+        "hearing along": _PROCESS,
+        "own voice": _PROCESS,
+        "camera {}": _PROCESS,
+        "The session was not exported.": _TERMINAL,
+        "The session itself is unharmed.": _TERMINAL,
+        "keyboard, gamepad or on-screen stick; each command names its own": _RECORD,
+        "not permitted": _RECORD,
+    },
+    "app/forget_command.py": {"*": _TERMINAL},
+    "app/perceive_again_command.py": {"*": _TERMINAL},
+    "app/progress_bar.py": {"*": _TERMINAL},
+    "app/rehearsal.py": {"*": _PLAYED},
+    "app/rehearse_command.py": {"the window was closed": _PLAYED},
+    "app/replay_command.py": {"unsaved annotations": _FOLDER, "CARIS Desktop": "the name of the program"},
+    "app/robots_command.py": {"ROS {}": _TERMINAL, "an unknown ROS": _TERMINAL},
+    "app/track_command.py": {"the disk is full": _TERMINAL},
     "live/assistant_context.py": {"*": _PROMPT},
     "live/face_page.py": {"There is nothing here.\n": _BROWSER, "Too many pages are open.\n": _BROWSER},
     "live/forgetting.py": {"*": "said by the process that forgets, which speaks English"},
     "live/preflight.py": {"by hand: {}": "the name of a check in the record"},
-    "live/session_library.py": {"{} {} sessions": "the name of a folder"},
+    "live/session_library.py": {"{} {} sessions": _FOLDER},
     "live/own_voice.py": {"(the wizard’s own voice)": "stands in the record in place of what was said"},
-    "live/logs.py": {"*": "for the terminal and the log"},
     "live/services/assistant.py": {"Hello.": _PROMPT},
     "live/services/practice.py": {
         "Could you tell me something about this place?": "said by who takes part in the practice"
@@ -81,6 +105,9 @@ _UNREAD = {
     "startswith", "strftime", "strptime", "value", "invokeMethod",
 }  # fmt: skip
 """Functions whose arguments nobody reads."""
+
+_IN_THE_TERMINAL = {"ArgumentParser", "add_argument", "add_argument_group", "add_parser", "print"}
+"""Functions whose words stand in a terminal, which speaks English, and in no window."""
 
 _UNREAD_NAMED = {"id", "name", "object_name", "objectName", "key", "role", "encoding", "errors", "mode", "thread_name"}
 """Arguments by name, likewise; of ``name`` what has no blank."""
@@ -177,7 +204,7 @@ class _Finder(ast.NodeVisitor):
 
     def visit_Call(self, node: ast.Call) -> None:
         name = _name_of(node.func)
-        if name in _MARKS:
+        if name in _MARKS or name in _IN_THE_TERMINAL:
             return
         logged = name in _LOGGED and "log" in _name_of(getattr(node.func, "value", None)).lower()
         if logged or name in _UNREAD or (_raises(name) and name not in _TOLD_ERRORS):

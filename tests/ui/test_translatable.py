@@ -122,6 +122,7 @@ def test_what_is_left_as_it_is_is_still_said() -> None:
         ('label.setText(f"{speed:.1f} m/s, {size_mb} MB")', []),
         ('match event:\n    case Happened(state="out of reach"):\n        return "Session", "The robot is lost"',
          ["Session", "The robot is lost"]),
+        ('parser.add_argument("--all", help="Every one of them")\nprint("It is done now.")', []),
         ('say(words if words else "no answer")', ["no answer"]),
     ],
 )  # fmt: skip

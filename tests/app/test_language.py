@@ -1,0 +1,167 @@
+"""What the program tells in its windows, from the first moment on, it tells in the wizard's language."""
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QObject, QSettings
+from PySide6.QtWidgets import QAbstractButton
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.app import composition
+from caris_desktop.app.console_command import ConsoleRun, default_arguments
+from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.app.replay_command import ReplayRun
+from caris_desktop.app.user_settings import VERSION
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import use_translator
+from caris_desktop.live.parts import Parts
+from caris_desktop.scenario.file import parse_scenario
+from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, TRIAL, Language, in_trial_language
+from tests.app.test_replay_command import _arguments
+from tests.support.recorded_session import make_session
+from tests.support.trial_check import Data, is_plain
+
+CAMERAS = """version: 1
+title: A
+layout: {panel: video}
+cameras:
+  - {source: "ftp://there"}
+  - {source: "0", name: desk, place: nowhere, mount: {width_px: 1280, height_px: 720, horizontal_fov_deg: 70, x_m: 0.2}}
+"""
+BROKEN = "version: 1\ntitle: A\nlayout: {panel: nothing}\n"
+OF_THE_TEST = Data("ftp", "there", "desk", "nowhere", "panel", "nothing", "layout", "nobody", "Tour guide")
+
+
+@pytest.fixture(autouse=True)
+def english_again() -> Iterator[None]:
+    yield
+    Language().use(ENGLISH)
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> QSettings:
+    settings = QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
+    settings.setValue("version", VERSION)
+    settings.setValue(LANGUAGE_KEY, TRIAL)
+    return settings
+
+
+def plain(told: Problem | ToldFailure) -> list[str]:
+    return [text for text in (told.what, told.meaning, told.advice) if is_plain(text, OF_THE_TEST)]
+
+
+@pytest.fixture
+def parts(tmp_path: Path) -> Parts:
+    (tmp_path / "broken.yaml").write_text(BROKEN, "utf-8")
+    study = composition.open_study(tmp_path / "study")
+    study.people_database.write_bytes(b"no database at all")
+    use_translator(in_trial_language)
+    return composition.parts(study=study)
+
+
+@pytest.mark.logs("people database")
+@pytest.mark.parametrize(
+    "fails",
+    [
+        lambda parts, folder: parts.scenario.load(folder / "broken.yaml"),
+        lambda parts, folder: parts.scenario.save_text(BROKEN, folder / "new.yaml", None, ""),
+        lambda parts, _folder: parts.robots.connect_to("nobody"),
+        lambda parts, _folder: parts.practice.robot(),
+    ],
+    ids=["scenario not opened", "scenario not saved", "robot not known", "nothing to practise on"],
+)
+def test_what_cannot_be_done(parts: Parts, tmp_path: Path, fails: Callable[[Parts, Path], object]) -> None:
+    with pytest.raises(ToldFailure) as told:
+        fails(parts, tmp_path)
+    assert plain(told.value) == []
+
+
+@pytest.mark.logs("people database")
+def test_cameras_that_cannot_be_used_and_people_that_cannot_be_read(parts: Parts) -> None:
+    failures = parts.cameras(parse_scenario(CAMERAS, path=Path("cameras.yaml"))).failures
+    assert [plain(failure) for failure in failures] == [[], []]
+    _presence, problems = parts.people.open_presence()
+    (problem,) = problems
+    assert isinstance(problem, Problem) and plain(problem) == []
+
+
+class Told(QObject):
+    """A console that only hears problems."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.problems: list[Problem] = []
+
+    def problem(self, severity: str, what: str, meaning: str, advice: str, *, until: str = "") -> None:
+        self.problems.append(Problem(0, severity, what, meaning, advice, until=until))  # type: ignore[arg-type]
+
+
+def test_a_simulated_robot_that_does_not_start(qtbot: QtBot) -> None:
+    use_translator(in_trial_language)
+    console = Told()
+    robot = DemoRobot(console)  # type: ignore[arg-type]
+    robot._failed.emit(in_trial_language("it ended with exit code 3"))
+    qtbot.waitUntil(lambda: bool(console.problems))
+    assert plain(console.problems[0]) == []
+
+
+@pytest.fixture
+def run(qtbot: QtBot, tmp_path: Path, settings: QSettings) -> Iterator[Callable[[], ConsoleRun]]:
+    runs: list[ConsoleRun] = []
+
+    def start(**arguments: object) -> ConsoleRun:
+        run = ConsoleRun(default_arguments(study=tmp_path / "study", **arguments), settings=settings)
+        runs.append(run)
+        qtbot.addWidget(run.window)
+        return run
+
+    yield start
+    for each in runs:
+        each.close()
+
+
+def problems_of(run: ConsoleRun) -> list[Problem]:
+    told: list[Problem] = []
+    run.console.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
+    return told
+
+
+@pytest.mark.logs("live.bus: ")
+def test_a_scenario_of_last_time_that_was_broken_meanwhile(
+    run: Callable[[], ConsoleRun], settings: QSettings, tmp_path: Path, qtbot: QtBot
+) -> None:
+    (tmp_path / "broken.yaml").write_text(BROKEN, "utf-8")
+    settings.setValue("scenario/last", str(tmp_path / "broken.yaml"))
+    console = run()
+    told = problems_of(console)
+    console.tell_of_scenario()
+    qtbot.waitUntil(lambda: bool(told))
+    assert "broken.yaml" in told[0].meaning
+    assert plain(told[0]) == []
+
+
+@pytest.mark.logs(r"app\.user_settings: |live\.bus: ")
+def test_settings_that_could_not_be_read(
+    run: Callable[..., ConsoleRun], settings: QSettings, tmp_path: Path, qtbot: QtBot
+) -> None:
+    settings.setValue("version", VERSION + 1)
+    console = run(language=TRIAL)
+    told = problems_of(console)
+    console.tell_of_settings()
+    qtbot.waitUntil(lambda: bool(told))
+    assert plain(dataclasses.replace(told[0], advice=told[0].advice.replace(str(tmp_path), ""))) == []
+
+
+def test_a_replay(settings: QSettings, tmp_path: Path, qtbot: QtBot) -> None:
+    made = make_session(tmp_path / "sessions" / "one")
+    replay = ReplayRun(_arguments(made.folder), settings=settings)
+    qtbot.addWidget(replay.window)
+    try:
+        stop = replay.window.findChild(QAbstractButton, "emergency_stop")
+        assert stop is not None and not is_plain(stop.text() or stop.toolTip(), OF_THE_TEST)
+        assert not is_plain(stop.toolTip(), OF_THE_TEST)
+    finally:
+        replay.close()
