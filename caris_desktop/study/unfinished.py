@@ -1,8 +1,8 @@
 """Which trial was being recorded, so that after an end that nobody wanted the next run can offer to go on with it.
 
 One small file for each running program, written while it records and gone when the recording or the program ends in
-order, or as soon as it is told to end. What is left of a program that runs no more tells of a crash or a power cut:
-also where the computer was started anew since, as whoever shuts it down tells its programs before.
+order, or as soon as it is told to end. What is left of a program that runs no more tells of a crash or a power cut,
+also where the computer was started anew since: whoever shuts it down tells its programs before.
 """
 
 import json

@@ -168,7 +168,7 @@ class GoingOnService(Service):
         trial = UnfinishedTrial(
             folder,
             str(scenario.path) if scenario is not None and scenario.path is not None else "",
-            connection.name if connection is not None else "",
+            connection.profile.name if connection is not None else "",
             tuple(row.person_id for row in state.persons.value if row.here),
             state.selected_person.value,
             state.protocol.value.step_id,
@@ -206,7 +206,7 @@ class GoingOnService(Service):
         here, connection = self._scenario, self._robot.connection
         if trial.scenario and (here is None or str(here.path) != trial.scenario):
             self._do(intents.OpenScenario(Path(trial.scenario), actor=asked.actor))
-        if trial.robot and (connection is None or connection.name != trial.robot):
+        if trial.robot and (connection is None or connection.profile.name != trial.robot):
             self._do(intents.UseRobot(trial.robot, actor=asked.actor))
         if trial.attended:
             self._do(intents.AttendPerson(trial.attended, actor=asked.actor))

@@ -28,6 +28,10 @@ from tests.support.crashed import of_one_that_is_gone
 P07 = TrialDetails(participant="P07", trial="2")
 
 
+def _connection(name: str, title: str) -> Any:
+    return SimpleNamespace(name=title, profile=SimpleNamespace(name=name))
+
+
 class Run:
     """One run of the program, as far as it concerns this service."""
 
@@ -39,7 +43,7 @@ class Run:
         self.asked: list[intents.Intent] = []
         self.bus.tap(lambda value, _raw: self.told.append(value), (TrialResumed, ConfirmedAsBefore))
         self.slow_work = SlowWork(self.state)
-        robot: Any = SimpleNamespace(connection=SimpleNamespace(name="simulated"))
+        robot: Any = SimpleNamespace(connection=_connection("simulated", "Simulated robot"))
         self.service = GoingOnService(
             self.state, self.bus, GoingOnParts(folder / "trials", folder / "sessions", lambda _session: P07),
             self.slow_work, robot=robot, do=self.do, parent=self.state,
@@ -215,7 +219,7 @@ def test_a_trial_does_not_go_on_in_the_midst_of_another_recording(after_a_crash:
 
 
 def test_another_scenario_and_robot_of_that_trial_are_used_again(run: Run, runs: Callable[[], Run]) -> None:
-    elsewhere: Any = SimpleNamespace(name="pepper")
+    elsewhere: Any = _connection("pepper", "Pepper")
     run.service._robot.connection = elsewhere  # type: ignore[misc]
     run.service.use_scenario(load_scenario(find_scenario("mental-health-check")))
     run.record("one")
