@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -102,6 +102,7 @@ class ConsoleRun:
             replay_options=("--language", arguments.language) if arguments.language else (),
         )
         self.window.use_library(self.library)
+        self.window.kept_choices.begin()
         self._layouts = LayoutSaving(self.window, self.console, self.settings, self._keep_scenario)
         self._make_demo_robot = robot
         self.window.first_use.simulated_wanted.connect(self._use_robot_to_practise_on)
@@ -143,8 +144,9 @@ class ConsoleRun:
             self.demo_robot = self._make_demo_robot(self.console)
             self.demo_robot.start()
             return
-        robot = self._arguments.robot or self.console.scenario.robot
-        self.console.use_robot(lambda: self._robot_to_start_with(robot), until="connected")
+        named, robot = self._arguments.robot, self._arguments.robot or self.console.scenario.robot
+        last = "" if named else self.window.kept_choices.robot_of_last_time
+        self.console.use_robot(lambda: self._robot_to_start_with(robot, last), until="connected")
 
     def begin_first_use(self) -> None:
         """Who names a robot knows the program; a rehearsal needs to be told nothing."""
@@ -169,8 +171,11 @@ class ConsoleRun:
     def _on_settings_failed(self, failure: ToldFailure) -> None:
         self.console.problem(failure.severity, failure.what, failure.meaning, failure.advice)
 
-    def _robot_to_start_with(self, robot: str) -> RobotConnection:
-        """Raises ToldFailure."""
+    def _robot_to_start_with(self, robot: str, last: str) -> RobotConnection:
+        """The one of ``last`` time where there still is one of that name. Raises ToldFailure."""
+        if last:
+            with suppress(composition.StartError):
+                return composition.robot_connection(last)
         try:
             return composition.robot_connection(robot)
         except composition.StartError as refusal:

@@ -369,6 +369,11 @@ class LiveState(QObject):
         names: tuple[str, ...] = self.cameras.value
         return self._camera_preferred if self._camera_preferred in names else names[0] if names else ""
 
+    @property
+    def chosen_camera(self) -> str:
+        """The camera on show where the wizard chose it, empty where it is the first one that there is."""
+        return str(self.camera.value) if self._camera_by_hand else ""
+
     def choose_phrases(self, group: int) -> None:
         """The keys of phrases mean this group of the scenario's, counted round."""
         scenario = self.scenario.value

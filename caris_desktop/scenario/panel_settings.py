@@ -1,4 +1,4 @@
-"""What a scenario says of how its panels are when it is opened; the wizard can change each for the session."""
+"""What a scenario says of how its panels are when a wizard first opens it; what that wizard changes comes back."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -66,8 +66,8 @@ class QuestionSettings:
 
 @dataclass(frozen=True, slots=True)
 class PanelSettings:
-    """How panels are when the scenario is opened. The wizard can change each of it while the scenario is open; another
-    scenario has its own.
+    """How panels are when the scenario is opened. The wizard can change each of it, and finds it so the next time;
+    another scenario has its own.
     """
 
     map: Annotated[MapSettings, Rule(quiet=True)] = field(default_factory=MapSettings)

@@ -33,6 +33,7 @@ from caris_desktop.ui.first_use.first_use import FirstUse
 from caris_desktop.ui.gamepad_window import GamepadWindow
 from caris_desktop.ui.going_on_card import GoingOnCard
 from caris_desktop.ui.icons import icon
+from caris_desktop.ui.kept_choices import KeptChoices
 from caris_desktop.ui.late_imports import LateImports
 from caris_desktop.ui.layout_keeper import LayoutKeeper
 from caris_desktop.ui.marking import Marking
@@ -150,6 +151,7 @@ class MainWindow(QWidget):
         # What comes and goes
         self.board = PanelBoard(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
         self.layout_keeper = LayoutKeeper(self.dock_host, self.board, console, self.wizards, self.show_scenario)
+        self.kept_choices = KeptChoices(console, self.wizards, self.board, self)
         self.sessions = SessionWindows(self.theme, console, self.wizards, self)
         self._going_on = GoingOnCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
         self.robots = RobotChooser(self.theme, console, self._question, self)

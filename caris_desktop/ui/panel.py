@@ -1,6 +1,7 @@
 """What a dock panel is: a title, one live fact, a few controls in its title bar, and a card to draw on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal
@@ -52,6 +53,7 @@ class Panel(QWidget):
     title_changed = Signal(str)
     controls_changed = Signal()  # title_widgets gives others now; who shows them deletes those that it gives no more
     window_wanted = Signal(str)  # WindowName
+    choices_changed = Signal()  # ``choices`` are others, as the wizard wanted it
     moment_wanted = Signal(object)  # nanoseconds of the session clock: a replay goes there
 
     def __init__(self, context: PanelContext) -> None:
@@ -63,6 +65,7 @@ class Panel(QWidget):
         self.table = context.actions
         self.hold = context.hold
         self._active = False
+        self._goes_by_itself = 0
         self._in_view = True
         self._ticking: list[QTimer] = []
         self._fact = ("", "")
@@ -134,6 +137,27 @@ class Panel(QWidget):
 
     def take_over(self, lasting: Any) -> None:
         """Go on from ``what_lasts`` of the panel before."""
+
+    def choices(self) -> dict[str, Any]:
+        """How the wizard wants to see it, as JSON has it: kept from one run to the next. ``choices_changed`` tells."""
+        return {}
+
+    def tell_choices(self) -> None:
+        """Something of them has changed."""
+        if not self._goes_by_itself:
+            self.choices_changed.emit()
+
+    @contextmanager
+    def by_itself(self) -> Iterator[None]:
+        """What changes meanwhile is not what the wizard chose."""
+        self._goes_by_itself += 1
+        try:
+            yield
+        finally:
+            self._goes_by_itself -= 1
+
+    def use_choices(self, kept: Mapping[str, Any]) -> None:
+        """As ``choices`` were last time. Whatever is in it may be missing, or of another type."""
 
     def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
         """Let the wizard change ``text`` before ``say`` takes it; nothing in a panel without such a field."""

@@ -53,6 +53,8 @@ class PanelBoard(QObject):
 
     window_wanted = Signal(str)  # WindowName: a panel asks for a window of its own
     moment_wanted = Signal(object)  # as of a panel
+    made = Signal(str, object)  # PanelName, Panel
+    opened = Signal(str, object)  # PanelName, Panel: it is as the file of the scenario has it
 
     def __init__(self, context: PanelContext, docks: DockHost) -> None:
         super().__init__(docks)
@@ -288,8 +290,9 @@ class PanelBoard(QObject):
         panel.window_wanted.connect(self.window_wanted)
         panel.moment_wanted.connect(self.moment_wanted)
         panel.use_library(present=self._has_library)
+        self.made.emit(name, panel)
         if name in self._opened_in:
-            panel.use_settings(self._context.console.scenario.panels)
+            self._use_settings(name, panel)
         if name in self._lasting:
             panel.take_over(self._lasting[name])
         self._open_in(name, panel)
@@ -307,7 +310,12 @@ class PanelBoard(QObject):
     def _open_in(self, name: PanelName, panel: Panel) -> None:
         if name not in self._opened_in:
             self._opened_in.add(name)
+            self._use_settings(name, panel)
+
+    def _use_settings(self, name: PanelName, panel: Panel) -> None:
+        with panel.by_itself():
             panel.use_settings(self._context.console.scenario.panels)
+        self.opened.emit(name, panel)
 
     def _bring(self, name: PanelName) -> Panel:
         """The panel that was put aside, which shows the present scenario again; else a new one."""

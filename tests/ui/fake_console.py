@@ -311,6 +311,7 @@ class FakeConsole:
 
     def set_level(self, function: AssistedFunction, level: AssistanceLevel) -> None:
         self.calls.append(("set_level", (function, level)))
+        self.state.levels.set(dataclasses.replace(self.state.levels.value, **{function: level}))
 
     def correct_utterance(self, utterance_id: str, **corrected: Any) -> None:
         made = {name: value for name, value in corrected.items() if value is not None}
@@ -341,9 +342,11 @@ class FakeConsole:
 
     def choose_model(self, model: str) -> None:
         self.calls.append(("choose_model", model))
+        self.state.assistant_setup.set(dataclasses.replace(self.state.assistant_setup.value, model=model))
 
     def choose_prompt(self, kind: str, name: str) -> None:
         self.calls.append(("choose_prompt", (kind, name)))
+        self.state.assistant_setup.set(dataclasses.replace(self.state.assistant_setup.value, **{kind: name}))
 
     def edit_prompt(self, kind: str, text: str, name: str = "") -> None:
         self.calls.append(("edit_prompt", (kind, name, text)))

@@ -1,7 +1,8 @@
 """Map: floor plan, LIDAR, people, places, goal, and the robot as a pin that shows where it looks."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QKeyEvent, QResizeEvent
@@ -74,6 +75,8 @@ class MapPanel(Panel):
         view = self.view
         view.follow_changed.connect(self._follow.setChecked)
         view.rotate_changed.connect(self._refresh)
+        view.follow_changed.connect(self._on_view_chosen)
+        view.rotate_changed.connect(self._on_view_chosen)
         self._listen()
         self.every(250, self._refresh)
 
@@ -121,11 +124,7 @@ class MapPanel(Panel):
 
     def use_settings(self, settings: PanelSettings) -> None:
         shown, view = settings.map, self.view
-        followed, self._follows_on_map = view.follow, shown.follow
-        if not self.tools.by_odometry:
-            view.set_follow(shown.follow)
-            if followed and not shown.follow:
-                view.fit()
+        self._set_follow(shown.follow)
         view.set_rotate(shown.up == "robot")
         view.set_trail_shown(shown.trail)
 
@@ -191,6 +190,28 @@ class MapPanel(Panel):
 
     # ---- menus
 
+    def choices(self) -> dict[str, Any]:
+        shown = self.view.shown
+        follow = self._follows_on_map if self.tools.by_odometry else self.view.follow
+        return {"follow": follow, "rotate": shown.rotate, "trail": shown.show_trail}
+
+    def use_choices(self, kept: Mapping[str, Any]) -> None:
+        view = self.view
+        for name, use in (("rotate", view.set_rotate), ("follow", self._set_follow), ("trail", view.set_trail_shown)):
+            if isinstance(kept.get(name), bool):
+                use(kept[name])
+
+    def _set_follow(self, follow: bool) -> None:
+        followed, self._follows_on_map = self.view.follow, follow
+        if self.tools.by_odometry:
+            return
+        self.view.set_follow(follow)
+        if followed and not follow:
+            self.view.fit()
+
+    def _on_view_chosen(self, _on: bool) -> None:
+        self.tell_choices()
+
     def _open_go_menu(self) -> None:
         menu = self._go_menu
         menu.clear()
@@ -220,6 +241,7 @@ class MapPanel(Panel):
         trail.setCheckable(True)
         trail.setChecked(view.shown.show_trail)
         trail.toggled.connect(view.set_trail_shown)
+        trail.toggled.connect(self._on_view_chosen)
         clear = menu.addAction(tr("Forget where it has driven"))
         clear.setEnabled(len(view.shown.trail) > 0)
         clear.triggered.connect(lambda _checked=False: view.clear_trail())
@@ -314,7 +336,8 @@ class MapPanel(Panel):
         self.view.clear_trail()
         if by_odometry:
             self._follows_on_map = self.view.follow
-        self.view.set_follow(by_odometry or self._follows_on_map)
+        with self.by_itself():
+            self.view.set_follow(by_odometry or self._follows_on_map)
         if not self.view.follow:
             self.view.fit()
         self._on_places_changed(self.state.places.value)

@@ -2,7 +2,7 @@
 
 import bisect
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -108,6 +108,7 @@ class SessionPanel(Panel):
         )
         self._filter.setObjectName("log_filter")
         self._filter.setToolTip(tr("Which events to show"))
+        self._category = ""
         self._filter_menu = QMenu(self)
         self._filter_menu.setObjectName("log_filter_menu")
         for category in ("", *event_words.CATEGORIES):
@@ -221,6 +222,15 @@ class SessionPanel(Panel):
         self._filter.set_label(tr(category or _EVERYTHING))
         self._model.set_category(category)
         self._log.scrollToBottom()
+        self._category = category
+        self.tell_choices()
+
+    def choices(self) -> dict[str, Any]:
+        return {"category": self._category}
+
+    def use_choices(self, kept: Mapping[str, Any]) -> None:
+        if kept.get("category") in ("", *event_words.CATEGORIES):
+            self.show_category(kept["category"])
 
     def use_settings(self, settings: PanelSettings) -> None:
         self.show_category(_SHOWN[settings.session.shows])

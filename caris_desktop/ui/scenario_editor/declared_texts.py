@@ -307,7 +307,7 @@ TEXTS = (
     QT_TR_NOOP("Conversation"),
     QT_TR_NOOP("What panels show at first"),
     QT_TR_NOOP("Panels"),
-    QT_TR_NOOP("How panels are when the scenario is opened. The wizard can change each of it while the scenario is open; another scenario has its own."),
+    QT_TR_NOOP("How panels are when the scenario is opened. The wizard can change each of it, and finds it so the next time; another scenario has its own."),
     QT_TR_NOOP("How panels are when the scenario is opened"),
     QT_TR_NOOP("The Map panel."),
     QT_TR_NOOP("map"),
