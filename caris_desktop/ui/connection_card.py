@@ -60,6 +60,7 @@ class ConnectionCard(Overlay):
     def __init__(self, theme: Theme, window: QWidget, state: LiveState) -> None:
         super().__init__(theme, window, width_px=860)
         self.setObjectName("connection_card")
+        self.setAccessibleName(tr("Connection in the last minute"))
         self._history = ConnectionHistory(state, self)
         self._plot: Any = None
         self._curves: dict[str, Any] = {}

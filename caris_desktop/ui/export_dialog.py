@@ -23,6 +23,7 @@ from caris_desktop.live.status import ExportStatus
 from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.export import FORMATS
 from caris_desktop.ui import tokens
+from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import TEXT_LEFT_PX, CheckBox
@@ -39,7 +40,7 @@ _LEAST_FORMATS_PX = 160
 _FIRST_CHOICE = ("csv", "html")
 
 
-class ExportDialog(QWidget):
+class ExportDialog(TabAsRead, QWidget):
     """A window of its own that belongs to the main one: driving, talking and stopping go on beside it."""
 
     closed = Signal()

@@ -36,6 +36,7 @@ from caris_desktop.live.gamepad_mapping import (
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
 from caris_desktop.ui import tokens
+from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.scrolled import Scrolled
@@ -61,7 +62,7 @@ _BUTTON_TEXTS: dict[ButtonAction, str] = {
 }  # fmt: skip
 
 
-class GamepadDialog(QDialog):
+class GamepadDialog(TabAsRead, QDialog):
     """Not modal, so that everything else, the red button first, works beside it; its own gamepad does not drive."""
 
     def __init__(self, theme: Theme, state: LiveState, gamepads: Gamepads, parent: QWidget) -> None:

@@ -8,6 +8,7 @@ from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.layout_keeper import LayoutKeeper
 from caris_desktop.ui.panel_board import PanelBoard
+from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 
 _LONGEST_TITLE = 80
@@ -70,7 +71,7 @@ class LayoutMenu:
         dialog.show()
 
 
-class TitleDialog(QDialog):
+class TitleDialog(TabAsRead, QDialog):
     """Asks how the new scenario is called. Not modal: the robot can be driven and stopped meanwhile."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:

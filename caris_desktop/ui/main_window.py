@@ -59,6 +59,7 @@ from caris_desktop.ui.session_windows import SessionWindows
 from caris_desktop.ui.shortcuts.sheet import ShortcutSheet
 from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
 from caris_desktop.ui.status_bar import StatusBar
+from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.talking import Talking
 from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
 from caris_desktop.ui.top_bar import TopBar
@@ -73,7 +74,7 @@ if TYPE_CHECKING:  # imported when they are first needed
     from caris_desktop.ui.robot_dialog import RobotExplorer
 
 
-class MainWindow(QWidget):
+class MainWindow(TabAsRead, QWidget):
     """The wizard's window. Draws what ``console.state`` holds and turns input into intents.
 
     Parameters

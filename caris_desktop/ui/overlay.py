@@ -17,7 +17,7 @@ class Overlay(QWidget):
         self._width_px = width_px
         self._focus_before: QWidget | None = None
         self.card = _Card(theme, self)
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         window.installEventFilter(self)
         self.hide()
 

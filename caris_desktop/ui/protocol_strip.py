@@ -1,7 +1,6 @@
 """The protocol in one line: where the wizard is in it, how long that has taken, and how it goes on."""
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
@@ -59,7 +58,6 @@ class ProtocolStrip(QWidget):
         self._actions = actions
         self._hold = hold
         self._records: dict[str, StepRecord] = {}
-        self._tab_order: tuple[QWidget, ...] = ()
         self._replay = False
         self._asks_for_step = False
         self._steps_card: StepsCard | None = None
@@ -149,7 +147,6 @@ class ProtocolStrip(QWidget):
         said = tr("The protocol has ended.") if self.status.ended else ""
         self._note.setText(said if step is None else step.note)
         self._show_time()
-        self._keep_tab_order()
         if step is None:
             self._clock.stop()
         elif not self._clock.isActive():
@@ -175,14 +172,6 @@ class ProtocolStrip(QWidget):
         if self._steps_card is not None and self._steps_card.isVisible():
             self._fill_steps_card(steps)
         self._make_room()
-
-    def _keep_tab_order(self) -> None:
-        """From left to right, whatever was made last."""
-        parts = (*self.pills.buttons, *self._ticks, self._ticked, *self._acts)
-        if parts != self._tab_order:
-            self._tab_order = parts
-            for before, after in pairwise(parts):
-                QWidget.setTabOrder(before, after)
 
     def _say_buttons(self, step: ProtocolStep | None) -> None:
         permissions, status = self._console.scenario.permissions, self.status

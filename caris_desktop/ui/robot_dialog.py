@@ -29,6 +29,7 @@ from caris_desktop.robot.profile import ProfileError, RobotProfile, SecuritySett
 from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
 from caris_desktop.ui import tokens
 from caris_desktop.ui.robot_rows import MappingRow, NoteLine
+from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -82,7 +83,7 @@ def offer_lines(offer: Offer) -> list[str]:
     ]
 
 
-class RobotDialog(QDialog):
+class RobotDialog(TabAsRead, QDialog):
     """Not modal: the robot that is connected can be driven and stopped meanwhile. ``saved(RobotChoice)`` at its end."""
 
     saved = Signal(object)

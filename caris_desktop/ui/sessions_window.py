@@ -30,6 +30,7 @@ from caris_desktop.ui.session_table import (
     natural_order,
     purpose_title,
 )
+from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
@@ -47,7 +48,7 @@ _FILTERS = (
 )
 
 
-class SessionsWindow(QWidget):
+class SessionsWindow(TabAsRead, QWidget):
     """A window of its own that belongs to the main one. ``export_requested`` carries the chosen folders."""
 
     export_requested = Signal(object)  # list of folders

@@ -8,6 +8,7 @@ from PySide6.QtCore import QPoint, QRect
 from PySide6.QtGui import QAccessible, QAccessibleInterface
 from PySide6.QtWidgets import QAbstractScrollArea, QScrollArea, QScrollBar, QWidget
 
+from caris_desktop.ui.layout.dock_area import DockArea
 from caris_desktop.ui.overlay import Overlay
 
 Role = QAccessible.Role
@@ -33,17 +34,19 @@ class Told:
     widget: QWidget
     own: bool
     """Whether it is a widget itself, not a row or cell of one."""
-    panel: str
+    panel: QWidget
 
     @property
     def spot(self) -> str:
         """For whoever has to find it in the code."""
-        return f"{type(self.widget).__name__} {self.widget.objectName()!r} ({self.role.name}) in {self.panel}"
+        return (
+            f"{type(self.widget).__name__} {self.widget.objectName()!r} ({self.role.name}) in {self.panel.objectName()}"
+        )
 
 
 def told_flaws(part: QWidget) -> list[str]:
     """One line for each control of ``part`` that cannot be told, or not from another one; empty if all can be."""
-    found, alike = list[str](), defaultdict[tuple[str, ...], list[Told]](list)
+    found, alike = list[str](), defaultdict[tuple[object, ...], list[Told]](list)
     window = part.window()
     room = QRect(window.mapToGlobal(QPoint()), window.size()).adjusted(-_SPARE_PX, -_SPARE_PX, _SPARE_PX, _SPARE_PX)
     for one in controls(part):
@@ -93,19 +96,19 @@ def _below(node: QAccessibleInterface, holder: QWidget) -> Iterator[Told]:
         yield from _below(child, widget)
 
 
-def panel_of(widget: QWidget) -> str:
-    """The part of the window in which a name has to tell one control from another: a panel, a card, a strip, a
-    dialog.
+def panel_of(widget: QWidget) -> QWidget:
+    """The part of the window in which a name has to tell one control from another: a panel, the tabs above it, a card,
+    a strip, a dialog.
     """
-    at: QWidget = widget
+    at = widget
     while not at.isWindow():
         holder = at.parentWidget()
-        if holder is None or (at.objectName().startswith("dock_") and at.objectName() != "dock_host"):
+        if holder is None or isinstance(at, Overlay) or holder.objectName() in ("main_window", "middle"):
             break
-        if isinstance(at, Overlay) or holder.objectName() in ("main_window", "middle"):
+        if isinstance(holder, DockArea):
             break
         at = holder
-    return at.objectName() or type(at).__name__
+    return at
 
 
 def _paints_itself(widget: QWidget) -> bool:

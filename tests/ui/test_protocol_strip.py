@@ -30,6 +30,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 from tests.support.polling import wait_for
+from tests.support.tab_check import gone_through
 from tests.support.window_check import flaws
 from tests.ui import samples
 from tests.ui.conftest import find, freshen
@@ -310,20 +311,13 @@ def test_nothing_of_the_line_is_cut_or_lies_upon_another(desk: Desk, width_px: i
 
 
 def test_tab_goes_through_the_line_from_left_to_right(desk: Desk) -> None:
-    for step in STEPS:
-        desk.begin(step.step_id)
+    for step in ("", *(step.step_id for step in STEPS)):
+        if step:
+            desk.begin(step)
         QApplication.processEvents()
-        reached, widget = [], desk.strip.nextInFocusChain()
-        while widget is not desk.strip:
-            if (
-                desk.strip.isAncestorOf(widget)
-                and widget.isVisible()
-                and widget.focusPolicy() & Qt.FocusPolicy.TabFocus
-            ):
-                reached.append(widget)
-            widget = widget.nextInFocusChain()
+        reached = [part for part in gone_through(desk.window) if desk.strip.isAncestorOf(part)]
         left = [part.mapTo(desk.strip, part.rect().topLeft()).x() for part in reached]
-        assert len(left) > 4 and left == sorted(left), (step.step_id, [part.objectName() for part in reached])
+        assert len(left) > 4 and left == sorted(left), (step, [part.objectName() for part in reached])
 
 
 def test_steps_and_branches_are_found_by_name(desk: Desk) -> None:

@@ -10,12 +10,13 @@ from caris_desktop.scenario.model import LayoutNode, PanelName
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea, qrect
 from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.tab_order import TabAsRead
 
 _MARGIN_PX = 8
 _SETTLES_MS = 400  # meanwhile a window manager puts its frame around the window
 
 
-class FloatingWindow(QWidget):
+class FloatingWindow(TabAsRead, QWidget):
     """A tool window: it stays above the main window, whose keys work in it too."""
 
     moved_by_hand = Signal(object)  # Rect

@@ -17,6 +17,7 @@ from caris_desktop.ui.observer.watched_console import watched
 from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
+from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 
 Sees = Literal["everything", "no_names"]
@@ -34,7 +35,7 @@ _SIZE_PX = (1100, 700)
 _LEAST_PX, _BOTH_FROM_PX = (480, 280), 480
 
 
-class ObserverWindow(QWidget):
+class ObserverWindow(TabAsRead, QWidget):
     """Never takes the keys that drive, and lets no click through."""
 
     closed = Signal()

@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QDialog, QFileDialog, QFormLayout, QHBoxLayout, QL
 from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.editing import LONGEST_NAME
 from caris_desktop.ui import tokens
+from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -16,7 +17,7 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 _FORMATS = "*.eaf *.csv *.tsv *.txt"
 
 
-class ImportDialog(QDialog):
+class ImportDialog(TabAsRead, QDialog):
     """Stays open with the reason where ``take_over`` refuses, which it tells when it has read the file."""
 
     def __init__(

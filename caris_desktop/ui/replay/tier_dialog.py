@@ -22,6 +22,7 @@ from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
 from caris_desktop.ui import tokens
 from caris_desktop.ui.replay.timeline_model import vocabulary_named
+from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -83,7 +84,7 @@ def with_tier(document: AnnotationDocument, wish: TierWish, tier: Tier | None) -
     return editing.set_tier_vocabulary(document, tier.tier_id, name) if name != tier.vocabulary else document
 
 
-class TierDialog(QDialog):
+class TierDialog(TabAsRead, QDialog):
     """Asks, and stays open with the reason where ``apply`` refuses."""
 
     def __init__(

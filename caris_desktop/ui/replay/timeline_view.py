@@ -113,7 +113,6 @@ class TimelineView(QWidget):
         self._on_coding_changed(replay.coding.value)
         self._on_playback_changed(replay.playback.value)
         self.setFocusProxy(self.canvas)
-        QWidget.setTabOrder(self.canvas, self.rows.filter)
         self._style()
 
     def _make_header(self) -> QWidget:

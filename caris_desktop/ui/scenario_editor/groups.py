@@ -35,7 +35,7 @@ from caris_desktop.domain.declared_words import said_of, section_of, title_of, w
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
-from caris_desktop.ui.scenario_editor.arranging import chain_focus, drop, show_at_once
+from caris_desktop.ui.scenario_editor.arranging import drop, show_at_once
 from caris_desktop.ui.scenario_editor.editing import FormContext, readable, sentence_at
 from caris_desktop.ui.scenario_editor.entries import card_name, in_one_row, kinds_of_entries
 from caris_desktop.ui.scenario_editor.fields import ChoiceField, Field, NumberField, Part, field_for
@@ -345,7 +345,6 @@ class ListPart(_Holder):
             show_at_once(fresh)
         else:
             self._stale = False
-        chain_focus(self)
 
     def complete(self) -> None:
         """All its rows, at once."""
@@ -530,7 +529,6 @@ class EntryRow(Part):
         if self._body is not None:
             self._body.setVisible(self._open)
         self.refresh()
-        chain_focus(self)
 
     def _make_body(self) -> Part:
         if self._group is not None and (text_of(self._form.kind) is not None or is_group(self._form.kind)):
@@ -550,7 +548,6 @@ class EntryRow(Part):
                 row.addWidget(field, 1, Qt.AlignmentFlag.AlignTop)
             self._column.insertWidget(1, self._more)
         self.refresh()
-        chain_focus(self)
 
     def reveal(self, path: KeyPath) -> Field | None:
         further = self._is_text_group and len(path) > len(self.path) and path[-1] != text_key(self._group)

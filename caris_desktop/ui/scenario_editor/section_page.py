@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
-from caris_desktop.ui.scenario_editor.arranging import chain_focus, show_at_once
+from caris_desktop.ui.scenario_editor.arranging import show_at_once
 from caris_desktop.ui.scenario_editor.editing import FormContext
 from caris_desktop.ui.scenario_editor.fields import Field, Part
 from caris_desktop.ui.scenario_editor.groups import part_for
@@ -73,7 +73,6 @@ class SectionPage(QScrollArea):
         self._column.insertWidget(self._column.count() - 1, part)
         show_at_once(part)
         part.refresh()
-        chain_focus(self.widget())
         if len(self.parts) < len(self.section.keys):
             self._next.start()
 

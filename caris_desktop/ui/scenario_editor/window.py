@@ -43,6 +43,7 @@ from caris_desktop.ui.scenario_editor.preview import preview_page
 from caris_desktop.ui.scenario_editor.section_page import SectionPage
 from caris_desktop.ui.scenario_editor.sections import sections
 from caris_desktop.ui.scenario_editor.text_page import TextPage
+from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -75,7 +76,7 @@ def shows_as_form(opened: Opened) -> None:
         raise ValueError(f"{opened.path.name}, line {error.line}: {error}") from error
 
 
-class ScenarioEditor(QWidget):
+class ScenarioEditor(TabAsRead, QWidget):
     """A window of its own that belongs to the main one. What is wrong or not saved is never lost without a question."""
 
     closed = Signal()

@@ -1,0 +1,90 @@
+"""Everything by keyboard: Tab goes through each panel as it is read, leaves none half visited, reaches everything."""
+
+import pytest
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
+
+from caris_desktop.ui.language import ENGLISH
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from tests.support.tab_check import gone_through, tab_flaws
+from tests.ui.every_window import USUAL, EveryWindow
+from tests.ui.test_screen_reader import settle, shown  # noqa: F401 - a fixture
+
+
+@pytest.mark.parametrize("size", [QSize(1920, 1080), USUAL], ids=["1920x1080", "1366x768"])
+def test_tab_goes_through_every_scenario_as_it_is_read(shown: MainWindow, size: QSize) -> None:  # noqa: F811
+    shown.resize(size)
+    settle()
+    found = tab_flaws(shown)
+    for name in shown.board.possible() if size == USUAL else ():
+        if name not in shown.dock_host.docks or not shown.dock_host.docks[name].isVisible():
+            shown.open_panel(name)
+            settle()
+            found += [f"{name} opened: {flaw}" for flaw in tab_flaws(shown)]
+    assert found == []
+
+
+def test_tab_goes_through_every_window_and_a_replay_as_it_is_read(theme: Theme) -> None:
+    opened, found = EveryWindow(theme, ENGLISH), list[str]()
+    try:
+        for seen in opened.seen():
+            if seen.part.isWindow() and seen.part.objectName() == "main_window":
+                seen.part.resize(USUAL)
+            if seen.part.windowFlags() & Qt.WindowType.WindowDoesNotAcceptFocus:
+                continue  # it is looked at by others
+            opened.settle()
+            found += [f"{seen.name}: {flaw}" for flaw in tab_flaws(seen.part)]
+    finally:
+        opened.close()
+    assert found == []
+
+
+@pytest.mark.panels("video", "map")
+def test_tab_stays_in_a_card_and_the_bar_above_it(window: MainWindow) -> None:
+    window.show_preflight()
+    reached = gone_through(window)
+    assert {"preflight_close", "emergency_stop"} <= {part.objectName() for part in reached}
+    assert not [part for part in reached if window.dock_host.isAncestorOf(part)], "which the card covers"
+    window.hold.escape_pressed.emit()
+    assert [part for part in gone_through(window) if window.dock_host.isAncestorOf(part)]
+
+
+@pytest.mark.panels("video", "map")
+def test_shift_tab_goes_the_same_way_back(window: MainWindow) -> None:
+    there = gone_through(window)
+    back = []
+    there[0].setFocus()
+    for _ in there:
+        QTest.keyClick(QApplication.focusWidget() or window, Qt.Key.Key_Backtab)
+        back.append(QApplication.focusWidget())
+    assert back == [*reversed(there[1:]), there[0]]
+
+
+@pytest.mark.panels("drive")
+def test_the_check_sees_a_wrong_order(window: MainWindow) -> None:
+    """It would find it: what is passed by, and what comes too late."""
+
+    class AsMade(QWidget):
+        """A window whose Tab is Qt's own."""
+
+    made = AsMade()
+    made.setObjectName("as_made")
+    texts = ("First", "Second", "Third", "Mouse only")
+    first, second, third, mouse = parts = [ActionButton(window.theme, text) for text in texts]
+    for number, part in enumerate(parts):
+        part.setParent(made)
+        part.setObjectName(part.text())
+        part.setGeometry(100 * number, 0, 90, 30)
+    mouse.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    QWidget.setTabOrder(first, third)
+    QWidget.setTabOrder(third, second)
+    made.show()
+    made.activateWindow()
+    found = tab_flaws(made)
+    made.close()
+    made.deleteLater()
+    assert any("'Second' comes after ActionButton 'Third'" in flaw for flaw in found), found
+    assert any("'Mouse only', is not reached" in flaw for flaw in found), found
