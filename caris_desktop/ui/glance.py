@@ -92,7 +92,7 @@ class GlanceSigns(QWidget):
         return self._signs
 
     def use_room(self, *, compact: bool) -> None:
-        """Smaller words, where something else needs the room too."""
+        """Smaller words, for whoever sits near, where something else needs the room too. The signs stay as large."""
         if compact != self._compact:
             self._compact = compact
             self._measure()
@@ -130,18 +130,16 @@ class GlanceSigns(QWidget):
         if signs != self._signs:
             self._signs = signs
             self.setAccessibleName(tr("The robot now: {signs}").format(signs=", ".join(map(_word, signs.values()))))
+            self.setToolTip(self.accessibleName())
             self.update()
 
     def _font_px(self) -> int:
         return tokens.BODY_PX if self._compact else tokens.GLANCE_PX
 
-    def _icon_px(self) -> int:
-        return 20 if self._compact else 26
-
     def _measure(self) -> None:
         """As wide as the longest word of each, so that nothing moves when one changes."""
         metrics = QFontMetricsF(self._theme.font(self._font_px(), tokens.WEIGHT_SEMIBOLD))
-        around_px = 2 * _SIDE_PX + self._icon_px() + _GAP_PX
+        around_px = 2 * _SIDE_PX + tokens.GLANCE_ICON_PX + _GAP_PX
         self._widths = [
             math.ceil(max(metrics.horizontalAdvance(_word(sign)) for (each, _), sign in _SIGNS.items() if each == name))
             + around_px
@@ -176,7 +174,7 @@ class GlanceSigns(QWidget):
                 ink = theme.color("dim")
         radius = tokens.CONTROL_RADIUS_PX
         painter.drawRoundedRect(rect.adjusted(1, 1, -1, -1), radius, radius)
-        icon_px = self._icon_px()
+        icon_px = tokens.GLANCE_ICON_PX
         place = QRectF(rect.left() + _SIDE_PX, rect.center().y() - icon_px / 2, icon_px, icon_px)
         draw_icon(painter, place, sign.icon, ink)
         painter.setFont(theme.font(self._font_px(), tokens.WEIGHT_SEMIBOLD))

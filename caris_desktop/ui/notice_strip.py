@@ -14,7 +14,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.cut_label import CutLabel
 
 HEIGHT_PX = 38
-_ROOM_FOR_WORDS_PX, _ROOM_FOR_BANDS_PX = 1000, 1700
+_ROOM_FOR_WORDS_PX, _ROOM_FOR_BANDS_PX = 1200, 1850
 
 
 class NoticeStrip(QWidget):

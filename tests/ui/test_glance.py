@@ -93,6 +93,41 @@ def test_on_and_off_differ_without_colour_and_move_nothing(signs: GlanceSigns, s
     assert len({*icons, *(sign.icon for sign in signs.signs.values())}) == 5
 
 
+def inked_px(image: QImage, left: int, right: int) -> tuple[int, int]:
+    """How wide and high what is painted in grey between two columns is, apart from the frame around it."""
+    ground = image.pixelColor(left, 4).lightness()
+    inked = [
+        (x, y)
+        for x in range(left, right)
+        for y in range(4, image.height() - 4)
+        if abs(image.pixelColor(x, y).lightness() - ground) > 50
+    ]
+    assert inked
+    (left, right), (top, bottom) = ((min(axis), max(axis)) for axis in zip(*inked, strict=True))
+    return right - left + 1, bottom - top + 1
+
+
+@pytest.mark.parametrize("choice", ["dark", "light"])
+def test_they_are_large_enough_for_two_metres(signs: GlanceSigns, state: LiveState, theme: Theme, choice: str) -> None:
+    """A pixel of a common screen is 0.277 mm. An icon is made out from 5.5 mm on, a capital letter from 4.5 mm."""
+    theme.set_choice("light" if choice == "light" else "dark")
+    signs.resize(signs.width(), 34)
+    for all_on in (False, True):
+        if all_on:
+            turn_all_on(state)
+        for compact in (False, True):
+            signs.use_room(compact=compact)
+            image, left = picture(signs), 0
+            for width_px in signs._widths:
+                word = left + 12 + 30 + 8
+                assert max(inked_px(image, left + 10, word - 4)) * 0.277 >= 5.5, (all_on, compact)
+                if not compact:
+                    assert inked_px(image, word - 2, word + 14)[1] * 0.277 >= 4.5, (all_on, compact)
+                left += width_px + 8
+    assert signs.toolTip() == signs.accessibleName() == f"The robot now: {', '.join(ALL_ON)}"
+    theme.set_choice("dark")
+
+
 def test_nothing_is_painted_while_nothing_changes(
     qtbot: QtBot, theme: Theme, state: LiveState, monkeypatch: pytest.MonkeyPatch
 ) -> None:
