@@ -72,6 +72,7 @@ class GlanceSigns(QWidget):
         self._theme = theme
         self._state = state
         self._compact = False
+        self._named = True
         self._moves = False
         self._signs: dict[SignName, Sign] = {}
         self._widths: list[int] = []
@@ -91,10 +92,13 @@ class GlanceSigns(QWidget):
     def signs(self) -> Mapping[SignName, Sign]:
         return self._signs
 
-    def use_room(self, *, compact: bool) -> None:
-        """Smaller words, for whoever sits near, where something else needs the room too. The signs stay as large."""
-        if compact != self._compact:
-            self._compact = compact
+    def use_room(self, room_px: int, *, compact: bool) -> None:
+        """Smaller words, for whoever sits near, where something else needs the room too, and none where those have no
+        room either: the tip and a screen reader have them. The icons stay as large.
+        """
+        named = not compact or sum(self._widths_with(tokens.BODY_PX)) + _BETWEEN_PX * (len(_COLORS) - 1) <= room_px
+        if (compact, named) != (self._compact, self._named):
+            self._compact, self._named = compact, named
             self._measure()
 
     def sizeHint(self) -> QSize:
@@ -137,16 +141,20 @@ class GlanceSigns(QWidget):
         return tokens.BODY_PX if self._compact else tokens.GLANCE_PX
 
     def _measure(self) -> None:
+        around_px = 2 * _SIDE_PX + tokens.GLANCE_ICON_PX
+        self._widths = self._widths_with(self._font_px()) if self._named else [around_px] * len(_COLORS)
+        self.setFixedWidth(self.sizeHint().width())
+        self.update()
+
+    def _widths_with(self, font_px: int) -> list[int]:
         """As wide as the longest word of each, so that nothing moves when one changes."""
-        metrics = QFontMetricsF(self._theme.font(self._font_px(), tokens.WEIGHT_SEMIBOLD))
+        metrics = QFontMetricsF(self._theme.font(font_px, tokens.WEIGHT_SEMIBOLD))
         around_px = 2 * _SIDE_PX + tokens.GLANCE_ICON_PX + _GAP_PX
-        self._widths = [
+        return [
             math.ceil(max(metrics.horizontalAdvance(_word(sign)) for (each, _), sign in _SIGNS.items() if each == name))
             + around_px
             for name in _COLORS
         ]
-        self.setFixedWidth(self.sizeHint().width())
-        self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
@@ -177,6 +185,8 @@ class GlanceSigns(QWidget):
         icon_px = tokens.GLANCE_ICON_PX
         place = QRectF(rect.left() + _SIDE_PX, rect.center().y() - icon_px / 2, icon_px, icon_px)
         draw_icon(painter, place, sign.icon, ink)
+        if not self._named:
+            return
         painter.setFont(theme.font(self._font_px(), tokens.WEIGHT_SEMIBOLD))
         painter.setPen(ink)
         words = rect.adjusted(_SIDE_PX + icon_px + _GAP_PX, 0, 0, 0)

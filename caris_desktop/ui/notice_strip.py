@@ -59,7 +59,8 @@ class NoticeStrip(QWidget):
     def _make_room(self) -> None:
         alone = all(band.isHidden() for band in self._bands)
         self._now.setVisible(alone)
-        self._signs.use_room(compact=self.width() < (_ROOM_FOR_WORDS_PX if alone else _ROOM_FOR_BANDS_PX))
+        compact = self.width() < (_ROOM_FOR_WORDS_PX if alone else _ROOM_FOR_BANDS_PX)
+        self._signs.use_room(self.width() - 2 * tokens.GRID_PX, compact=compact)
 
     def _on_changed(self, _value: object) -> None:
         self._say()

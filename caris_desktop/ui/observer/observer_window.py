@@ -101,7 +101,8 @@ class ObserverWindow(TabAsRead, QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._signs.use_room(compact=self.width() < self._whole_signs_px + 16)
+        room_px = self.width() - 16
+        self._signs.use_room(room_px, compact=room_px < self._whole_signs_px)
         for card in self._lower:
             card.setVisible(self.height() >= _BOTH_FROM_PX)
 
