@@ -121,6 +121,8 @@ class RowPainter:
         if row.tentative:
             tentative = _format(len(row.words) - len(row.tentative), len(row.tentative))
             tentative.format.setForeground(self._theme.color("dim"))
+            tentative.format.setUnderlineStyle(QTextCharFormat.UnderlineStyle.DotLine)
+            tentative.format.setUnderlineColor(self._theme.color("dim"))
             formats.append(tentative)
         plain = text.casefold()
         for word in found:

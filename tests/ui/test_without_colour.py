@@ -1,0 +1,228 @@
+"""No state is told by colour alone: without any, and without shades of grey, a shape or a word differs."""
+
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import pytest
+from PySide6.QtCore import QRect, Qt
+from PySide6.QtGui import QImage, QPainter
+from PySide6.QtWidgets import QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.events.robot import GoalState
+from caris_desktop.domain.events.session import Severity
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.live.status import Alarm, PreflightCheck, PreflightState, RecordingStatus
+from caris_desktop.people.presence import PersonRow, Suggestion
+from caris_desktop.ui.alarms.alarm_list import AlarmRow
+from caris_desktop.ui.conversation.transcript_painting import RowLook, RowPainter
+from caris_desktop.ui.conversation.transcript_rows import TranscriptRow, who_spoke
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.map import MapPanel
+from caris_desktop.ui.panels.people import PeoplePanel
+from caris_desktop.ui.preflight.preflight_list import PreflightRow
+from caris_desktop.ui.protocol.step_pills import ShownStep, StepPill
+from caris_desktop.ui.status_bar import StatusBar
+from caris_desktop.ui.theme import Theme
+from tests.ui.conftest import find
+from tests.ui.fake_console import FakeConsole
+
+_STANDS_OUT = 40
+"""So much brighter or darker than the ground, of 255, is something painted."""
+
+_DIFFERS_PX = 12
+
+
+def shapes(image: QImage) -> list[bool]:
+    """Where something is painted, whatever its colour and shade."""
+    grey = image.convertToFormat(QImage.Format.Format_Grayscale8)
+    ground = grey.pixelColor(grey.width() - 1, 0).lightness()
+    return [
+        abs(grey.pixelColor(x, y).lightness() - ground) > _STANDS_OUT
+        for y in range(grey.height())
+        for x in range(grey.width())
+    ]
+
+
+def assert_shapes_differ(images: Mapping[str, QImage]) -> None:
+    seen = {name: shapes(image) for name, image in images.items()}
+    for one, other in itertools.combinations(seen, 2):
+        differs = sum(a != b for a, b in zip(seen[one], seen[other], strict=True))
+        assert differs >= _DIFFERS_PX, f"{one} and {other} differ by {differs} px"
+
+
+def assert_words_differ(said: Mapping[str, str]) -> None:
+    assert all(said.values()) and len(set(said.values())) == len(said), said
+
+
+def grabbed(part: QWidget, rect: QRect) -> QImage:
+    return part.grab(rect).toImage()
+
+
+@pytest.fixture(params=["dark", "light"])
+def shown_theme(request: pytest.FixtureRequest, theme: Theme) -> Theme:
+    theme.set_choice("light" if request.param == "light" else "dark")
+    request.addfinalizer(lambda: theme.set_choice("dark"))
+    return theme
+
+
+def test_checks_before_a_recording(qtbot: QtBot, shown_theme: Theme, console: FakeConsole) -> None:
+    states: tuple[PreflightState, ...] = ("not checked", "pending", "minor", "major", "passed")
+    icons = {}
+    holder = QWidget()
+    qtbot.addWidget(holder)
+    holder.resize(600, 60)
+    holder.show()
+    for state in states:
+        check = PreflightCheck("robot", "Robot", state, "Detail.")
+        row = PreflightRow(shown_theme, console, check, holder)
+        row.show_check(check)
+        row.resize(600, 50)
+        row.show()
+        icons[state] = grabbed(row, QRect(0, 0, 30, 36))
+        row.hide()
+        row.setParent(None)
+        row.deleteLater()
+    assert_shapes_differ(icons)
+
+
+def test_steps_of_the_protocol(qtbot: QtBot, shown_theme: Theme) -> None:
+    holder = QWidget()
+    qtbot.addWidget(holder)
+    pill = StepPill(shown_theme, holder)
+    pill.resize(260, 30)
+    images, said = {}, {}
+    for state, time in (
+        ("done", ""), ("skipped", ""), ("now", "0:40 of 2:00"), ("late", "2:40 of 2:00 · 0:40 late"), ("ahead", ""),
+    ):  # fmt: skip
+        pill.show_step(ShownStep("greet", 1, "Greet", state, time))  # type: ignore[arg-type]
+        images[state], said[state] = grabbed(pill, pill.rect()), pill.accessibleName()
+    assert_shapes_differ(images)
+    assert_words_differ(said)
+
+
+def test_how_grave_an_alarm_is(qtbot: QtBot, shown_theme: Theme, console: FakeConsole) -> None:
+    holder = QWidget()
+    qtbot.addWidget(holder)
+    holder.resize(500, 120)
+    holder.show()
+    severities: tuple[Severity, ...] = ("info", "warning", "error")
+    images, said = {}, {}
+    row = AlarmRow(shown_theme, console, holder)
+    row.resize(500, 110)
+    row.show()
+    for severity in severities:
+        row.show_alarm(Alarm("a", "a", severity, "The microphone is silent.", "Nothing is heard.", "Look.", 0))
+        images[severity], said[severity] = grabbed(row, QRect(0, 0, 33, 40)), row.accessibleName()
+    assert_shapes_differ(images)
+    assert_words_differ(said)
+
+
+def test_who_said_it_and_whether_that_is_sure(shown_theme: Theme) -> None:
+    assert_words_differ({speaker: who_spoke(speaker, "", {}) for speaker in ("robot", "wizard", "participant", "")})
+    heard = TranscriptRow("u", 0, "10:00:01", "Participant", "participant", "Where is the kitchen")
+    rows = {
+        "heard": heard,
+        "still being made out": replace(heard, text="Where", tentative="is the kitchen"),
+        "cut short": replace(heard, cut_short=True),
+        "corrected": replace(heard, heard_text="Where is the kitten"),
+        "not sure": replace(heard, who=who_spoke("", "", {}), speaker=""),
+    }
+    assert_words_differ({name: row.spoken for name, row in rows.items()})
+    painter_of_rows, images = RowPainter(shown_theme), {}
+    rect = QRect(0, 0, 420, painter_of_rows.height(heard, 420))
+    for name, row in rows.items():
+        image = QImage(rect.size(), QImage.Format.Format_RGB32)
+        image.fill(shown_theme.color("panel"))
+        painter = QPainter(image)
+        painter_of_rows.paint(
+            painter,
+            rect,
+            row,
+            RowLook(raised=False, focused=False, ahead=False, words_hidden=False, found=(), buttons=()),
+        )
+        painter.end()
+        images[name] = image
+    assert_shapes_differ(images)
+
+
+@pytest.mark.panels("people")
+def test_who_is_named_suggested_unconfirmed_and_gone(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+    panel = window.findChild(PeoplePanel)
+    assert panel is not None
+    now_ns = clock.now_ns()
+    third = PersonRow("p-3", 3, "Person 3", True, now_ns, now_ns, number=3)
+    persons = {
+        "nobody known": third,
+        "named": replace(third, name="Ana Torres", known=True),
+        "suggested": replace(third, suggestions=(Suggestion("p-mara", "Mara Silva", 0.82),)),
+        "gone": replace(third, here=False, last_seen_ns=now_ns - 60_000_000_000),
+    }
+    said, images = {}, {}
+
+    def take(name: str) -> None:
+        index = panel.model.index(0)
+        row = panel.list.row_rect(0)
+        said[name] = str(index.data(Qt.ItemDataRole.AccessibleTextRole))
+        images[name] = grabbed(panel.list.viewport(), row)
+
+    for name, person in persons.items():
+        console.state.persons.set((person,))
+        qtbot.waitUntil(lambda person=person: list(panel.model.persons) == [person])  # type: ignore[misc]
+        take(name)
+    console.state.persons.set((persons["named"],))
+    qtbot.waitUntil(lambda: list(panel.model.persons) == [persons["named"]])
+    panel.model.show_unconfirmed(frozenset(["p-3"]))
+    take("unconfirmed")
+    assert_words_differ(said)
+    assert_shapes_differ(images)
+
+
+@pytest.mark.panels("drive")
+def test_whether_it_is_recorded(window: MainWindow, console: FakeConsole) -> None:
+    began_ns, said, button = clock.now_ns(), {}, find(window, "record_button")
+    for status in (
+        RecordingStatus("idle"), RecordingStatus("starting"), RecordingStatus("recording", started_ns=began_ns),
+        RecordingStatus("paused", started_ns=began_ns), RecordingStatus("stopping"), RecordingStatus("failed"),
+    ):  # fmt: skip
+        console.state.recording.set(status)
+        said[status.state] = button.accessibleName()
+    assert_words_differ(said)
+
+
+class Aged:
+    """A stream as old as a test says."""
+
+    def __init__(self, freshness: str) -> None:
+        self.freshness = freshness
+
+    def age_s(self) -> float:
+        return 0.7
+
+
+@pytest.mark.panels("drive")
+def test_how_old_a_stream_is(window: MainWindow) -> None:
+    bar = window.findChild(StatusBar)
+    assert bar is not None
+    words_of: Callable[..., tuple[str, str]] = bar._stream_words
+    assert_words_differ({each: words_of("LIDAR", Aged(each))[0] for each in ("fresh", "stale", "lost", "absent")})
+
+
+@pytest.mark.panels("map")
+def test_how_a_goal_stands_on_the_map(window: MainWindow, console: FakeConsole) -> None:
+    panel = window.findChild(MapPanel)
+    assert panel is not None
+    said, states = {}, ("active", "reached", "cancelled", "failed")
+    target = Pose2D(6.2, 6.4, 0)
+    for state in states:
+        reached: GoalState = state  # type: ignore[assignment]
+        begun = GoalChanged(clock.now_ns(), state, "active", target, place="Kitchen")
+        ended = replace(begun, state=reached, detail="The way is blocked." if state == "failed" else "")
+        for goal in (begun, ended):
+            console.state.take(goal)
+            console.state.goal.set(goal)
+        said[state] = f"{panel.fact[0]} {panel.view.shown.chips} {panel.view.shown.goal is not None}"
+    assert_words_differ(said)
