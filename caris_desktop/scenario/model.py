@@ -14,6 +14,7 @@ from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.camera_keys import CameraModelKeys
 from caris_desktop.domain.controls import CONTROL
 from caris_desktop.domain.declared import NotInFile, Rule, Spread, WrittenAs
+from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Permission
 from caris_desktop.scenario.assistance import AssistanceSettings
@@ -475,6 +476,23 @@ class Scenario:
     def next_filler(self, said: int) -> str:
         """One after the other, after so many were said; empty where there is none."""
         return self.every_filler[said % len(self.every_filler)] if self.filler else ""
+
+    def highest_level(self, function: AssistedFunction) -> AssistanceLevel:
+        """The most that may be done without being asked for: off where the language model may not be asked, and for
+        what could not be said.
+        """
+        if function != "fillers" and not self.permissions.assistant:
+            return "off"
+        if function != "actions" and not self.permissions.speech:
+            return "off"
+        level: AssistanceLevel = getattr(self.assistance, function)
+        return level
+
+    @property
+    def assisted(self) -> tuple[AssistedFunction, ...]:
+        """What may be done without being asked for, or suggested."""
+        functions: tuple[AssistedFunction, ...] = get_args(AssistedFunction)
+        return tuple(function for function in functions if self.highest_level(function) != "off")
 
     @property
     def covers_people(self) -> bool:

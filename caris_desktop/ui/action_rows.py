@@ -106,7 +106,7 @@ def answer_asked(scenario: Scenario, state: LiveState, yes: bool) -> Intent | No
             return None
         answer = intents.ConfirmPerson if yes else intents.RejectPerson
         return answer(asked.person_id, asked.is_person_id)
-    if proposal.proposal_id and scenario.permissions.assistant and not (yes and now_ns < proposal.from_ns):
+    if proposal.proposal_id and "actions" in scenario.assisted and not (yes and now_ns < proposal.from_ns):
         return (intents.ConfirmProposal if yes else intents.VetoProposal)(proposal.proposal_id)
     return None
 
@@ -238,7 +238,7 @@ ACTIONS: tuple[ActionSpec, ...] = (
         ActionSpec(
             f"suggestion_{number}", QT_TR_NOOP("Say suggestion {number}"), "chat-text", (f"Ctrl+{number}",),
             permission="assistant", also="speech", enabled_when="suggested", intent=say_nth_suggestion,
-            argument=number, group=SPEAKING_GROUP,
+            argument=number, group=SPEAKING_GROUP, assists=("replies",),
         )
         for number in range(1, SUGGESTION_COUNT + 1)
     ),
@@ -247,13 +247,14 @@ ACTIONS: tuple[ActionSpec, ...] = (
             f"edit_suggestion_{number}", QT_TR_NOOP("Edit suggestion {number} first"), "pencil-simple",
             (f"Ctrl+Shift+{number}",),
             permission="assistant", enabled_when="suggested", callback="edit_suggestion", argument=number,
-            group=SPEAKING_GROUP, panel="speak",
+            group=SPEAKING_GROUP, panel="speak", assists=("replies",),
         )
         for number in range(1, SUGGESTION_COUNT + 1)
     ),
     ActionSpec(
         "no_suggestion", QT_TR_NOOP("Dismiss the suggestions"), "x", ("Ctrl+0",), permission="speech",
         enabled_when="suggested", intent=intents.DismissSuggestions(), group=SPEAKING_GROUP,
+        assists=("replies", "fillers"),
     ),
     *(
         ActionSpec(

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
+from caris_desktop.domain.events import AssistedFunction
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
@@ -33,7 +34,8 @@ class ActionSpec:
     ``also`` is another permission that it needs. ``panel``: what it does happens in that panel. ``needs`` is what the
     robot must have. ``within`` names the part of the window that listens for the keys itself while it has the focus;
     empty for keys that work anywhere. ``own_key``: its key is the scenario's, and gives way where it is that of another
-    row. ``text`` and ``group`` stand here as ``tr`` looks them up; {number} in the text is ``argument``.
+    row. ``assists``: what it answers is done or suggested by one of these, where the scenario has that.
+    ``text`` and ``group`` stand here as ``tr`` looks them up; {number} in the text is ``argument``.
     """
 
     id: str
@@ -54,6 +56,7 @@ class ActionSpec:
     also: Permission | None = None
     panel: PanelName | None = None
     own_key: bool = False
+    assists: tuple[AssistedFunction, ...] = ()
 
     @property
     def permissions(self) -> tuple[Permission, ...]:

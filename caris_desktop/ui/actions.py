@@ -24,6 +24,7 @@ from caris_desktop.ui.action_rows import (
     EXPRESSION_COUNT,
     PLACE_COUNT,
     SPEAKING_GROUP,
+    answer_asked,
     go_to_nth_place,
     perform_nth_gesture,
     phrases_on_keys,
@@ -42,12 +43,14 @@ logger = logging.getLogger(__name__)
 
 
 def offered(specs: Iterable[ActionSpec], scenario: Scenario) -> tuple[ActionSpec, ...]:
-    """The rows whose permissions this scenario gives, and whose panel it has."""
-    panels = possible_panels(scenario)
+    """The rows whose permissions this scenario gives, whose panel it has, and that answer what may come up in it."""
+    panels, assisted = possible_panels(scenario), set(scenario.assisted)
     return tuple(
         spec
         for spec in specs
-        if scenario.permissions.withheld(spec.permissions) is None and (spec.panel is None or spec.panel in panels)
+        if scenario.permissions.withheld(spec.permissions) is None
+        and (spec.panel is None or spec.panel in panels)
+        and (not spec.assists or not assisted.isdisjoint(spec.assists))
     )
 
 
@@ -85,6 +88,9 @@ def rows_of(scenario: Scenario) -> tuple[ActionSpec, ...]:
             spec.id == "hear" and not scenario.sound.hear
         ):
             continue
+        elif spec.intent is answer_asked:
+            if not scenario.permissions.naming_people and "actions" not in scenario.assisted:
+                continue
         elif spec.id == "filler":
             if not scenario.filler:
                 continue

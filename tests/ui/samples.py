@@ -51,6 +51,7 @@ from caris_desktop.live.status import (
     SuggestionsStatus,
 )
 from caris_desktop.people.presence import PersonRow
+from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.model import (
     AssistantSettings,
     DrivingLimits,
@@ -88,6 +89,7 @@ TOUR = Scenario(
         Place("Robot arm", Pose2D(12.6, 5.0, 0)), Place("Kitchen", Pose2D(12.0, 1.5, 0)),
     ),
     assistant=AssistantSettings(),
+    assistance=AssistanceSettings(actions="suggest"),
     permissions=Permissions(face=True),
     path=Path("/layouts/tour_guide.yaml"),
 )  # fmt: skip

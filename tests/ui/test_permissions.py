@@ -4,9 +4,9 @@ Generated from the table of intents: one window is shown every permission but on
 that can be pressed is pressed. A new permission is tried in each of these ways without a line here.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, fields, replace
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 from PySide6.QtCore import QCoreApplication, QEvent, Qt
@@ -15,16 +15,24 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QMenu, Q
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.events import AssistedFunction
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
 from caris_desktop.scenario.assistance import AssistanceSettings
+from caris_desktop.scenario.gestures import Gesture
 from caris_desktop.scenario.model import PanelName, Permissions, Scenario, TabNode
 from caris_desktop.scenario.phrases import Phrase, PhraseGroup
+from caris_desktop.scenario.protocol import Branch, ProtocolSettings, ProtocolStep
 from caris_desktop.scenario.sound import SoundSettings
 from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.actions import actions_for
+from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.floating_card import FloatingCard
+from caris_desktop.ui.window_parts import THEME_WORDS
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings
 from tests.ui.fake_console import FakeConsole
@@ -34,16 +42,36 @@ EVERYTHING = Permissions(**dict.fromkeys((each.name for each in fields(Permissio
 FULL = replace(
     samples.TOUR,
     layout=TabNode(("speak", "conversation")),
-    phrases=("Hello!", Phrase("Follow me.", key="Ctrl+G"), PhraseGroup("On the way", ("Mind the step.",))),
+    phrases=(
+        Phrase("Hello!", gesture="wave"), Phrase("Follow me.", key="Ctrl+G"),
+        PhraseGroup("On the way", ("Mind the step.",)),
+    ),
+    gestures=(Gesture("Wave", "wave"), Gesture("Nod", "nod")),
+    protocol=ProtocolSettings((
+        ProtocolStep("Greet", say="Hello!", go_to="Kitchen", tick=("Form",), branches=(Branch("Leaves", "Goodbye"),)),
+        ProtocolStep("Goodbye", say="Follow me."),
+    )),
     sound=SoundSettings(hear=True),
     assistance=AssistanceSettings("act", "act", "act"),
     permissions=EVERYTHING,
-)
+)  # fmt: skip
 WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
 WITHOUT_INTENT: frozenset[Permission] = frozenset({"video_recording", "audio_recording", "cloud_models"})
 """What nobody asks for: it goes along with a recording or a question. ``tests/app/test_permissions.py`` shows those."""
+WITH_LEVEL: dict[AssistedFunction, tuple[type[Intent], ...]] = {
+    "replies": (intents.SaySuggestion,),
+    "fillers": (),
+    "actions": (intents.ConfirmProposal, intents.VetoProposal),
+}
+"""What only asks for something where the language model suggests or does it."""
 OF_THE_WINDOW_ALONE = ("Window", "Panel", "Theme", "Scenario", "Session", "Wizard")
 """Kinds of entries that open windows or restyle this one: they ask the console for nothing that a permission names."""
+MENUS_OF_THE_WINDOW_ALONE = ("Panels", "Layout", "Size", "Wizard", "Who is the wizard?")
+LINES_OF_THE_WINDOW_ALONE = {
+    *THEME_WORDS.values(), *SEES_WORDS.values(), "Edit this scenario…", "Import a scenario…",
+    "Write this scenario as one file…", "Practise on the simulated robot", "Set up…", "All shortcuts", "Gamepad…",
+}  # fmt: skip
+"""The same in the menus of the top bar."""
 
 
 @dataclass
@@ -60,6 +88,19 @@ class Desk:
 
     def pressed(self) -> list[Intent]:
         """What is asked for when everything in the window is pressed that can be."""
+        self.pressed_outside_panels()
+        for name in self.window.board.possible():
+            self.window.open_panel(name)
+            QApplication.processEvents()
+            self._write_lines(self.window.panels[name])
+            self._press_buttons(self.window.panels[name])
+            for widget in self.window.panels[name].title_widgets():
+                self._press_buttons(widget)
+            self.window.close_panel(name)
+        return list(self.asked)
+
+    def pressed_outside_panels(self) -> list[Intent]:
+        """The same of keys, Find anything, the bars of the window and its menus."""
         self.asked.clear()
         table = self.window.actions_table
         for spec in table.specs:
@@ -72,14 +113,10 @@ class Desk:
         for entry in self.window.palette_entries():
             if entry.kind not in OF_THE_WINDOW_ALONE and entry.text not in of_the_window:
                 entry.do()
-        for name in self.window.board.possible():
-            self.window.open_panel(name)
-            QApplication.processEvents()
-            self._write_lines(self.window.panels[name])
-            self._press_buttons(self.window.panels[name])
-            for widget in self.window.panels[name].title_widgets():
-                self._press_buttons(widget)
-            self.window.close_panel(name)
+        for bar in ("top_bar", "protocol_strip", "status_bar"):
+            part = self.window.findChild(QWidget, bar)
+            assert part is not None and part.isVisible(), bar
+            self._press_buttons(part)
         return list(self.asked)
 
     def _write_lines(self, panel: QWidget) -> None:
@@ -95,6 +132,7 @@ class Desk:
             if button.isVisible() and button.isEnabled():
                 button.click()
                 self._press_menu()
+                self._press_cards(button)
 
     def _press_menu(self) -> None:
         menu = QApplication.activePopupWidget()
@@ -103,13 +141,25 @@ class Desk:
             for line in lines(menu):
                 line()
 
+    def _press_cards(self, opener: QAbstractButton) -> None:
+        """What has opened over the window, and its buttons; it is put away afterwards."""
+        for card in (*self.window.findChildren(FloatingCard), *self.window.findChildren(Overlay)):
+            if card.isVisible() and not card.isAncestorOf(opener):
+                for button in card.findChildren(QAbstractButton):
+                    if button.isVisible() and button.isEnabled():
+                        button.click()
+                        self._press_menu()
+                card.hide()
+
 
 def lines(menu: QMenu) -> Iterator[Callable[[], None]]:
+    """What its lines do, but for those that only restyle the window or open another one."""
     for action in menu.actions():
         inner = action.menu()
         if isinstance(inner, QMenu):
-            yield from lines(inner)
-        elif action.isEnabled() and not action.isSeparator():
+            if not inner.title().startswith(MENUS_OF_THE_WINDOW_ALONE):
+                yield from lines(inner)
+        elif action.isEnabled() and not action.isSeparator() and action.text() not in LINES_OF_THE_WINDOW_ALONE:
             yield action.trigger
 
 
@@ -123,6 +173,7 @@ def desk(qapp: QApplication, theme: Theme) -> Iterator[Desk]:
     samples.fill_console(console)
     samples.converse(console)
     samples.suggest(console)
+    console.protocol.begin_session("wizard")
     window = MainWindow(console, settings=MemorySettings(), scenarios=list, theme=theme)
     desk = Desk(window, console)
     window.resize(1366, 768)
@@ -137,8 +188,24 @@ def desk(qapp: QApplication, theme: Theme) -> Iterator[Desk]:
     QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 
 
+def without(off: Collection[Permission]) -> Scenario:
+    return replace(FULL, permissions=replace(EVERYTHING, **dict.fromkeys(off, False)))
+
+
+def check_keys(desk: Desk, off: Collection[Permission]) -> None:
+    """No key is left without its row, and no panel that belongs to what is off."""
+    bound = {keys.toString() for action in desk.window.actions() for keys in action.shortcuts()}
+    rows = desk.window.actions_table.all_specs
+    assert bound <= {key for spec in rows for key in spec.keys}, f"{off}: a key without its row"
+    assert {name for name, spec in PANELS.items() if spec.permission in off}.isdisjoint(desk.window.board.possible())
+
+
+def forbidden(asked: Iterable[Intent], off: Collection[Permission]) -> list[str]:
+    return [type(each).__name__ for each in asked if not set(off).isdisjoint(needed(each))]
+
+
 def test_what_is_switched_off_cannot_be_pressed_anywhere(desk: Desk, request: pytest.FixtureRequest) -> None:
-    """With --long each is switched off alone; else a few at a time, as each window costs a second."""
+    """With --long each is switched off alone; else a few at a time, as a window with all its panels costs seconds."""
     desk.show(FULL)
     found = {permission for asked in desk.pressed() for permission in needed(asked)}
     assert found | WITHOUT_INTENT == set(PERMISSIONS), (
@@ -147,15 +214,51 @@ def test_what_is_switched_off_cannot_be_pressed_anywhere(desk: Desk, request: py
     at_once = len(PERMISSIONS) if request.config.getoption("--long") else 3
     for number in range(at_once):
         off = set(PERMISSIONS[number::at_once])
-        desk.show(replace(FULL, permissions=replace(EVERYTHING, **dict.fromkeys(off, False))))
-        bound = {keys.toString() for action in desk.window.actions() for keys in action.shortcuts()}
-        rows = desk.window.actions_table.all_specs
-        assert bound <= {key for spec in rows for key in spec.keys}, f"{off}: a key without its row"
-        assert {name for name, spec in PANELS.items() if spec.permission in off}.isdisjoint(
-            desk.window.board.possible()
-        )
-        pressed = [type(asked).__name__ for asked in desk.pressed() if off & set(needed(asked))]
-        assert pressed == [], off
+        desk.show(without(off))
+        check_keys(desk, off)
+        assert forbidden(desk.pressed(), off) == [], off
+
+
+def test_what_alone_is_switched_off_is_by_no_key_in_no_bar_and_no_menu_of_the_window(desk: Desk) -> None:
+    desk.show(FULL)
+    desk.console.state.persons.set(())  # each has lines of its own in Find anything, which open a card
+    everything = desk.pressed_outside_panels()
+    asked = {type(each) for each in everything}
+    assert {intents.Say, intents.GoToPlace, intents.TickItem, intents.TakeBranch, intents.PauseRecording} <= asked
+    assert {"say_step", "go_to_step_place"} <= {spec.id for spec in desk.window.actions_table.specs}
+    for permission in PERMISSIONS:
+        desk.show(without({permission}))
+        check_keys(desk, {permission})
+        assert forbidden(desk.pressed_outside_panels(), {permission}) == [], permission
+
+
+def test_what_is_never_done_without_being_asked_for_has_no_row_no_level_and_no_card(desk: Desk) -> None:
+    """The state goes on showing suggestions and a proposal: as if one were left over."""
+    two = replace(FULL, panels_off=tuple(set(PANELS) - {"speak", "conversation"}))
+    desk.show(two)
+    before = {type(asked) for asked in desk.pressed()}
+    assert {*sum(WITH_LEVEL.values(), ()), intents.SetLevel, intents.DismissSuggestions} <= before
+    for off in (*((function,) for function in WITH_LEVEL), tuple(WITH_LEVEL)):
+        levels = AssistanceSettings(**{function: "off" if function in off else "act" for function in WITH_LEVEL})
+        desk.show(replace(two, assistance=levels))
+        asked = desk.pressed()
+        gone = {intent for function in off for intent in WITH_LEVEL[function]}
+        assert gone.isdisjoint({type(each) for each in asked}), off
+        assert {each.function for each in asked if isinstance(each, intents.SetLevel)} == set(WITH_LEVEL) - set(off)
+        rows = {spec.id for spec in desk.window.actions_table.all_specs}
+        assert any("edit_suggestion" in row for row in rows) is ("replies" not in off)
+    assert not any(isinstance(each, intents.DismissSuggestions) for each in asked)
+    assert "no_suggestion" not in rows
+    assert desk.window.panels["conversation"].findChildren(SuggestionCards) == []
+
+
+def test_the_keys_that_answer_are_there_while_something_may_be_asked() -> None:
+    def answers(**changes: Any) -> bool:
+        unnamed = replace(EVERYTHING, naming_people=False)
+        return "answer_yes" in {row.id for row in actions_for(replace(FULL, permissions=unnamed, **changes))}
+
+    assert answers()
+    assert not answers(assistance=AssistanceSettings(actions="off"))
 
 
 def test_a_panel_that_is_not_offered_has_no_line_no_key_and_no_place(desk: Desk) -> None:

@@ -39,7 +39,7 @@ from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LevelsStatus, ShownSuggestion, SuggestionsStatus
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.assistance import AssistanceSettings, levels_up_to
+from caris_desktop.scenario.assistance import levels_up_to
 from caris_desktop.scenario.assistant import AssistantPeople
 from caris_desktop.scenario.model import Scenario
 
@@ -116,7 +116,7 @@ class SuggestionsService(Service):
             return  # as where a place was saved: what the wizard set stays
         self.forget()
         for function in _FUNCTIONS:
-            self._use_level(function, self._highest(function), CONSOLE)
+            self._use_level(function, scenario.highest_level(function), CONSOLE)
 
     def stop(self) -> None:
         self.forget()
@@ -347,19 +347,8 @@ class SuggestionsService(Service):
 
     # Levels
 
-    def _highest(self, function: AssistedFunction) -> AssistanceLevel:
-        """The scenario's own level; off where the model may not be asked, and for what could not be said."""
-        permissions = self._scenario.permissions
-        if function != "fillers" and not permissions.assistant:
-            return "off"
-        if function != "actions" and not permissions.speech:
-            return "off"
-        settings: AssistanceSettings = self._scenario.assistance
-        level: AssistanceLevel = getattr(settings, function)
-        return level
-
     def _set_level(self, asked: intents.SetLevel) -> None:
-        highest = self._highest(asked.function)
+        highest = self._scenario.highest_level(asked.function)
         if asked.level not in levels_up_to(highest):
             raise ToldFailure(
                 tr("This scenario does not let the assistant do more than “{highest}” for {function}.").format(

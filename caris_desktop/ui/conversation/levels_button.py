@@ -33,23 +33,25 @@ class LevelsButton(ActionButton):
         levels: LevelsStatus = self._state.levels.value
         acting = any(getattr(levels, function) == "act" for function in FUNCTIONS)
         self.set_label(tr("By itself") if acting else "", look="amber" if acting else "ghost")
-        told = [f"{tr(title)}: {tr(LEVELS[getattr(levels, function)])}" for function, title in FUNCTIONS.items()]
+        told = [f"{tr(FUNCTIONS[each])}: {tr(LEVELS[getattr(levels, each)])}" for each in self._assisted]
         self.setToolTip("\n".join((tr("What is done without being asked for"), *told)))
         self.setAccessibleName(tr("What is done without being asked for"))
         self.setEnabled(self._state.present.live)
 
+    @property
+    def _assisted(self) -> tuple[AssistedFunction, ...]:
+        return self._context.console.scenario.assisted
+
     def fill(self) -> None:
-        """The menu as it stands now; what the scenario does not allow cannot be chosen."""
+        """The menu as it stands now, with what the scenario allows."""
         self._menu.clear()
-        for function, title in FUNCTIONS.items():
-            self._menu.addSection(tr(title))
+        for function in self._assisted:
+            self._menu.addSection(tr(FUNCTIONS[function]))
             group = QActionGroup(self._menu)
-            allowed = levels_up_to(getattr(self._context.console.scenario.assistance, function))
-            for level, title_of_level in LEVELS.items():
-                action = self._menu.addAction(tr(title_of_level))
+            for level in levels_up_to(self._context.console.scenario.highest_level(function)):
+                action = self._menu.addAction(tr(LEVELS[level]))
                 action.setCheckable(True)
                 action.setChecked(getattr(self._state.levels.value, function) == level)
-                action.setEnabled(level in allowed)
                 action.setActionGroup(group)
                 action.triggered.connect(self._setter(function, level))
 

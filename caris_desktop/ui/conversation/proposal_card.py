@@ -56,7 +56,7 @@ class ProposalCard(Band):
     def _refresh(self, _value: object = None) -> None:
         proposal: ProposalStatus = self._state.proposal.value
         permissions, live = self._context.console.scenario.permissions, self._state.present.live
-        stands = bool(proposal.proposal_id) and permissions.assistant
+        stands = bool(proposal.proposal_id)
         person_first = self._state.asked_person.value is not None and permissions.naming_people
         table = self._context.actions
         self.yes.set_key("" if person_first else table.key_text("answer_yes"))

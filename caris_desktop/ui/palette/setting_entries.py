@@ -66,7 +66,7 @@ class SettingEntries:
 
     def _of_levels(self) -> list[Entry]:
         """How much the language model does by itself, where that can be changed."""
-        settings, levels = self._console.scenario.assistance, self._state.levels.value
+        scenario, levels = self._console.scenario, self._state.levels.value
         return [
             Entry(
                 tr("{function}: {level}").format(function=tr(title), level=tr(event_words.LEVELS[level])),
@@ -78,7 +78,8 @@ class SettingEntries:
                 id=f"Do: {title}: {event_words.LEVELS[level].lower()}",
             )
             for function, title in event_words.FUNCTIONS.items()
-            for level in levels_up_to(getattr(settings, function))
+            if function in scenario.assisted
+            for level in levels_up_to(scenario.highest_level(function))
             if level != getattr(levels, function)
         ]
 

@@ -42,7 +42,7 @@ class ConversationPanel(Panel):
     """The turns with a place for what could be said next under them, and a line to search in what was said."""
 
     title = QT_TR_NOOP("Conversation")
-    reads = ("permissions.assistant",)
+    reads = ("permissions.assistant", "assisted")
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
@@ -73,11 +73,12 @@ class ConversationPanel(Panel):
         under_newest = QVBoxLayout()
         under_newest.setContentsMargins(14, 0, 14, 0)
         under_newest.setSpacing(6)
-        # Nothing is suggested where no language model may be asked.
-        helped = context.console.scenario.permissions.assistant
-        self._could_follow: tuple[SuggestionCards | ProposalCard, ...] = (
-            (SuggestionCards(context, self), ProposalCard(context, self)) if helped else ()
-        )
+        assisted = context.console.scenario.assisted
+        self._could_follow: list[SuggestionCards | ProposalCard] = []
+        if "replies" in assisted or "fillers" in assisted:
+            self._could_follow.append(SuggestionCards(context, self))
+        if "actions" in assisted:
+            self._could_follow.append(ProposalCard(context, self))
         for widget in self._could_follow:
             under_newest.addWidget(widget)
         layout = QVBoxLayout(self)
@@ -96,7 +97,9 @@ class ConversationPanel(Panel):
         self.catch_up()
 
     def title_widgets(self) -> list[QWidget]:
-        assisted = self.console.scenario.permissions.assistant
+        scenario = self.console.scenario
+        # How much is done is the language model's to be asked for.
+        assisted = scenario.permissions.assistant and scenario.assisted
         return [self._levels, self._find] if assisted else [self._find]
 
     def focus_target(self) -> QWidget:

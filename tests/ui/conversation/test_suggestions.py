@@ -173,7 +173,8 @@ def test_levels_are_set_up_to_what_the_scenario_allows(
     button.fill()
     menu = button.findChild(QMenu, "levels_menu")
     assert menu is not None
-    actions = [action for action in menu.actions() if not action.isSeparator()]
-    assert [action.isEnabled() for action in actions] == [True, True, True, True, False, False, True, True, False]
-    actions[2].trigger()
+    said = [action.text() for action in menu.actions()]
+    off, suggest, act = "Off", "Suggest: my key does it", "By itself, after a countdown"
+    assert said == ["Suggested replies", off, suggest, act, "Proposed actions", off, suggest]
+    menu.actions()[3].trigger()
     assert console.named("set_level") == [("replies", "act")]
