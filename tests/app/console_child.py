@@ -22,7 +22,7 @@ from caris_desktop.app.console_command import ConsoleRun, default_arguments, end
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AlarmChanged, DriveEnded, Problem
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import PersonPlace
+from caris_desktop.domain.sensing import FrameRef, PersonPlace
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveState
@@ -42,7 +42,10 @@ class Driver(Reporter):
         self._pad: VirtualGamepad | None = None
         self._alarms_raised: list[str] = []
         self._drive_ended: list[str] = []
+        self._frame: dict[str, int] = {}
+        self._frames_missing = 0
         run.console.state.event_happened.connect(self._on_event)
+        run.console._bus.tap(lambda frame, _raw: self._on_frame(frame), (FrameRef,))
 
     def _on_line(self, line: str) -> None:
         word, _, rest = line.partition(" ")
@@ -99,12 +102,18 @@ class Driver(Reporter):
         elif isinstance(event, AlarmChanged) and event.state == "raised":
             self._alarms_raised.append(event.what)
 
+    def _on_frame(self, frame: FrameRef) -> None:
+        """In the thread of the link: before anything is conflated."""
+        self._frames_missing += frame.sequence - self._frame.get(frame.camera, frame.sequence - 1) - 1
+        self._frame[frame.camera] = frame.sequence
+
     def _on_show(self) -> dict[str, object]:
         console, state = self._run.console, self._run.console.state
         return {
             "link": state.link.value.state,
             "drive_allowed": state.drive.value.allowed,
             "video": state.frame.freshness,
+            "frames_missing": self._frames_missing if self._frame else None,
             "scan": state.scan.freshness,
             "map": state.map.freshness,
             "recording": state.recording.value.state,

@@ -225,6 +225,8 @@ def test_scenarios_switch_while_recording_and_a_broken_one_changes_nothing(
         console.say("record")
         recording = console.wait_until_shown(recording="recording")
         folder, children = Path(recording["session"]), recording["children"]
+        missing = recording["frames_missing"]
+        assert missing is not None
         console.say("photo")
         wait_for(lambda: list(folder.glob("photos/*.png")), "a photo is kept")
 
@@ -249,13 +251,19 @@ def test_scenarios_switch_while_recording_and_a_broken_one_changes_nothing(
         wait_for(has_settled, "the video has ended", timeout_s=20)
         assert len(list(folder.glob("photos/*.png"))) == 1, "no photo where the scenario takes none"
         assert console.shown["link"] == "connected"
-        assert console.shown["children"]["control"] == children["control"]
         assert "connecting" not in [report["link"] for report in console.history[console.history.index(recording) :]]
 
         ended_bytes = video_bytes()
         console.say(f"open {without_models(LAYOUTS / 'tour-guide.yaml', others)}")
         console.wait_until_shown(scenario="Tour guide")
         wait_for(lambda: video_bytes() > ended_bytes, "there is video again")
+        console.say(f"open {without_models(LAYOUTS / 'reception.yaml', others)}")
+        console.wait_until_shown(scenario="Reception")
+        of_the_tour = video_bytes()
+        wait_for(lambda: video_bytes() > of_the_tour, "there is video of it, too")
+        for process in ("control", "recorder"):
+            assert console.shown["children"][process] == children[process], "it is the same through all of it"
+        assert console.shown["frames_missing"] == missing, "no frame was lost between scenarios"
         console.close()
         assert _ended_because(folder) == "console_closed"
     finally:
