@@ -16,4 +16,9 @@ _DOES = {
 
 def title_process(name: str) -> None:
     """Call this process after what it does; ``name`` is what it is called in the log or the command that began it."""
-    setproctitle(f"caris: {_DOES.get(name, name)}")
+    setproctitle(f"caris: {title_of(name)}")
+
+
+def title_of(name: str) -> str:
+    """What it does, in a word or two."""
+    return _DOES.get(name, name)

@@ -17,7 +17,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
-from typing import Any
+from typing import Any, Literal
 
 from caris_desktop.domain.process_title import title_process
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
@@ -26,6 +26,9 @@ from caris_desktop.live.logs import configure_child_logging
 _log = logging.getLogger(__name__)
 _SWITCH_WITHIN_S = 0.0005
 _CONTEXT = multiprocessing.get_context("spawn")
+
+Health = Literal["running", "restarting", "failed"]
+"""Of a child that is needed. One that has failed did so too often to be started again."""
 
 
 @dataclass(frozen=True, slots=True)

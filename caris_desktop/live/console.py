@@ -36,6 +36,7 @@ from caris_desktop.live.services.forgetting import ForgettingService
 from caris_desktop.live.services.going_on import GoingOnService
 from caris_desktop.live.services.governor import GovernorService
 from caris_desktop.live.services.head import HeadService
+from caris_desktop.live.services.health import HealthService
 from caris_desktop.live.services.listening import ListeningService
 from caris_desktop.live.services.marks import MarksService
 from caris_desktop.live.services.microphone import MicrophoneService
@@ -163,7 +164,7 @@ class Console(QObject):
             recording, self._microphone, cameras, forgetting, self._people, self._speech, speaking, sound, listening,
             speakers, transcript, response_time, marks, alarms, going_on, protocol, preflight, self._session,
             assistant, suggestions, proposals, photos, face, self._robot, head, self._drive, self._scenario, practice,
-            governor, self._another_robot,
+            governor, self._another_robot, HealthService(state, lambda: self._services, self),
         )  # fmt: skip
         self._status_tap = StatusTap(state, recording.put, self)
         bus.before_work(self._drive.renew_before_work)
@@ -263,7 +264,6 @@ class Console(QObject):
     def child_pids(self) -> dict[str, int]:
         """Process ids of the children, by body name."""
         pids = {name: child.pid for service in self._services for name, child in service.processes().items()}
-        pids["inference"] = self._people.inference_pid
         return {name: pid for name, pid in pids.items() if pid is not None}
 
     def problem(

@@ -73,7 +73,7 @@ class LocalMicrophone(QObject):
         self._chosen = choice.chosen()
         self._listens_to: str | None = None
         self._open = False
-        self._restarts = Restarts()
+        self.restarts = Restarts()
         self._stuck = QTimer(self, singleShot=True, interval=_STUCK_AFTER_MS)
         self._stuck.timeout.connect(self._on_stuck)
         self._well = QTimer(self, singleShot=True, interval=_WELL_AFTER_MS)
@@ -84,9 +84,13 @@ class LocalMicrophone(QObject):
         """None for no microphone, also where the computer has none at all."""
         return None if self._looked and not self.names else self._chosen
 
+    @property
+    def process_name(self) -> str:
+        return self._choice.body.name
+
     def get_ready(self) -> None:
         """Find out which inputs there are."""
-        if self.child is None and not self._restarts.exhausted:
+        if self.child is None and not self.restarts.exhausted:
             self._begun = False
             self.child = self._children.start(
                 self._choice.body, ended=self._on_ended, heard=self.on_message, reads=self._read
@@ -182,24 +186,31 @@ class LocalMicrophone(QObject):
             self.child.kill()
 
     def _on_well(self) -> None:
-        self._restarts = Restarts()
+        self.restarts = Restarts()
 
     def _on_ended(self, child: ChildProcess) -> None:
         """It is started again if it is needed."""
         if child is not self.child:
             return
         self.child = None
-        again = self._restarts.another()
-        if self._open:
-            own = self._source == WIZARD_MICROPHONE
-            self._bus.problem(
-                "warning",
-                tr("Listening to your microphone stopped unexpectedly.")
-                if own
-                else tr("Listening to the microphone stopped unexpectedly."),
-                tr("A moment of its sound is missing.") if again else tr("Its sound is missing from now on."),
-                self._restarts.advice,
-                until="own_microphone" if own else "microphone",
-            )
-            self._open = False
-            self.open()
+        if not self._open:
+            self.restarts.another()
+            return
+        self._open = False
+        self.restarts.after_end(self._tell_ended, self.open)
+        if self.restarts.exhausted:
+            self.open()  # shows that it failed
+
+    def _tell_ended(self, advice: str) -> None:
+        own = self._source == WIZARD_MICROPHONE
+        self._bus.problem(
+            "warning",
+            tr("Listening to your microphone stopped unexpectedly.")
+            if own
+            else tr("Listening to the microphone stopped unexpectedly."),
+            tr("Its sound is missing from now on.")
+            if self.restarts.exhausted
+            else tr("A moment of its sound is missing."),
+            advice,
+            until="own_microphone" if own else "microphone",
+        )

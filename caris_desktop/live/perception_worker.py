@@ -79,6 +79,7 @@ class PerceptionWorker(QObject):
         self._turns = CameraTurns()
         self._look_rates = LookRates()
         self._child: ChildProcess | None = None
+        self.restarts = Restarts()
         self._status = PerceptionStatus()
         self._pace_told_ns = 0
         self._look_every_ns = 0
@@ -91,8 +92,17 @@ class PerceptionWorker(QObject):
         self._faces = self._to_cover = False
 
     @property
+    def name(self) -> str:
+        """Of the inference process."""
+        return self._body.name
+
+    @property
+    def child(self) -> ChildProcess | None:
+        """The inference process, None where it does not run."""
+        return self._child
+
+    @property
     def child_pid(self) -> int | None:
-        """The inference process, None before it runs."""
         return None if self._child is None else self._child.pid
 
     def use_body(self, body: ProcessBody) -> None:
@@ -181,8 +191,8 @@ class PerceptionWorker(QObject):
         presence, problems = self._open_presence()
         presence.portraits = self._portraits
         self._publish_all(problems)
-        child: ChildProcess | None = self._start_child()
-        restarts = Restarts()
+        self._start_child()
+        child = self._child
         ready = busy = False
         asked: FrameRef | None = None
         asked_ns = 0
@@ -194,11 +204,12 @@ class PerceptionWorker(QObject):
             if item is _STOP:
                 break
             if isinstance(item, _UseBody):
-                self._body, ready, busy, asked, restarts = item.body, False, False, None, Restarts()
+                self._body, ready, busy, asked, self.restarts = item.body, False, False, None, Restarts()
                 if child is not None:
                     child.stop(grace_s=2.0)
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
-                child = self._start_child()
+                self._start_child()
+                child = self._child
             elif item is _FORGET:
                 asked = None
                 self._turning.forget()
@@ -250,17 +261,9 @@ class PerceptionWorker(QObject):
                 ready = busy = False
                 child.stop(grace_s=0.0)
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
-                child = self._start_child() if restarts.another() else None
-                self._publish(
-                    Problem(
-                        clock.now_ns(),
-                        "warning",
-                        tr("People recognition stopped unexpectedly."),
-                        tr("Boxes and the People panel are empty until it is back; the recording goes on."),
-                        restarts.advice,
-                        until="people",
-                    )
-                )
+                self._child = None
+                self.restarts.after_end(self._tell_ended, self._start_child)
+                child = self._child
                 if child is None:
                     self._set_status(PerceptionStatus(state="failed", detail=tr("Stopped unexpectedly, too often")))
             self._publish_all(presence.tick(clock.now_ns()))
@@ -285,7 +288,19 @@ class PerceptionWorker(QObject):
         looked = self._turning.looked(frame.shown_ns, on_head=camera.on_head)
         return Look(frame, looked, camera.fx_px / camera.width_px, self._faces, self._to_cover)
 
-    def _start_child(self) -> ChildProcess:
+    def _tell_ended(self, advice: str) -> None:
+        self._publish(
+            Problem(
+                clock.now_ns(),
+                "warning",
+                tr("People recognition stopped unexpectedly."),
+                tr("Boxes and the People panel are empty until it is back; the recording goes on."),
+                advice,
+                until="people",
+            )
+        )
+
+    def _start_child(self) -> None:
         self._set_status(PerceptionStatus(state="loading"))
         child = ChildProcess(
             self._body,
@@ -294,7 +309,6 @@ class PerceptionWorker(QObject):
         )
         child.start()
         self._child = child
-        return child
 
     def _locate(self, people: People, presence: Presence) -> None:
         camera = self._cameras.get(people.camera)

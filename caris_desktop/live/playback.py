@@ -46,13 +46,17 @@ class Playback(QObject):
         self._ended = ended
         self.child: ChildProcess | None = None
         self._stream_id = ""
-        self._restarts = Restarts()
+        self.restarts = Restarts()
         self._stuck = QTimer(self, singleShot=True, interval=_STUCK_AFTER_MS)
         self._stuck.timeout.connect(self._on_stuck)
 
+    @property
+    def process_name(self) -> str:
+        return self._body.name
+
     def get_ready(self) -> None:
         """Start the process, so that what is played is heard at once."""
-        if self.child is None and not self._restarts.exhausted:
+        if self.child is None and not self.restarts.exhausted:
             self.child = self._children.start(
                 self._body, ended=self._on_ended, heard=self.on_message, reads=self._read
             )  # fmt: skip
@@ -129,5 +133,5 @@ class Playback(QObject):
         if child is not self.child:
             return
         self.child = None
-        self._restarts.another()
+        self.restarts.another()  # begun again with what is played next; told by whose sound it was
         self._give_up(tr("the sound system got stuck"))

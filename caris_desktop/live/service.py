@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.child_process import ChildProcess
+from caris_desktop.live.child_process import ChildProcess, Health
 from caris_desktop.scenario.model import Scenario
 
 Handler = Callable[[Any], None]
@@ -34,6 +34,16 @@ class Service(QObject):
         """Its child processes, by name."""
         return {}
 
+    def restarts(self) -> "Mapping[str, Restarts]":
+        """How often what ends by itself was started again, by the names of its processes."""
+        return {}
+
+    def health(self) -> dict[str, Health]:
+        """How its processes are, by name; one that nothing needs now is left out."""
+        there: dict[str, Health] = dict.fromkeys(self.processes(), "running")
+        restarts = self.restarts().items()
+        return there | {name: of.health for name, of in restarts if name in there or of.health != "running"}
+
     def use_scenario(self, scenario: Scenario) -> None:
         """What this scenario says holds from now on; the first comes before ``start``."""
 
@@ -53,8 +63,39 @@ class Restarts:
     instead of keeping the computer busy.
     """
 
-    at_most: int = 3
+    at_most: float = 3
     used: int = 0
+    _due: bool = False
+
+    def after_end(
+        self,
+        tell: Callable[[str], None],
+        begin: Callable[[], None],
+        *,
+        after_ms: int | None = None,
+        within: QObject | None = None,
+    ) -> None:
+        """It has ended by itself: ``tell`` the wizard, with what they can do, and ``begin`` it again unless that was
+        done too often; at once, or ``after_ms`` as long as there is ``within``.
+        """
+        again = self.another()
+        tell(self.advice)
+        if not again:
+            return
+        if after_ms is None or within is None:
+            begin()
+            return
+
+        def begin_late() -> None:
+            self._due = False
+            begin()
+
+        self._due = True
+        QTimer.singleShot(after_ms, within, begin_late)
+
+    @property
+    def health(self) -> Health:
+        return "failed" if self.exhausted else "restarting" if self._due else "running"
 
     def another(self) -> bool:
         """It has ended once more: whether to start it again."""

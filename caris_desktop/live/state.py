@@ -19,6 +19,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.sensing import CameraState, FrameRef, People, PeopleInMap, PersonPlace
 from caris_desktop.domain.sound import Hearing
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
+from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import (
     AssistantSetup,
     AssistantStatus,
@@ -188,7 +189,8 @@ class LiveState(QObject):
     ``person_history`` what was looked up last, a PersonHistory or None. ``everybody`` (tuple of PersonRow) has who was
     here, too, and who is known; ``portraits`` is where the pictures of people are fetched by the key in their row.
     ``transcript`` (tuple of Turn) is what was said in this session, in a replay in all of it. ``assistant_setup`` is
-    an AssistantSetup, ``going_on`` a GoingOnStatus, ``practice`` a PracticeStatus.
+    an AssistantSetup, ``going_on`` a GoingOnStatus, ``practice`` a PracticeStatus, ``health`` the Health of each child
+    process by name.
 
     ``said_before`` (tuple of sentences, oldest first) is what the wizard typed for the robot, also in sessions before;
     ``phrase_group`` is the number of the group that the keys of phrases mean, ``fillers_said`` how many there were.
@@ -230,6 +232,7 @@ class LiveState(QObject):
         self.proposal = LiveValue(ProposalStatus(), self)
         self.assistant_setup = LiveValue(AssistantSetup(), self)
         self.load = LiveValue(LoadStatus(), self)
+        self.health = LiveValue(dict[str, Health](), self)
         self.face = LiveValue(FaceStatus(), self)
         self.face_drawing = LiveValue(None, self)
         self.face_page = LiveValue("", self)

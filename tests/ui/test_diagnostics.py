@@ -129,6 +129,20 @@ def test_it_says_how_often_people_are_looked_for_in_each_camera() -> None:
     assert look_words(PerceptionStatus("failed", looks_per_s={"front": 0.0})) == []
 
 
+def test_it_says_which_process_of_the_program_failed(
+    qtbot: QtBot, panel: DiagnosticsPanel, console: FakeConsole
+) -> None:
+    summary = find(panel.window(), "diagnostics_summary")
+    assert "Processes" not in summary.toolTip()
+    console.state.health.set({"recorder": "running", "speech": "failed", "camera desk": "restarting"})
+    assert "Processes: camera desk is starting again, speech failed too often" in summary.toolTip()
+    click(qtbot, find(panel.window(), "diagnostics_copy"))
+    text = QGuiApplication.clipboard().text()
+    assert "camera desk is starting again, speech failed too often, recording runs" in text
+    console.state.health.set({"recorder": "running"})
+    assert "Processes" not in summary.toolTip()
+
+
 def test_before_anything_came_it_says_that(panel: DiagnosticsPanel) -> None:
     assert not panel.view.isVisible()
 

@@ -106,6 +106,9 @@ class AssistantService(Service):
     def processes(self) -> dict[str, ChildProcess]:
         return {} if self._server is None else {self._parts.server.name: self._server}
 
+    def restarts(self) -> dict[str, Restarts]:
+        return {} if self._parts.server is None else {self._parts.server.name: self._restarts}
+
     def use_scenario(self, scenario: Scenario) -> None:
         if scenario.assistant != self._scenario.assistant:
             self._setup = Setup(scenario.assistant)
@@ -368,18 +371,20 @@ class AssistantService(Service):
         if child is not self._server:
             return  # it was replaced while the news of its end was on its way
         self._server = self._server_url = None
-        again = self._restarts.another()
         if self._asks_embedded():
-            self._exchanges.show_status(AssistantStatus(state="failed", detail=tr("The language model stopped.")))
-            self._bus.problem(
-                "warning",
-                tr("The language model stopped unexpectedly."),
-                tr("The assistant gives no answers; everything else works."),
-                self._restarts.advice,
-                until="assistant",
-            )
-            if again:
-                self._use_chosen()
+            self._restarts.after_end(self._tell_server_ended, self._use_chosen)
+        else:
+            self._restarts.another()
+
+    def _tell_server_ended(self, advice: str) -> None:
+        self._exchanges.show_status(AssistantStatus(state="failed", detail=tr("The language model stopped.")))
+        self._bus.problem(
+            "warning",
+            tr("The language model stopped unexpectedly."),
+            tr("The assistant gives no answers; everything else works."),
+            advice,
+            until="assistant",
+        )
 
 
 def _here() -> str:

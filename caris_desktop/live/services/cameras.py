@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.camera import CameraModel
@@ -103,6 +103,9 @@ class CamerasService(Service):
 
     def processes(self) -> dict[str, ChildProcess]:
         return {running.camera.body.name: running.child for running in self._running.values()}
+
+    def restarts(self) -> dict[str, Restarts]:
+        return {running.camera.body.name: running.restarts for running in self._running.values()}
 
     def use_scenario(self, scenario: Scenario) -> None:
         wanted = self._wanted_by(scenario)
@@ -209,18 +212,18 @@ class CamerasService(Service):
                 until="picture",
             )
             return
-        again = running.restarts.another()
-        advice = running.restarts.advice
-        self._bus.problem(
-            "warning",
-            tr("The camera {name} stopped unexpectedly.").format(name=name),
-            tr("There is no picture from it until it is back; everything else goes on."),
-            advice,
-            until="picture",
-        )
-        self._bus.publish(CameraState(clock.now_ns(), name, "lost", QT_TR_NOOP("It stopped unexpectedly."), advice))
-        if again:
-            QTimer.singleShot(_RESTART_AFTER_MS, self, lambda: self._again(running))
+
+        def tell(advice: str) -> None:
+            self._bus.problem(
+                "warning",
+                tr("The camera {name} stopped unexpectedly.").format(name=name),
+                tr("There is no picture from it until it is back; everything else goes on."),
+                advice,
+                until="picture",
+            )
+            self._bus.publish(CameraState(clock.now_ns(), name, "lost", QT_TR_NOOP("It stopped unexpectedly."), advice))
+
+        running.restarts.after_end(tell, lambda: self._again(running), after_ms=_RESTART_AFTER_MS, within=self)
 
     def _again(self, running: _Running) -> None:
         if self._running.get(running.camera.name) is running and not self._stopped:

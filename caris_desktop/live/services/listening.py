@@ -82,6 +82,9 @@ class ListeningService(Service):
     def processes(self) -> dict[str, ChildProcess]:
         return {} if self._child is None else {self._child.body.name: self._child}
 
+    def restarts(self) -> dict[str, Restarts]:
+        return {} if self._wanted is None else {self._wanted.name: self._restarts}
+
     def use_scenario(self, scenario: Scenario) -> None:
         wanted = self._body_of(scenario) if scenario.permissions.transcription else None
         told = scenario.listening
@@ -171,17 +174,17 @@ class ListeningService(Service):
             return
         self._feed.end()
         self._child = self._feed = self._to_recogniser = None
-        again = self._restarts.another()
+        self._restarts.after_end(self._tell_ended, self._begin)
+
+    def _tell_ended(self, advice: str) -> None:
         self._bus.problem(
             "warning",
             tr("Turning speech into text stopped unexpectedly."),
             tr("What was being said is missing from the transcript; sound is recorded as before."),
-            self._restarts.advice,
+            advice,
             until="transcription",
         )
         self._state.listening.set(ListeningStatus("failed", detail=tr("It stopped unexpectedly.")))
-        if again:
-            self._begin()
 
     def _on_sound(self, chunk: AudioChunk, raw: bytes | None) -> None:  # any thread
         if chunk.source in PARTICIPANT_SOURCES or (chunk.source == WIZARD_MICROPHONE and self._to_dictate):

@@ -17,7 +17,7 @@ from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.children import Children
 from caris_desktop.live.distant_ear import DistantEar, ear_of
 from caris_desktop.live.local_microphone import LocalMicrophone, MicrophoneChoice
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Scenario
 
@@ -112,6 +112,9 @@ class MicrophoneService(Service):
     def processes(self) -> dict[str, ChildProcess]:
         microphones = (self._participant, self._wizard)
         return {each.child.body.name: each.child for each in microphones if each.child is not None}
+
+    def restarts(self) -> dict[str, Restarts]:
+        return {each.process_name: each.restarts for each in (self._participant, self._wizard)}
 
     def use_scenario(self, scenario: Scenario) -> None:
         """While nothing needs a microphone it is only found out which there are."""

@@ -15,9 +15,9 @@ from caris_desktop.domain.priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import CameraLens, DepthGrid, FrameRef, HeadState, LaserScan, Odometry, RobotPose
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody, RingsToRead
+from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GoingOnStatus, PerceptionStatus
 from caris_desktop.people.decisions import PeopleIntent
@@ -105,6 +105,13 @@ class PeopleService(Service):
 
     def _placed(self, body: ProcessBody) -> ProcessBody:
         return replace(body, arguments=(self._rings, *(self._ranked(argument) for argument in body.arguments)))
+
+    def processes(self) -> dict[str, ChildProcess]:
+        child = None if self._worker is None else self._worker.child
+        return {} if child is None else {child.body.name: child}
+
+    def restarts(self) -> dict[str, Restarts]:
+        return {} if self._worker is None else {self._worker.name: self._worker.restarts}
 
     @property
     def inference_pid(self) -> int | None:

@@ -98,6 +98,9 @@ class RecordingService(Service):
     def processes(self) -> dict[str, ChildProcess]:
         return {"recorder": self._recorder}
 
+    def restarts(self) -> dict[str, Restarts]:
+        return {"recorder": self._restarts}
+
     def start(self) -> None:
         self._started = True
         self._recorder.start()
@@ -295,6 +298,7 @@ class RecordingService(Service):
         if child is not self._recorder:
             return
         interrupted = not self.idle
+        # Begun again before the wizard is told: what is told belongs into the record of the new one.
         again = self._restarts.another()
         if again:
             self._recorder = self._new_recorder()

@@ -4,13 +4,14 @@ GUI thread. Driving is a service of its own.
 
 import asyncio
 import logging
+import math
 import secrets
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import Any
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
@@ -47,7 +48,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.services.cameras import WantedCameras
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
@@ -128,6 +129,8 @@ class RobotService(Service):
         self._told_no_timeout_of = ""
         self._left = False
         self._closed = False
+        # Without end: a session without its robot is none, and a robot may stand where nobody can reach it.
+        self._restarts = {name: Restarts(at_most=math.inf) for name in ("control", "media")}
 
     @property
     def connection(self) -> RobotConnection | None:
@@ -160,6 +163,9 @@ class RobotService(Service):
 
     def processes(self) -> dict[str, ChildProcess]:
         return self.links
+
+    def restarts(self) -> dict[str, Restarts]:
+        return self._restarts
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._use_cameras(self._wanted_by(scenario))
@@ -268,6 +274,15 @@ class RobotService(Service):
         del self._links[name]
         address = self._connection.address if self._connection is not None else ""
         self._publish(LinkChanged(clock.now_ns(), name, "lost", address, QT_TR_NOOP("the link process stopped")))
+        worked = name == "control" and clock.now_ns() - self._control_since_ns > _RESTART_AT_ONCE_AFTER_NS
+        self._restarts[name].after_end(
+            lambda _advice: self._tell_ended(name),
+            lambda: self._restart_link(name),
+            after_ms=0 if worked else _RESTART_AFTER_MS,
+            within=self,
+        )
+
+    def _tell_ended(self, name: str) -> None:
         self._problem(
             "warning",
             tr("The connection to the robot broke inside the console.")
@@ -281,8 +296,6 @@ class RobotService(Service):
             else tr("It is made again."),
             until="connected" if name == "control" else "picture",
         )
-        worked = name == "control" and clock.now_ns() - self._control_since_ns > _RESTART_AT_ONCE_AFTER_NS
-        QTimer.singleShot(0 if worked else _RESTART_AFTER_MS, lambda: self._restart_link(name))
 
     def _start_link(self, name: str) -> None:
         connection = self._connection

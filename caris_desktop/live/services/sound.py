@@ -15,7 +15,7 @@ from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
 from caris_desktop.live.own_voice import Outlet, OwnVoice
 from caris_desktop.live.playback import Playback
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.services.microphone import MicrophoneService
 from caris_desktop.live.services.robot import RobotService
 from caris_desktop.live.services.speech import SpeechService
@@ -86,6 +86,9 @@ class SoundService(Service):
     def processes(self) -> dict[str, ChildProcess]:
         playing = (self._hearing, self._voice.playback)
         return {each.child.body.name: each.child for each in playing if each.child is not None}
+
+    def restarts(self) -> dict[str, Restarts]:
+        return {each.process_name: each.restarts for each in (self._hearing, self._voice.playback)}
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._scenario = scenario

@@ -101,6 +101,9 @@ class SpeechService(Service):
     def processes(self) -> dict[str, ChildProcess]:
         return {} if self._child is None else {self._body.name: self._child}
 
+    def restarts(self) -> dict[str, Restarts]:
+        return {self._body.name: self._restarts}
+
     def use_scenario(self, scenario: Scenario) -> None:
         self._phrases = (*scenario.every_filler, *sentences(scenario.phrases))
         self._permitted = scenario.permissions.speech
@@ -255,21 +258,21 @@ class SpeechService(Service):
         if child is not self._child:
             return  # it was replaced while the news of its end was on its way
         self._child = None
-        again = self._restarts.another()
         self._state.speech.set(replace(self._state.speech.value, ready=False, detail=tr("the voice stopped")))
+        self._restarts.after_end(self._tell_ended, self._begin)
+        self._on_voice_lost("computer", QT_TR_NOOP("speech stopped unexpectedly"))
+
+    def _tell_ended(self, advice: str) -> None:
         self._tell(
             Problem(
                 clock.now_ns(),
                 "warning",
                 tr("This computer's voice stopped unexpectedly."),
                 tr("What it was saying is cut off; the session goes on."),
-                self._restarts.advice,
+                advice,
                 until="voice",
             )
         )
-        if again:
-            self._begin()
-        self._on_voice_lost("computer", QT_TR_NOOP("speech stopped unexpectedly"))
 
     def _on_voice_lost(self, kind: VoiceKind, detail: str) -> None:
         now = self._state.speech.value.now

@@ -19,7 +19,9 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolic
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
+from caris_desktop.domain.process_title import title_of
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import LinkStatus, PerceptionStatus
 from caris_desktop.ros.dialect import same_type
 from caris_desktop.ros.raw_image import republish_advice
@@ -281,12 +283,28 @@ def look_words(perception: PerceptionStatus) -> list[str]:
     return [*lines, " · ".join((looks, *took))]
 
 
+_HEALTH_WORDS: dict[Health, str] = {
+    "running": QT_TR_NOOP("runs"),
+    "restarting": QT_TR_NOOP("is starting again"),
+    "failed": QT_TR_NOOP("failed too often"),
+}
+
+
+def process_words(health: dict[str, Health]) -> list[str]:
+    """Each part of the program that is a process of its own, called as in a system monitor: those that fail first."""
+    told = sorted(health.items(), key=lambda each: (each[1] == "running", each[0]))
+    parts = ", ".join(f"{title_of(name)} {tr(_HEALTH_WORDS[how])}" for name, how in told)
+    return [tr("Processes: {parts}").format(parts=parts)] if parts else []
+
+
 def report(
     link: LinkStatus,
     traffic: dict[str, TrafficMeasured],
     rows: tuple[TopicRow, ...],
     anchor: ClockAnchor,
     perception: PerceptionStatus = PerceptionStatus(),  # noqa: B008 - frozen
+    *,
+    health: dict[str, Health] | None = None,
 ) -> str:
     """Everything that the panel shows, as text to send to whoever looks after the robot."""
     round_trip = tr("not measured") if link.round_trip_ms is None else f"{link.round_trip_ms:.1f} ms"
@@ -303,6 +321,7 @@ def report(
         *(link_words(measured) for measured in traffic.values()),
         *raw_picture_words(traffic),
         *look_words(perception),
+        *process_words(health or {}),
         "",
         "\t".join(map(tr, _COLUMNS)),
         *("\t".join(cell_text(row, column) for column in range(len(_COLUMNS))) for row in rows),
@@ -372,6 +391,7 @@ class DiagnosticsPanel(Panel):
         self.state.traffic.changed.connect(self._on_traffic_changed)
         self.state.link.changed.connect(self._on_link_changed)
         self.state.robot.changed.connect(self._on_robot_changed)
+        self.state.health.changed.connect(self._on_health_changed)
         self.theme.changed.connect(self._style)
         self._style()
         self.refresh()
@@ -400,6 +420,7 @@ class DiagnosticsPanel(Panel):
                 rows,
                 self.state.present.anchor,
                 self.state.perception.value,
+                health=self.state.health.value,
             )
         )
         self._copied_at_s = time.monotonic()
@@ -417,6 +438,9 @@ class DiagnosticsPanel(Panel):
             self.refresh()
         elif not self._soon.isActive():
             self._soon.start()
+
+    def _on_health_changed(self, _health: object) -> None:
+        self.refresh()
 
     def _on_link_changed(self, link: LinkStatus) -> None:
         """The figures are for the next second's look; whether there is a robot is told at once."""
@@ -443,6 +467,7 @@ class DiagnosticsPanel(Panel):
         lines += [link_words(measured) for measured in traffic.values()]
         lines += raw_picture_words(traffic)
         lines += look_words(self.state.perception.value)
+        lines += process_words({name: how for name, how in self.state.health.value.items() if how != "running"})
         self._summary.setToolTip("\n".join(lines))
         # A low dock has room for rows or for the totals of each link, and the rows say more.
         self._summary.setText("\n".join(lines if self.height() >= _ROOM_FOR_TOTALS_PX else lines[:1]))

@@ -1,0 +1,30 @@
+"""How the child processes are, for who looks after the computer."""
+
+from collections.abc import Callable, Iterable
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.live.service import Service
+from caris_desktop.live.state import LiveState
+
+_LOOK_EVERY_MS = 1000
+
+
+class HealthService(Service):
+    """Keeps ``state.health``."""
+
+    def __init__(self, state: LiveState, services: Callable[[], Iterable[Service]], parent: QObject) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._services = services
+        self._timer = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._timer.timeout.connect(self.look)
+
+    def start(self) -> None:
+        self._timer.start()
+
+    def stop(self) -> None:
+        self._timer.stop()
+
+    def look(self) -> None:
+        self._state.health.set({name: how for each in self._services() for name, how in each.health().items()})
