@@ -107,3 +107,18 @@ def test_writing_is_seen_however_it_is_done() -> None:
         "mkdir",
         "fsync",
     ]
+
+
+def test_threads_are_started_where_they_are_looked_after() -> None:
+    starts = re.compile(r"\b(?:Thread|QThread|ThreadPoolExecutor|QThreadPool)\(")
+    assert [name for name, text in files().items() if name.startswith("ui/") and starts.search(text)] == []
+
+
+def test_yaml_has_one_reader_and_one_place_that_writes_it() -> None:
+    reads, writes = re.compile(r"\byaml\.(?:\w+_)?load\w*\("), re.compile(r"\byaml\.(?:\w+_)?dump\w*\(")
+    one_text = {"scenario/text_blocks.py"}  # a single text within a file, which is looked at as other editors do
+    of_the_map_server = {"simulator/map_files.py"}  # in the form of that program
+    assert {name for name, text in files().items() if reads.search(text)} <= one_text
+    assert {name for name, text in files().items() if writes.search(text)} <= (
+        {"domain/yaml_writing.py"} | one_text | of_the_map_server
+    )

@@ -12,7 +12,7 @@ from pathlib import Path
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 _NOT_FOR_FOLDERS = (errno.EINVAL, errno.ENOTSUP)
 # A name may have 255 bytes, and a character up to four.
-_SHOWN_CHARACTERS = 50
+SHOWN_CHARACTERS = 50
 
 
 def no_room(error: OSError) -> bool:
@@ -78,7 +78,7 @@ def bring_to_disk(path: Path) -> None:
 def _opened_beside(path: Path) -> tuple[int, Path]:
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     while True:
-        beside = path.with_name(f".{path.name[:_SHOWN_CHARACTERS]}.{secrets.token_hex(4)}.part")
+        beside = path.with_name(f".{path.name[:SHOWN_CHARACTERS]}.{secrets.token_hex(4)}.part")
         with contextlib.suppress(FileExistsError):
             return os.open(beside, flags, 0o644), beside
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import yaml
 
-from caris_desktop.domain.yaml_source import know_scalars
+from caris_desktop.domain.yaml_source import PlainScalars, know_scalars
 
 
 class _ReadableDumper(yaml.SafeDumper):
@@ -14,7 +14,15 @@ class _ReadableDumper(yaml.SafeDumper):
         super().increase_indent(flow, False)
 
 
+class _PlainDumper(PlainScalars, yaml.SafeDumper):
+    """As few quotation marks as our own reader needs: a key of robot profiles is ``on``."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
 know_scalars(_ReadableDumper)
+know_scalars(_PlainDumper)
 
 
 def yaml_text(data: Any) -> str:
@@ -22,11 +30,11 @@ def yaml_text(data: Any) -> str:
     return dumped(data, default_flow_style=False, width=110)
 
 
-def dumped(value: Any, *, default_flow_style: bool | None, width: int) -> str:
-    """A part of a file."""
+def dumped(value: Any, *, default_flow_style: bool | None, width: int, plain: bool = False) -> str:
+    """A part of a file; ``plain`` as robot profiles are written."""
     text: str = yaml.dump(
         value,
-        Dumper=_ReadableDumper,
+        Dumper=_PlainDumper if plain else _ReadableDumper,
         sort_keys=False,
         allow_unicode=True,
         default_flow_style=default_flow_style,

@@ -16,9 +16,32 @@ from caris_desktop.domain.translation import tr
 
 _log = logging.getLogger(__name__)
 _FINISHED_WITHIN_S = 30.0
+_STEP_S = 0.05
 T = TypeVar("T")
 During = Callable[[str, Callable[[], None]], None]
 Outcome = Callable[[], None]
+
+
+def do_beside(work: Callable[[], None], meanwhile: Callable[[], None]) -> None:
+    """Do ``work``, which knows nothing of Qt, in a thread of its own. Returns when it is done, or raises what it did.
+
+    Until then ``meanwhile`` is called over and over in the calling thread.
+    """
+    failures: list[Exception] = []
+
+    def do() -> None:
+        try:
+            work()
+        except Exception as failure:  # it is raised again by whoever waits
+            failures.append(failure)
+
+    thread = threading.Thread(target=do, name="slow work")
+    thread.start()
+    while thread.is_alive():
+        meanwhile()
+        thread.join(_STEP_S)
+    if failures:
+        raise failures[0]
 
 
 class SlowWork(QObject):

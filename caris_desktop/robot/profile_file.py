@@ -3,27 +3,16 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import yaml
-
 from caris_desktop.domain.declared_check import told
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.migrations import Migration, migrated
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.yaml_source import PlainScalars, YamlSourceError, know_scalars, parse_yaml
+from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_writing import dumped
 from caris_desktop.robot.profile_model import PROFILE_VERSION, ProfileError
 
 MIGRATIONS: Mapping[int, Migration] = {}
 MAX_BYTES = 2**20
-
-
-class _Dumper(PlainScalars, yaml.SafeDumper):
-    """Short mappings and lists on one line, and as few quotation marks as the reader needs."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-
-know_scalars(_Dumper)
 
 
 class ProfileText:
@@ -89,12 +78,5 @@ def profile_yaml(data: Mapping[str, Any]) -> str:
 
 
 def _section(key: str, value: Any, *, default_flow_style: bool | None) -> str:
-    text: str = yaml.dump(
-        {key: value},
-        Dumper=_Dumper,
-        sort_keys=False,
-        allow_unicode=True,
-        default_flow_style=False if not isinstance(value, (Mapping, list)) else default_flow_style,
-        width=110,
-    )
-    return text
+    flow = default_flow_style if isinstance(value, (Mapping, list)) else False
+    return dumped({key: value}, default_flow_style=flow, width=110, plain=True)

@@ -158,6 +158,7 @@ async def rendered(text: str, cache: Path) -> "np.ndarray[tuple[int], np.dtype[n
         return None
     path = _kept(cache, f"{command}\n{text}")
     if not path.is_file():
+        # Not replace_file: another program writes it, and what a power cut takes from a cache is made anew.
         part = path.with_suffix(f".{os.getpid()}.part")
         if not await _render([*command, str(part)], text):
             part.unlink(missing_ok=True)

@@ -1,6 +1,5 @@
 """A small window that says what is being finished while the program ends."""
 
-import threading
 import time
 from collections.abc import Callable
 
@@ -8,6 +7,7 @@ from PySide6.QtCore import QEventLoop, Qt
 from PySide6.QtWidgets import QApplication, QLabel, QProgressBar, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.live.slow_work import do_beside
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 
@@ -44,23 +44,12 @@ class ClosingWindow(QWidget):
     def during(self, what: str, work: Callable[[], None]) -> None:
         """Do ``work``, which knows nothing of Qt, and say ``what`` meanwhile. Returns when it is done."""
         self._what.setText(what)
-        failures: list[Exception] = []
+        do_beside(work, self._wait)
 
-        def do() -> None:
-            try:
-                work()
-            except Exception as failure:  # it is raised again by whoever waits
-                failures.append(failure)
-
-        thread = threading.Thread(target=do, name="closing")
-        thread.start()
-        while thread.is_alive():
-            elapsed_s = time.monotonic() - self._began_s
-            if elapsed_s > SHOWN_AFTER_S:
-                self._since.setText(tr("For {time} s. Do not switch the computer off.").format(time=f"{elapsed_s:.0f}"))
-                self.show()
-            # Nobody can do anything here; keys and clicks are not for a program that ends.
-            QApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents, _STEP_MS)
-            thread.join(_STEP_MS / 1000)
-        if failures:
-            raise failures[0]
+    def _wait(self) -> None:
+        elapsed_s = time.monotonic() - self._began_s
+        if elapsed_s > SHOWN_AFTER_S:
+            self._since.setText(tr("For {time} s. Do not switch the computer off.").format(time=f"{elapsed_s:.0f}"))
+            self.show()
+        # Nobody can do anything here; keys and clicks are not for a program that ends.
+        QApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents, _STEP_MS)

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from caris_desktop.domain.onnx_graph import describe
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.perception.backends.network import ModelFacts, UnknownFormError, facts_of
 from caris_desktop.perception.backends.onnx import without_decoding
 from caris_desktop.perception.backends.outputs import BINS
@@ -89,7 +89,7 @@ def _read_onnx(core: Any, content: bytes) -> Any:
 
 def _metadata_beside(file: Path) -> Mapping[str, object]:
     try:
-        found = yaml.safe_load((file.parent / "metadata.yaml").read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError, UnicodeDecodeError):
+        found = parse_yaml((file.parent / "metadata.yaml").read_text(encoding="utf-8")).data
+    except (OSError, YamlSourceError, UnicodeDecodeError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.domain.file_replacement import bring_to_disk
+from caris_desktop.domain.file_replacement import SHOWN_CHARACTERS, bring_to_disk
 
 _log = logging.getLogger(__name__)
 FOLDER = "forgotten"
 PART = ".forgetting.part"
-_SHOWN_CHARACTERS = 50
 _BLOCK_BYTES = 1 << 20
 
 
@@ -79,7 +78,9 @@ class Journal:
 
         The old file stays where that fails.
         """
-        part = path.with_name(f".{path.name[:_SHOWN_CHARACTERS]}{PART}")
+        # Not replace_file: a film is written by another program, to a path; and what follows has to be in the journal
+        # between the moment at which the new file is whole and the one at which it takes the place of the old.
+        part = path.with_name(f".{path.name[:SHOWN_CHARACTERS]}{PART}")
         part.unlink(missing_ok=True)
         try:
             count = make(part)

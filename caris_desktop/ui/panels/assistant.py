@@ -10,7 +10,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QLineEdit,
-    QPlainTextEdit,
     QStackedLayout,
     QVBoxLayout,
     QWidget,
@@ -28,6 +27,7 @@ from caris_desktop.ui.assistant.setup_bar import SetupBar
 from caris_desktop.ui.assistant.words_page import WordsPage
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.enter_box import EnterBox
 
 _MOST_TYPED = 32_000
 _ROOMY_PX = 380
@@ -496,17 +496,9 @@ class _QuestionField(QLineEdit):
             event.accept()
 
 
-class _AnswerField(QPlainTextEdit):
+class _AnswerField(EnterBox):
     """An answer. While it is edited Enter says it; Shift+Enter begins a line."""
 
-    entered = Signal()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        enter = event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-        if enter and not self.isReadOnly() and not event.modifiers() & Qt.KeyboardModifier.ShiftModifier:
-            # A key that is held says it once.
-            if not event.isAutoRepeat():
-                self.entered.emit()
-            event.accept()
-            return
-        super().keyPressEvent(event)
+    def means_enter(self, event: QKeyEvent) -> bool:
+        begins_line = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
+        return not (self.isReadOnly() or begins_line) and super().means_enter(event)

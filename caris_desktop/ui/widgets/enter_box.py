@@ -19,24 +19,28 @@ class EnterBox(QPlainTextEdit):
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAsNeeded)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
 
+    def means_enter(self, event: QKeyEvent) -> bool:
+        """Whether the box is done with this key."""
+        return event.key() in _ENTER and not event.modifiers() & Qt.KeyboardModifier.ControlModifier
+
     def event(self, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent) and _is_enter(event):
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent) and self.means_enter(event):
             event.accept()
             return True
         return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        if _is_enter(event):
-            self.entered.emit()
-        else:
-            super().keyPressEvent(event)
+        if self.means_enter(event):
+            # A key that is held means it once.
+            if not event.isAutoRepeat():
+                self.entered.emit()
+            event.accept()
+            return
+        super().keyPressEvent(event)
+        if not self.isReadOnly():
             # Of what it has no use for only Esc goes on.
             event.setAccepted(event.key() != Qt.Key.Key_Escape)
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
         super().focusOutEvent(event)
         self.left.emit()
-
-
-def _is_enter(event: QKeyEvent) -> bool:
-    return event.key() in _ENTER and not event.modifiers() & Qt.KeyboardModifier.ControlModifier

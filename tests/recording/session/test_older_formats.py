@@ -32,6 +32,7 @@ from tests.support.recorded_session import number_in
 NOON_NS = 1_790_000_000_000_000_000
 FORMATS = Path(__file__).parents[1] / "formats"
 _WHEN_EXPORTED = re.compile(r' DATE="[^"]*"')
+_FIELD = re.compile(r'(?P<field>"(?:[^"]|"")*"|[^,\r\n]*)(?P<end>,|\r\n|\n|\r|\Z)')
 _ENTRY = re.compile(r" *<CV_ENTRY_ML .*?</CV_ENTRY_ML>\n", re.DOTALL)
 
 
@@ -52,11 +53,21 @@ def as_it_was(name: str, now: str, then: str) -> str:
     if name.endswith(".eaf"):
         now = _ENTRY.sub(lambda entry: entry[0] if entry[0] in then else "", now)
         return _WHEN_EXPORTED.sub(_WHEN_EXPORTED.findall(then)[0], now)
-    rows, columns = list(csv.reader(io.StringIO(now, newline=""))), next(csv.reader(io.StringIO(then, newline="")))
-    kept = [rows[0].index(column) for column in columns]
-    text = io.StringIO(newline="")
-    csv.writer(text).writerows([row[at] for at in kept] for row in rows)
-    return text.getvalue()
+    (header, _), *_ = rows = raw_rows(now)
+    kept = [header.index(column) for column in raw_rows(then)[0][0]]
+    return "".join(",".join(row[at] for at in kept) + end for row, end in rows)
+
+
+def raw_rows(text: str) -> list[tuple[list[str], str]]:
+    """The rows of a CSV file with the quotation marks and the line ends that they have."""
+    rows: list[tuple[list[str], str]] = []
+    row: list[str] = []
+    for found in _FIELD.finditer(text):
+        row.append(found["field"])
+        if found["end"] != ",":
+            rows.append((row, found["end"]))
+            row = []
+    return rows if rows[-1] != ([""], "") else rows[:-1]  # after the last line end nothing begins
 
 
 def assert_exports_as_before(folder: Path, out: Path) -> None:
@@ -66,6 +77,14 @@ def assert_exports_as_before(folder: Path, out: Path) -> None:
     assert len(then) > 40
     for name, text in then.items():
         assert as_it_was(name, now[name], text) == text, name
+
+
+def test_only_later_columns_are_left_out_of_the_comparison() -> None:
+    then = 'name,said\r\nAda,"Well, yes ""so"""\r\n,\r\n'
+    later = 'name,actor,said\r\nAda,,"Well, yes ""so"""\r\n,wizard,\r\n'
+    assert as_it_was("turns.csv", later, then) == then == as_it_was("turns.csv", then, then)
+    for other in (later.replace("Ada", '"Ada"'), later.replace("\r\n", "\n"), later[:-2]):
+        assert as_it_was("turns.csv", other, then) != then
 
 
 def test_it_exports_the_same_bytes(folder: Path, tmp_path: Path) -> None:
