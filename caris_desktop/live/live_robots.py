@@ -20,6 +20,7 @@ from PySide6.QtNetwork import QLocalServer, QLocalSocket
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Severity
 from caris_desktop.domain.translation import tr
+from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import LiveRobotsStatus
 from caris_desktop.live.wizard_console import WizardConsole
@@ -49,6 +50,31 @@ def _meeting_place(folder: Path) -> Path:
     return folder
 
 
+def _own_place(folder: Path) -> Path | None:
+    """Where this console listens; None where it cannot. Waits on files."""
+    try:
+        folder = _meeting_place(folder)
+        for left in folder.iterdir():
+            if left.name.isdecimal() and not psutil.pid_exists(int(left.name)):
+                left.unlink(missing_ok=True)  # of a console that was killed
+        own = folder / str(os.getpid())
+        own.unlink(missing_ok=True)
+    except OSError:
+        _log.exception("replays cannot stop this console's robot")
+        return None
+    return own
+
+
+def _found_consoles(folder: Path) -> list[Path]:
+    """Where consoles listen that run. Waits on files."""
+    try:
+        found = [path for path in _meeting_place(folder).iterdir() if path.name.isdecimal()]
+    except OSError:
+        _log.debug("no live console can be found", exc_info=True)
+        return []
+    return [path for path in found if psutil.pid_exists(int(path.name))]
+
+
 class LiveRobotHost(QObject):
     """Lets replays stop the robot of this console, and tells them of it."""
 
@@ -57,6 +83,7 @@ class LiveRobotHost(QObject):
         self._console = console
         self._folder = folder
         self._clients: list[_Lines] = []
+        self._ended = False
         self._server = QLocalServer(self)
         self._server.setSocketOptions(QLocalServer.SocketOption.UserAccessOption)
         self._server.newConnection.connect(self._on_new_connection)
@@ -66,20 +93,16 @@ class LiveRobotHost(QObject):
 
     def start(self) -> None:
         """A console that cannot listen runs all the same; replays then say that they found none."""
-        try:
-            folder = _meeting_place(self._folder)
-            for left in folder.iterdir():
-                if left.name.isdecimal() and not psutil.pid_exists(int(left.name)):
-                    left.unlink(missing_ok=True)  # of a console that was killed
-            own = folder / str(os.getpid())
-            own.unlink(missing_ok=True)
-        except OSError:
-            _log.exception("replays cannot stop this console's robot")
+        self._console.read_aside(lambda: _own_place(self._folder), self._listen)
+
+    def _listen(self, own: Path | None) -> None:
+        if own is None or self._ended:
             return
         if not self._server.listen(str(own)):
             _log.error("replays cannot stop this console's robot: %s", self._server.errorString())
 
     def shutdown(self) -> None:
+        self._ended = True
         self._server.close()
         for client in self._clients:
             client.close()
@@ -136,6 +159,8 @@ class LiveRobots(QObject):
         self._consoles: dict[str, _Lines] = {}
         self._present: dict[str, dict[str, Any]] = {}
         self._unconfirmed: dict[str, list[str]] = {}
+        self._slow_work = SlowWork(self)
+        self._looking = False
         self._look = QTimer(self, interval=_LOOK_EVERY_MS)
         self._look.timeout.connect(self._on_look)
         self._patience = QTimer(self, singleShot=True, interval=CONFIRMED_WITHIN_MS)
@@ -147,36 +172,53 @@ class LiveRobots(QObject):
 
     def shutdown(self) -> None:
         self._look.stop()
+        self._slow_work.finish(lambda _words, wait: wait())
         self._patience.stop()
         consoles, self._consoles = self._consoles, {}
         for console in consoles.values():
             console.close()
 
-    def stop(self) -> bool:
-        """False where no console runs."""
-        return self._ask("stop")
+    def stop(self, nobody: Callable[[], None] = lambda: None) -> None:
+        """``nobody`` is called where no console runs."""
+        self._ask("stop", nobody)
 
-    def emergency_stop(self) -> bool:
-        """False where no console runs."""
-        return self._ask("emergency_stop")
+    def emergency_stop(self, nobody: Callable[[], None] = lambda: None) -> None:
+        """As ``stop``."""
+        self._ask("emergency_stop", nobody)
 
-    def _ask(self, order: Order) -> bool:
-        self._on_look()  # one that has just been started
-        for name, console in self._consoles.items():
+    def _ask(self, order: Order, nobody: Callable[[], None]) -> None:
+        """Those that are known are asked at once, one that has just been started when it is found."""
+        asked = set(self._consoles)
+        self._send(order, asked)
+
+        def found(paths: list[Path]) -> None:
+            self._connect_new(paths)
+            self._send(order, set(self._consoles) - asked)
+            if not (asked or self._consoles):
+                nobody()
+
+        self._slow_work.do(lambda: _found_consoles(self._folder), found, lambda _failure: nobody())
+
+    def _send(self, order: Order, names: set[str]) -> None:
+        for name in names & self._consoles.keys():
             self._unconfirmed.setdefault(name, []).append(order)
-            console.send({"do": order})
-        if self._consoles:
+            self._consoles[name].send({"do": order})
             self._patience.start()
-        return bool(self._consoles)
 
     def _on_look(self) -> None:
-        try:
-            found = [path for path in _meeting_place(self._folder).iterdir() if path.name.isdecimal()]
-        except OSError:
-            _log.debug("no live console can be found", exc_info=True)
-            return
-        for path in found:
-            if path.name not in self._consoles and psutil.pid_exists(int(path.name)):
+        if self._looking:
+            return  # a disk that does not answer is asked once
+        self._looking = True
+
+        def found(paths: list[Path]) -> None:
+            self._looking = False
+            self._connect_new(paths)
+
+        self._slow_work.do(lambda: _found_consoles(self._folder), found, lambda _failure: None)
+
+    def _connect_new(self, paths: list[Path]) -> None:
+        for path in paths:
+            if path.name not in self._consoles:
                 self._connect(path)
 
     def _connect(self, path: Path) -> None:

@@ -317,13 +317,18 @@ class ReplayConsole(QObject):
             self._live.stop()
 
     def _emergency_stop(self) -> None:
-        if self._live is None or not self._live.emergency_stop():
-            self._tell(
-                "info",
-                tr("There is no live robot to stop."),
-                tr("This is a replay, and no console of yours runs here."),
-                "",
-            )
+        if self._live is None:
+            self._tell_nobody()
+        else:
+            self._live.emergency_stop(self._tell_nobody)
+
+    def _tell_nobody(self) -> None:
+        self._tell(
+            "info",
+            tr("There is no live robot to stop."),
+            tr("This is a replay, and no console of yours runs here."),
+            "",
+        )
 
     def robots(self) -> Sequence[RobotChoice]:
         return ()

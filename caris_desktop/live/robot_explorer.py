@@ -19,6 +19,7 @@ from caris_desktop.robot.profile import (
     RobotProfile,
     SecuritySettings,
     list_profiles,
+    load_profile,
     profile_file_name,
     save_profile,
     user_robots_dir,
@@ -92,6 +93,9 @@ class LiveRobotExplorer(QObject):
     def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | ToldFailure], None]) -> None:
         self._run(self._begin(), asyncio.to_thread(_save, profile, title), done)
 
+    def read(self, name: str, *, done: Callable[[RobotProfile | ToldFailure], None]) -> None:
+        self._run(self._begin(), asyncio.to_thread(_read, name), done)
+
     def cancel(self) -> None:
         self._begin()
 
@@ -122,6 +126,15 @@ class LiveRobotExplorer(QObject):
     def _on_answered(self, number: int, callback: Callable[[Any], None], argument: object) -> None:
         if number == self._number:
             callback(argument)
+
+
+def _read(name: str) -> RobotProfile:
+    try:
+        return load_profile(name)
+    except ProfileError as error:
+        raise ToldFailure(
+            tr("The profile cannot be used."), f"{error}", tr("Choose another, or what was found here.")
+        ) from error
 
 
 def _save(profile: RobotProfile, title: str) -> RobotChoice:

@@ -5,6 +5,7 @@ GUI thread, except where a method says otherwise.
 
 from __future__ import annotations
 
+import itertools
 import logging
 import os
 import subprocess
@@ -14,14 +15,17 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.events import Severity
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import ExportStatus, LibraryStatus
 from caris_desktop.recording.studies.query import SessionQuery
@@ -85,6 +89,7 @@ class LiveSessionLibrary(QObject):
         self._exporter: ChildProcess | None = None
         self._out = Path()
         self._tidying: list[threading.Thread] = []
+        self._slow_work = SlowWork(self)
         self._replays: list[_Replay] = []
         self._replay_watch = QTimer(self)
         self._replay_watch.setInterval(_LOOK_AFTER_REPLAYS_MS)
@@ -93,6 +98,7 @@ class LiveSessionLibrary(QObject):
     def shutdown(self) -> None:
         """End the search and a running export; replays stay open. Blocks a few seconds at most."""
         until_s = time.monotonic() + _END_WITHIN_S
+        self._slow_work.finish(lambda _words, wait: wait())
         self._replay_watch.stop()
         for replay in self._replays:
             replay.words.close()
@@ -158,21 +164,15 @@ class LiveSessionLibrary(QObject):
         command = [*self._program, "replay", str(folder), *self._replay_options]
         if at_ns is not None:
             command.append(f"--at-ns={at_ns}")
-        try:
-            words = tempfile.TemporaryFile()  # noqa: SIM115 - open for as long as the replay
-            try:
-                process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=words, start_new_session=True)
-            except OSError:
-                words.close()
-                raise
-        except OSError as error:
-            _log.exception("the replay of %s", folder)
-            self._problem(
-                "error", tr("The replay did not open."), f"{error.strerror}.", tr("Try again, or from a terminal.")
-            )
-            return
-        self._replays.append(_Replay(folder, process, words))
-        self._replay_watch.start()
+
+        def begun(replay: _Replay) -> None:
+            self._replays.append(replay)
+            self._replay_watch.start()
+
+        self._slow_work.do(lambda: _begun_replay(folder, command), begun, self._tell)
+
+    def _tell(self, failure: ToldFailure) -> None:
+        self._problem(failure.severity, failure.what, failure.meaning, failure.advice)
 
     def _look_after_replays(self) -> None:
         ended = [replay for replay in self._replays if replay.process.poll() is not None]
@@ -180,27 +180,33 @@ class LiveSessionLibrary(QObject):
         if not self._replays:
             self._replay_watch.stop()
         for replay in ended:
-            with replay.words:
-                if replay.process.returncode == 0:
-                    continue
-                last_words = _last_words(replay.words)
-            _log.error("the replay of %s ended with %s: %s", replay.folder, replay.process.returncode, last_words)
-            self._problem(
-                "error",
-                tr("The replay of {name} has ended.").format(name=replay.folder.name),
-                last_words[-1][:_LAST_LINE_CHARACTERS] if last_words else tr("It did not say why; the log may tell."),
-                tr("The session that runs here is not touched by it."),
-            )
+            self._slow_work.do(partial(_last_words, replay), partial(self._on_replay_ended, replay), self._tell)
+
+    def _on_replay_ended(self, replay: _Replay, last_words: Sequence[str]) -> None:
+        if replay.process.returncode == 0:
+            return
+        _log.error("the replay of %s ended with %s: %s", replay.folder, replay.process.returncode, last_words)
+        self._problem(
+            "error",
+            tr("The replay of {name} has ended.").format(name=replay.folder.name),
+            last_words[-1][:_LAST_LINE_CHARACTERS] if last_words else tr("It did not say why; the log may tell."),
+            tr("The session that runs here is not touched by it."),
+        )
 
     # Exporting
 
-    def default_export_folder(self, sessions: Sequence[Path]) -> Path:
+    def look_for_export_folder(
+        self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
+    ) -> None:
         name = sessions[0].name if len(sessions) == 1 else f"{self._study.name} {len(sessions)} sessions"
-        folder = self._study / "exports" / name
-        number = 2
-        while folder.exists():
-            folder, number = folder.with_name(f"{name}-{number}"), number + 1
-        return folder
+        usual = self._study / "exports" / name
+
+        def look() -> Path:
+            if chosen is None:
+                return _not_yet_there(usual)
+            return _not_yet_there(chosen / name) if _holds_something(chosen) else chosen
+
+        self._slow_work.do(look, told, self._tell)
 
     def start_export(
         self,
@@ -284,12 +290,43 @@ def _end_and_tidy(exporter: ChildProcess, out: Path) -> None:
         _log.warning("what the export left behind in %s stays", out, exc_info=True)
 
 
-def _last_words(words: IO[bytes]) -> list[str]:
-    """The last lines of what a program wrote for a terminal; empty where it wrote nothing."""
-    words.seek(0, os.SEEK_END)
-    words.seek(max(0, words.tell() - _LAST_WORDS_BYTES))
-    lines = words.read(_LAST_WORDS_BYTES).decode("utf-8", "replace").splitlines()
+def _begun_replay(folder: Path, command: Sequence[str]) -> _Replay:
+    """Raises ToldFailure."""
+    try:
+        words = tempfile.TemporaryFile()  # noqa: SIM115 - open for as long as the replay
+        try:
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=words, start_new_session=True)
+        except OSError:
+            words.close()
+            raise
+    except OSError as error:
+        _log.exception("the replay of %s", folder)
+        raise ToldFailure(
+            tr("The replay did not open."), f"{error.strerror}.", tr("Try again, or from a terminal.")
+        ) from error
+    return _Replay(folder, process, words)
+
+
+def _last_words(replay: _Replay) -> list[str]:
+    """The last lines of what it wrote for a terminal; empty where it wrote nothing."""
+    with replay.words as words:
+        words.seek(0, os.SEEK_END)
+        words.seek(max(0, words.tell() - _LAST_WORDS_BYTES))
+        lines = words.read(_LAST_WORDS_BYTES).decode("utf-8", "replace").splitlines()
     return [line.strip() for line in lines if line.strip()]
+
+
+def _holds_something(folder: Path) -> bool:
+    try:
+        return any(folder.iterdir())
+    except OSError:
+        return False  # the export itself tells why it cannot be used
+
+
+def _not_yet_there(folder: Path) -> Path:
+    """The folder, or one beside it with a number where it is there: what was exported is never overwritten."""
+    numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
+    return next(path for path in itertools.chain((folder,), numbered) if not path.exists())
 
 
 def _look(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryStatus:

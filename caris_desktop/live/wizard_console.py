@@ -176,7 +176,12 @@ class SessionLibrary(Protocol):
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         """Open the replay of a session in a window of its own."""
 
-    def default_export_folder(self, sessions: Sequence[Path]) -> Path: ...
+    def look_for_export_folder(
+        self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
+    ) -> None:
+        """Find a folder for them that is not there yet; ``told`` gets it later. ``chosen`` is where the wizard wants
+        them: that itself, where it holds nothing, else one of their own inside.
+        """
 
     def start_export(
         self,

@@ -1,9 +1,9 @@
 """Writes sessions in the formats that researchers use: which, where to, under which licence, and how far it is."""
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
+import shiboken6
 from PySide6.QtCore import QSize, Qt, QUrl, Signal
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QPainter, QPaintEvent, QShowEvent
 from PySide6.QtWidgets import (
@@ -134,8 +134,15 @@ class ExportDialog(TabAsRead, QWidget):
         self._which.setToolTip("\n".join(names[:40]))
         self._show_state()
 
-    def _propose_folder(self) -> None:
-        self._folder.setText(str(_not_yet_there(self._library.default_export_folder(self._sessions))))
+    def _propose_folder(self, chosen: Path | None = None) -> None:
+        """What is typed before the disk tells is meant, and stays."""
+        sessions, before = self._sessions, self._folder.text()
+
+        def told(folder: Path) -> None:
+            if shiboken6.isValid(self) and (sessions, before) == (self._sessions, self._folder.text()):
+                self._folder.setText(str(folder))
+
+        self._library.look_for_export_folder(sessions, told, chosen=chosen)
 
     @property
     def formats(self) -> tuple[str, ...]:
@@ -243,14 +250,7 @@ class ExportDialog(TabAsRead, QWidget):
 
     def _on_folder_chosen(self, text: str) -> None:
         """A folder that holds something already gets one of our own inside: nothing is ever mixed or overwritten."""
-        folder = Path(text)
-        try:
-            filled = any(folder.iterdir())
-        except OSError:
-            filled = False  # the export itself tells why it cannot be used
-        if filled:
-            folder = _not_yet_there(folder / self._library.default_export_folder(self._sessions).name)
-        self._folder.setText(str(folder))
+        self._propose_folder(Path(text))
 
     def _on_start(self) -> None:
         out = Path(self._folder.text().strip()).expanduser()
@@ -343,12 +343,6 @@ class ExportDialog(TabAsRead, QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         QPainter(self).fillRect(self.rect(), self._theme.color("panel"))
-
-
-def _not_yet_there(folder: Path) -> Path:
-    """The folder, or one beside it with a number where it is there: what was exported is never overwritten."""
-    numbered = (folder.with_name(f"{folder.name} ({number})") for number in itertools.count(2))
-    return next(path for path in itertools.chain((folder,), numbered) if not path.exists())
 
 
 class _Description(QLabel):

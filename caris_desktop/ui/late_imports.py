@@ -7,7 +7,6 @@ from functools import partial
 
 from PySide6.QtCore import QObject, QTimer
 
-from caris_desktop.scenario.library import scenario_files, title_of
 from caris_desktop.ui.panel_table import PANELS
 
 BEGIN_AFTER_MS = 3000
@@ -37,8 +36,17 @@ MODULES: tuple[str, ...] = (
 class LateImports(QObject):
     """``busy`` says whether a stall would be felt now: a window's thread that hangs ends direct driving."""
 
-    def __init__(self, busy: Callable[[], bool], parent: QObject, modules: Sequence[str] = MODULES) -> None:
+    def __init__(
+        self,
+        busy: Callable[[], bool],
+        parent: QObject,
+        modules: Sequence[str] = MODULES,
+        *,
+        first: Sequence[Callable[[], object]] = (),
+    ) -> None:
+        """``first`` are called before anything is imported: they have read what menus will show."""
         super().__init__(parent)
+        self._first = tuple(first)
         self._busy = busy
         self._modules = tuple(modules)
         self._left: deque[Callable[[], object]] = deque()
@@ -48,9 +56,9 @@ class LateImports(QObject):
         self._begin.timeout.connect(self._next.start)
 
     def begin(self) -> None:
-        """The window stands; once it has settled the rest is imported, and then the titles of scenarios are read."""
+        """The window stands; once it has settled the rest is imported."""
         imports = (partial(importlib.import_module, module) for module in self._modules)
-        self._left = deque((*imports, *(partial(title_of, path) for path in scenario_files())))
+        self._left = deque((*self._first, *imports))
         self._begin.start()
 
     def end(self) -> None:

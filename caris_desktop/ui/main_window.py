@@ -51,6 +51,7 @@ from caris_desktop.ui.practice.practice_strip import PracticeStrip
 from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
 from caris_desktop.ui.problems import ProblemCards, ProblemLine
 from caris_desktop.ui.protocol_strip import ProtocolStrip
+from caris_desktop.ui.read_aside import Remembered
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.same_panels import same_panels
 from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
@@ -163,11 +164,12 @@ class MainWindow(TabAsRead, QWidget):
         self.faces = FaceWindows(self.theme, console, self)
         self.observers = ObserverWindows(self.theme, console, self.hold, self)
         self.editor = ScenarioEditorWindow(self.theme, console, self)
+        self._scenarios = Remembered(console, scenarios, self)
         overlays = (self._palette_overlay, self._sheet, self._connection, self._preflight, self._alarms)
         self.closing = Closing(self, console, self._question, self._problems, overlays)
         parts = WindowParts(
             console, self.theme, self.actions_table, self.board, self.layout_keeper, self.sessions, self.robots,
-            self.gamepad, self.editor, self.wizards, scenarios, self._open_scenario, self.appearance,
+            self.gamepad, self.editor, self.wizards, self._scenarios, self._open_scenario, self.appearance,
             self.practice.begin, ScenarioFiles(console, self, self.theme), self.observers,
         )  # fmt: skip
         self.menus = WindowMenus(parts, self._top_bar, self.show_shortcuts, self)
@@ -183,7 +185,8 @@ class MainWindow(TabAsRead, QWidget):
         ActionConditions(self.actions_table, console.state)
         self.show_scenario(console.scenario)
         app.installEventFilter(self.hold)
-        self._late = LateImports(lambda: self.hold.motion.moving, self)
+        menus_show = self._scenarios.renew, self.robots.choices.renew
+        self._late = LateImports(lambda: self.hold.motion.moving, self, first=menus_show)
         self._place = WindowPlace(self, settings)
         self._place.restore()
 
@@ -212,7 +215,8 @@ class MainWindow(TabAsRead, QWidget):
         top_bar.scenario_menu_requested.connect(self.menus.open_scenario_menu)
         top_bar.window_menu_requested.connect(self.menus.open_window_menu)
         self.sessions.begun.connect(top_bar.show_details)
-        self.sessions.recent_changed.connect(self._renew_palette)
+        for known in (self.sessions.recent_changed, self._scenarios.changed, self.robots.choices.changed):
+            known.connect(self._renew_palette)
         self._status_bar.connection_clicked.connect(self._connection.open)
         self._connection.diagnostics_requested.connect(self._open_diagnostics)
         self._alarms.log_wanted.connect(self._open_log)

@@ -1,6 +1,6 @@
 """Which robot to connect to: asks first where another one ends something, and looks for robots without a profile."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
@@ -14,6 +14,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.live.wizard_console import RobotChoice, WizardConsole
 from caris_desktop.ui.bands import QuestionBand
+from caris_desktop.ui.read_aside import Remembered
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.words import UNDER_WAY, shortened
 
@@ -45,6 +46,10 @@ class RobotChooser(QObject):
         self._window = window
         self._explorer: RobotExplorer | None = None
         self._dialog: RobotDialog | None = None
+        self.choices = Remembered(console, self._read, self)
+
+    def _read(self) -> Sequence[RobotChoice]:
+        return self._console.robots()
 
     @property
     def can_look(self) -> bool:
@@ -76,14 +81,14 @@ class RobotChooser(QObject):
 
     def others(self) -> list[RobotChoice]:
         """The robots that can be connected to instead of the present one."""
-        return [choice for choice in self._console.robots() if not self._is_current(choice) and not choice.problem]
+        return [choice for choice in self.choices.now() if not self._is_current(choice) and not choice.problem]
 
     def fill_menu(self, menu: QMenu) -> None:
         """A line for each robot, and one to look for others."""
         menu.clear()
         menu.setToolTipsVisible(True)
         group = QActionGroup(menu)
-        for choice in self._console.robots():
+        for choice in self.choices.now():
             action = menu.addAction(
                 tr("{robot} · cannot be used").format(robot=choice.title) if choice.problem else choice.title
             )

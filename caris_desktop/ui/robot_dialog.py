@@ -25,7 +25,7 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.profile import ProfileError, RobotProfile, SecuritySettings, check_address, load_profile
+from caris_desktop.robot.profile import ProfileError, RobotProfile, SecuritySettings, check_address
 from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
 from caris_desktop.ui import tokens
 from caris_desktop.ui.robot_rows import MappingRow, NoteLine
@@ -70,6 +70,9 @@ class RobotExplorer(Protocol):
 
     def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | ToldFailure], None]) -> None:
         """Keep the profile among the wizard's own under ``title``; an existing one is never overwritten."""
+
+    def read(self, name: str, *, done: Callable[[RobotProfile | ToldFailure], None]) -> None:
+        """Read the profile of that name."""
 
     def cancel(self) -> None: ...
 
@@ -308,9 +311,9 @@ class RobotDialog(TabAsRead, QDialog):
 
     def check(self) -> None:
         """Listen to everything that the mapping names."""
-        profile = self._profile()
-        if self._busy or profile is None:
-            return
+        self._with_profile(self._check_it)
+
+    def _check_it(self, profile: RobotProfile) -> None:
         for row in self._rows.values():
             row.show_check(None)
         self._drop_extra_rows()
@@ -318,12 +321,12 @@ class RobotDialog(TabAsRead, QDialog):
         self._explorer.check(profile, progress=self._on_checked, done=self._on_check_done)
 
     def save(self) -> None:
-        title = self._title()
-        profile = self._profile()
-        if self._busy or profile is None or not title:
-            return
+        if self._title():
+            self._with_profile(self._save_it)
+
+    def _save_it(self, profile: RobotProfile) -> None:
         self._set_busy(tr("Saving"))
-        self._explorer.save(profile, title, done=self._on_saved)
+        self._explorer.save(profile, self._title(), done=self._on_saved)
 
     def row(self, field: str) -> "MappingRow | None":
         return self._rows.get(field)
@@ -338,23 +341,28 @@ class RobotDialog(TabAsRead, QDialog):
     def _security_settings(self) -> SecuritySettings:
         return SecuritySettings(self._certificates.text().strip() or None, self._secret.text().strip() or None)
 
-    def _profile(self) -> RobotProfile | None:
-        """The profile as chosen now; None before anything was found."""
-        if self._found is None:
-            return None
-        title, address = self._title() or tr("Robot"), self._found.address
+    def _with_profile(self, use: Callable[[RobotProfile], None]) -> None:
+        """Have ``use`` called with the profile as chosen now, once anything was found; that of another robot is read
+        before.
+        """
+        if self._busy or self._found is None:
+            return
+        title, address, security = self._title() or tr("Robot"), self._found.address, self._security_settings()
         known = self.start_from.currentData()
-        if known:
-            try:
-                profile = load_profile(known)
-            except ProfileError as error:
-                self._note.show_note("red", "warning-octagon", str(error))
-                return None
-            return replace(profile, title=title, address=address, security=self._security_settings())
-        chosen = {field: row.value for field, row in self._rows.items() if row.proposal is not None}
-        return profile_of(
-            self._found.offer, chosen, name="new", title=title, address=address, security=self._security_settings()
-        )
+        if not known:
+            chosen = {field: row.value for field, row in self._rows.items() if row.proposal is not None}
+            use(profile_of(self._found.offer, chosen, name="new", title=title, address=address, security=security))
+            return
+
+        def read(profile: RobotProfile | ToldFailure) -> None:
+            self._set_busy("")
+            if isinstance(profile, ToldFailure):
+                self._show_failure(profile)
+            else:
+                use(replace(profile, title=title, address=address, security=security))
+
+        self._set_busy(tr("Reading its profile"))
+        self._explorer.read(known, done=read)
 
     # ---- what the explorer tells
 

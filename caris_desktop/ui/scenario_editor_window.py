@@ -1,20 +1,23 @@
 """Opens the window in which the scenario is edited, and asks before what was changed in it goes."""
 
+import logging
+from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QWidget
 
-from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.file import scenario_data
-from caris_desktop.scenario.library import own_file
+from caris_desktop.ui.read_aside import read_for
 from caris_desktop.ui.session_windows import bring_up
 from caris_desktop.ui.theme import Theme
 
 if TYPE_CHECKING:  # imported when it is first opened
     from caris_desktop.ui.scenario_editor.window import Opened, ScenarioEditor
+
+_log = logging.getLogger(__name__)
 
 
 class ScenarioEditorWindow(QObject):
@@ -26,6 +29,7 @@ class ScenarioEditorWindow(QObject):
         self._console = console
         self._window = window
         self._editor: ScenarioEditor | None = None
+        self._opening = False
 
     @property
     def editor(self) -> "ScenarioEditor | None":
@@ -33,33 +37,31 @@ class ScenarioEditorWindow(QObject):
 
     def open(self) -> None:
         """Edit the scenario in force. An editor that is open already comes to the front with what is in it."""
+        # Here rather than in the thread that reads: modules with widgets are imported in the GUI thread.
+        from caris_desktop.ui.scenario_editor.window import opened_as_form
+
+        if self._editor is not None:
+            bring_up(self._editor)
+        elif not self._opening:
+            self._opening = True
+            read_for(self, self._console, partial(opened_as_form, self._console.scenario), self._show, self._on_failed)
+
+    def _show(self, found: "tuple[Opened, str]") -> None:
         from caris_desktop.ui.scenario_editor.window import ScenarioEditor
 
-        if self._editor is None:
-            opened, problem = self._opened()
-            self._editor = ScenarioEditor(self._theme, self._console, opened, self._window)
-            self._editor.closed.connect(self._on_closed)
-            if problem:
-                self._editor.tell_not_read(problem)
+        if not self._opening:
+            return  # the window closes
+        self._opening = False
+        opened, problem = found
+        self._editor = ScenarioEditor(self._theme, self._console, opened, self._window)
+        self._editor.closed.connect(self._on_closed)
+        if problem:
+            self._editor.tell_not_read(problem)
         bring_up(self._editor)
 
-    def _opened(self) -> "tuple[Opened, str]":
-        """The file of the scenario in force; where that cannot be read, what is in force, and why."""
-        from caris_desktop.ui.scenario_editor.window import Opened, opened_file, shows_as_form
-
-        scenario = self._console.scenario
-        problem, sha256 = "", ""
-        if scenario.path is not None:
-            try:
-                opened = opened_file(scenario.path)
-                sha256 = opened.sha256
-                shows_as_form(opened)
-            except (OSError, ValueError) as error:
-                problem = str(error)
-            else:
-                return opened, ""
-        path = scenario.path if scenario.path is not None else own_file(None)
-        return Opened(path, yaml_text(scenario_data(scenario)), sha256), problem
+    def _on_failed(self, failure: ToldFailure) -> None:
+        self._opening = False
+        _log.error("the scenario does not open for editing: %s", failure)
 
     def asks_first(self, event: QCloseEvent) -> bool:
         """Whether a person closes the main window, and is now asked about what was changed here and not saved."""
@@ -70,6 +72,7 @@ class ScenarioEditorWindow(QObject):
         return True
 
     def close(self) -> None:
+        self._opening = False
         if self._editor is not None:
             self._editor.close()
 

@@ -32,23 +32,35 @@ class WindowMenus:
         self._scenario_menu = as_menu(parts.theme, window, "scenario_menu")
         self._window_menu = as_menu(parts.theme, window, "window_menu")
         self._robot_menu = as_menu(parts.theme, window, "robot_menu")
+        parts.scenarios.changed.connect(self._on_files_read)
+        parts.robots.choices.changed.connect(self._on_files_read)
 
     def open_scenario_menu(self) -> None:
+        self._fill_scenario_menu()
+        self._top_bar.popup_below(self._scenario_menu, self._top_bar.scenario_button)
+
+    def _fill_scenario_menu(self) -> None:
         menu, parts = self._scenario_menu, self._parts
         menu.clear()
         group = QActionGroup(menu)
         current = parts.console.scenario
-        for choice in parts.scenarios():
+        for choice in parts.scenarios.now():
             action = menu.addAction(choice.title)
             action.setCheckable(True)
-            action.setChecked(current.path is not None and choice.path.resolve() == current.path.resolve())
+            action.setChecked(current.path is not None and choice.path.absolute() == current.path.absolute())
             action.setActionGroup(group)
             action.triggered.connect(self._scenario_opener(choice.path))
         menu.addSeparator()
         menu.addAction(tr("Edit this scenario…")).triggered.connect(parts.editor.open)
         menu.addAction(tr("Import a scenario…")).triggered.connect(parts.scenario_files.choose_import)
         menu.addAction(tr("Write this scenario as one file…")).triggered.connect(parts.scenario_files.choose_share)
-        self._top_bar.popup_below(menu, self._top_bar.scenario_button)
+
+    def _on_files_read(self) -> None:
+        """What is on show is filled anew where the disk has told of something else meanwhile."""
+        if self._scenario_menu.isVisible():
+            self._fill_scenario_menu()
+        if self._robot_menu.isVisible():
+            self._parts.robots.fill_menu(self._robot_menu)
 
     def open_window_menu(self) -> None:
         menu, parts = self._window_menu, self._parts

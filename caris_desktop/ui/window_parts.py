@@ -1,18 +1,18 @@
 """What the menus of the window and its palette offer, part by part."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.appearance import Appearance
 from caris_desktop.ui.gamepad_window import GamepadWindow
 from caris_desktop.ui.layout_keeper import LayoutKeeper
 from caris_desktop.ui.observer.observer_window import ObserverWindows
 from caris_desktop.ui.panel_board import PanelBoard
+from caris_desktop.ui.read_aside import Remembered
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
 from caris_desktop.ui.scenario_files import ScenarioFiles
@@ -29,8 +29,6 @@ THEME_WORDS: dict[ThemeChoice, str] = {
 
 @dataclass(frozen=True, slots=True)
 class WindowParts:
-    """``scenarios`` gives what there is to choose from each time it is asked."""
-
     console: WizardConsole
     theme: Theme
     actions: Actions
@@ -41,7 +39,7 @@ class WindowParts:
     gamepad: GamepadWindow
     editor: ScenarioEditorWindow
     wizards: WizardProfiles
-    scenarios: Callable[[], Sequence[ScenarioChoice]]
+    scenarios: Remembered  # of ScenarioChoice
     open_scenario: Callable[[Path], None]
     appearance: Appearance
     practise: Callable[[], None]

@@ -64,10 +64,12 @@ def replay(qtbot: QtBot, folder: Path) -> Iterator[Replay]:
     replay.robots.shutdown()
 
 
-def test_without_a_console_there_is_nothing_to_stop(replay: Replay) -> None:
+def test_without_a_console_there_is_nothing_to_stop(qtbot: QtBot, replay: Replay) -> None:
     assert replay.status == LiveRobotsStatus()
-    assert not replay.robots.stop()
-    assert not replay.robots.emergency_stop()
+    nobody: list[str] = []
+    replay.robots.stop(lambda: nobody.append("stop"))
+    replay.robots.emergency_stop(lambda: nobody.append("emergency stop"))
+    qtbot.waitUntil(lambda: nobody == ["stop", "emergency stop"])
     assert replay.told == []
 
 
@@ -75,9 +77,9 @@ def test_a_replay_knows_whose_robot_it_stops(
     qtbot: QtBot, host: LiveRobotHost, replay: Replay, console: FakeConsole
 ) -> None:
     qtbot.waitUntil(lambda: replay.status == LiveRobotsStatus(("Simulated robot",)))
-    assert replay.robots.stop()
+    replay.robots.stop(pytest.fail)
     qtbot.waitUntil(lambda: console.calls == [("stop", None)])
-    assert replay.robots.emergency_stop()
+    replay.robots.emergency_stop(pytest.fail)
     qtbot.waitUntil(lambda: console.calls[1:] == [("emergency_stop", None)])
     qtbot.waitUntil(lambda: replay.status == LiveRobotsStatus(("Simulated robot",), emergency_stop=True))
     qtbot.waitUntil(lambda: not replay.robots._patience.isActive())
@@ -95,7 +97,9 @@ def test_a_console_that_starts_later_is_found_and_one_that_ends_is_gone(
     host.shutdown()
     qtbot.waitUntil(lambda: replay.status.robots == ())
     assert list(folder.iterdir()) == [], "the socket goes with the console"
-    assert not replay.robots.stop()
+    nobody: list[bool] = []
+    replay.robots.stop(lambda: nobody.append(True))
+    qtbot.waitUntil(lambda: nobody == [True])
 
 
 def test_it_is_told_where_the_robot_is_out_of_reach(
@@ -131,7 +135,7 @@ def test_a_console_that_does_not_answer_or_is_killed_is_told(
         assert silent.stdout is not None
         assert silent.stdout.readline() == b"listens\n"
         qtbot.waitUntil(lambda: replay.status.robots == ("Lab robot",))
-        assert replay.robots.stop()
+        replay.robots.stop(pytest.fail)
         qtbot.waitUntil(lambda: bool(replay.told))
         assert replay.told[0].startswith("error: The live console does not answer. Lab robot may not have been stopped")
         replay.robots._patience.setInterval(60_000)

@@ -52,6 +52,7 @@ def test_a_replay_that_is_closed_is_no_news(make_library: Library, told: Told, q
     script = "import sys; print('a warning', file=sys.stderr)"
     library = make_library(program=(sys.executable, "-c", script))
     library.open_replay(Path("/study/one"), at_ns=5)
+    qtbot.waitUntil(library._replay_watch.isActive, timeout=10_000)
     qtbot.waitUntil(lambda: not library._replay_watch.isActive(), timeout=10_000)
     assert told == []
 
@@ -94,6 +95,36 @@ def test_what_a_cancelled_export_still_says_is_not_of_the_next(
     library._exporter_spoke.emit(first, export.ExportFinished((tmp_path,), ()))
     qtbot.wait(10)
     assert library.export.value.state == "running"
+
+
+def test_a_folder_for_an_export_is_one_that_is_not_there_yet(
+    make_library: Library, tmp_path: Path, qtbot: QtBot
+) -> None:
+    library, found = make_library(), list[Path]()
+    one = [tmp_path / "sessions" / "one"]
+    (tmp_path / "exports" / "one").mkdir(parents=True)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "full" / "one").mkdir(parents=True)
+    library.look_for_export_folder(one, found.append)
+    assert found == [], "the disk is not waited for"
+    library.look_for_export_folder(one, found.append, chosen=tmp_path / "empty")
+    library.look_for_export_folder(one, found.append, chosen=tmp_path / "full")
+    library.look_for_export_folder(one, found.append, chosen=tmp_path / "nowhere")
+    qtbot.waitUntil(lambda: len(found) == 4, timeout=10_000)
+    assert found == [
+        tmp_path / "exports" / "one-2",
+        tmp_path / "empty",
+        tmp_path / "full" / "one-2",
+        tmp_path / "nowhere",
+    ]
+
+
+@pytest.mark.logs("the replay of /study/one")
+def test_a_program_that_cannot_be_begun_is_told(make_library: Library, told: Told, qtbot: QtBot) -> None:
+    make_library(program=("/nowhere/caris-desktop",)).open_replay(Path("/study/one"))
+    assert told == [], "the disk is not waited for"
+    qtbot.waitUntil(lambda: bool(told), timeout=10_000)
+    assert told[0][:3] == ("error", "The replay did not open.", "No such file or directory.")
 
 
 @pytest.mark.logs("looking for sessions in")

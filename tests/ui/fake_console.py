@@ -759,8 +759,12 @@ class FakeLibrary:
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         self.calls.append(("open_replay", (folder, at_ns)))
 
-    def default_export_folder(self, sessions: Sequence[Path]) -> Path:
-        return Path("/exports") / (sessions[0].name if len(sessions) == 1 else "several")
+    def look_for_export_folder(
+        self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
+    ) -> None:
+        """At once, as from a disk that is quick."""
+        name = sessions[0].name if len(sessions) == 1 else "several"
+        told(Path("/exports") / name if chosen is None else chosen / name if any(chosen.iterdir()) else chosen)
 
     def start_export(
         self,

@@ -50,13 +50,12 @@ def test_they_wait_while_somebody_drives_and_come_one_at_a_time(
 def test_they_come_by_themselves_once_the_window_stands(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("caris_desktop.ui.late_imports.BEGIN_AFTER_MS", 0)
     monkeypatch.setattr("caris_desktop.ui.late_imports.EVERY_MS", 0)
-    read: list[Path] = []
-    monkeypatch.setattr("caris_desktop.ui.late_imports.scenario_files", lambda: (Path("a.yaml"),))
-    monkeypatch.setattr("caris_desktop.ui.late_imports.title_of", read.append)
+    read: list[str] = []
     asked, window = [], QObject()
-    late = LateImports(lambda: bool(asked.append(True)), window, ("json", "math"))
+    first = (lambda: read.append("scenarios"),)
+    late = LateImports(lambda: bool(asked.append(True)), window, ("json", "math"), first=first)
     late.begin()
     qtbot.waitUntil(lambda: len(asked) == 3)
     qtbot.wait(20)
     assert len(asked) == 3, "it ends with the last one"
-    assert read == [Path("a.yaml")], "what the palette shows of a scenario is known before it opens"
+    assert read == ["scenarios"], "what the palette shows of a scenario is known before it opens"

@@ -12,7 +12,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.explore import Exploration, Resemblance, StreamCheck
-from caris_desktop.robot.profile import RobotProfile, SecuritySettings
+from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile
 from caris_desktop.robot.proposal import Offer, propose
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ui.main_window import MainWindow
@@ -54,6 +54,10 @@ class MemoryExplorer:
 
     def save(self, profile: RobotProfile, title: str, *, done: Any) -> None:
         self.asked.append(("save", (profile, title)))
+        self.done = done
+
+    def read(self, name: str, *, done: Any) -> None:
+        self.asked.append(("read", name))
         self.done = done
 
     def cancel(self) -> None:
@@ -159,8 +163,14 @@ def test_a_known_robot_gives_its_whole_profile_for_this_address(
     dialog.start_from.setFocus()
     QTest.keyClick(dialog.start_from, Qt.Key.Key_Down)
     click(qtbot, find(dialog, "robot_check"))
-    profile = explorer.asked[-1][1]
-    assert (profile.address, profile.velocity.topic) == (ADDRESS, "/cmd_vel")
+    assert explorer.asked[-1] == ("read", "generic-ros1")
+    explorer.done(ToldFailure("The profile cannot be used.", "Line 3.", "Choose another."))
+    assert "Line 3." in dialog.note_text
+    click(qtbot, find(dialog, "robot_check"))
+    assert dialog.note_text == "Reading its profile…", "the disk has not told yet"
+    explorer.done(load_profile("generic-ros1"))
+    name, profile = explorer.asked[-1]
+    assert (name, profile.address, profile.velocity.topic) == ("check", ADDRESS, "/cmd_vel")
     explorer.progress(StreamCheck("scan", "LIDAR", "/scan", "good", 10.0, 0.05, ""))
     row = dialog.row("scan")
     assert row is not None

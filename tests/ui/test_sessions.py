@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -544,15 +544,30 @@ def test_names_leave_the_study_only_where_that_is_chosen(
 
 
 def test_another_export_goes_beside_the_first(dialog: ExportDialog, library: FakeLibrary, tmp_path: Path) -> None:
-    library.default_export_folder = lambda _sessions: tmp_path / "s1"  # type: ignore[method-assign]
+    asked: list[Callable[[Path], None]] = []
+    library.look_for_export_folder = lambda _sessions, told, **_chosen: asked.append(told)  # type: ignore[method-assign]
     dialog.show_sessions([SESSIONS[0].folder])
     folder = find(dialog, "export_folder")
+    asked.pop()(tmp_path / "s1")
     assert folder.property("text") == str(tmp_path / "s1")
     QTest.mouseClick(find(dialog, "export_start"), Qt.MouseButton.LeftButton)
     (tmp_path / "s1").mkdir()
     library.export.set(ExportStatus("done", 1.0, "", (tmp_path / "s1",)))
-    assert folder.property("text") == str(tmp_path / "s1 (2)")
+    asked.pop()(tmp_path / "s1-2")
+    assert folder.property("text") == str(tmp_path / "s1-2")
     assert find(dialog, "export_what").property("text") == f"Done: 1 export in {tmp_path / 's1'}."
+
+
+def test_a_folder_that_is_typed_before_the_disk_tells_stays(dialog: ExportDialog, library: FakeLibrary) -> None:
+    asked: list[Callable[[Path], None]] = []
+    library.look_for_export_folder = lambda _sessions, told, **_chosen: asked.append(told)  # type: ignore[method-assign]
+    dialog.show_sessions([SESSIONS[0].folder])
+    folder = find(dialog, "export_folder")
+    assert isinstance(folder, QLineEdit)
+    folder.selectAll()
+    QTest.keyClicks(folder, "/mine")
+    asked.pop()(Path("/exports/s1"))
+    assert folder.text() == "/mine"
 
 
 def test_a_folder_is_chosen_without_a_system_dialog(qtbot: QtBot, dialog: ExportDialog, tmp_path: Path) -> None:

@@ -97,9 +97,24 @@ class RobotPage(StepPage):
 
     def build(self) -> None:
         self.add_check("robot")
-        flow = FlowRow()
+        self._flow = FlowRow()
         self._buttons: dict[str, ActionButton] = {}
-        for choice in self.console.robots():
+        self._robots.choices.changed.connect(self._add_robots)
+        self._add_robots()
+        self.console.state.robot.changed.connect(self._show_present)
+        self.column.addWidget(self._flow)
+        if self._robots.can_look:
+            other = ActionButton(self.theme, tr("Another robot…"), icon="magnifying-glass")
+            other.setObjectName("first_use_another_robot")
+            other.setToolTip(tr("Look at a robot by its address, and see live what comes from it"))
+            other.clicked.connect(self._robots.open_dialog)
+            self.column.addWidget(other)
+
+    def _add_robots(self) -> None:
+        """Those that are not there yet: the disk may tell of them later."""
+        for choice in self._robots.choices.now():
+            if choice.name in self._buttons:
+                continue
             button = self._buttons[choice.name] = ActionButton(self.theme, choice.title, icon="robot", may_shrink=True)
             button.setCheckable(True)  # the present one looks pressed
             button.setObjectName(f"first_use_robot_{choice.name}")
@@ -107,16 +122,8 @@ class RobotPage(StepPage):
             button.setToolTip(choice.problem or choice.address)
             button.clicked.connect(self._robots.chooser(choice))
             button.clicked.connect(self._show_present)
-            flow.add(button)
-        self.console.state.robot.changed.connect(self._show_present)
+            self._flow.add(button)
         self._show_present()
-        self.column.addWidget(flow)
-        if self._robots.can_look:
-            other = ActionButton(self.theme, tr("Another robot…"), icon="magnifying-glass")
-            other.setObjectName("first_use_another_robot")
-            other.setToolTip(tr("Look at a robot by its address, and see live what comes from it"))
-            other.clicked.connect(self._robots.open_dialog)
-            self.column.addWidget(other)
 
     def _show_present(self, _changed: object = None) -> None:
         robot = self.console.state.robot.value

@@ -550,7 +550,7 @@ class PaletteEntries:
                 opener(choice),
                 id=f"Scenario: Open scenario {choice.title}",
             )
-            for choice in parts.scenarios()
+            for choice in parts.scenarios.now()
         ]
 
     def _of_scenario_files(self) -> list[Entry]:

@@ -19,6 +19,8 @@ class QuickChoices:
         self._parts = parts
         self._entries = entries
         self._palette = palette
+        self._awaits_scenarios = False
+        parts.scenarios.changed.connect(self._on_scenarios_read)
         for group in (PLACES_GROUP, SCENARIO_GROUP, PEOPLE_GROUP):
             parts.actions.answer_for(group, self)
 
@@ -28,9 +30,14 @@ class QuickChoices:
         )
 
     def choose_scenario(self) -> None:
-        self._palette.choose_from(
-            tr("Which scenario? Press a digit, or type."), self._with_digits(self._entries.of_scenarios())
-        )
+        entries = self._entries.of_scenarios()
+        self._awaits_scenarios = not entries
+        self._palette.choose_from(tr("Which scenario? Press a digit, or type."), self._with_digits(entries))
+
+    def _on_scenarios_read(self) -> None:
+        if self._awaits_scenarios and self._palette.isVisible():
+            self.choose_scenario()
+        self._awaits_scenarios = False
 
     def choose_wizard(self) -> None:
         """Somebody who is known, or a new name."""

@@ -3,6 +3,7 @@
 import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import Qt
@@ -11,8 +12,10 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QSplitte
 from caris_desktop.domain.declared_places import Difference, differences
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui import tokens
+from caris_desktop.ui.read_aside import read_for
 from caris_desktop.ui.scenario_editor.arranging import drop
 from caris_desktop.ui.scenario_editor.editing import FormContext
 from caris_desktop.ui.scenario_editor.preview import difference_words
@@ -32,11 +35,14 @@ class Other:
 
 
 class ComparePage(QWidget):
-    """``others`` gives what there is to compare with each time the page is looked at, the usual one first."""
+    """``others`` gives what there is to compare with each time the page is looked at, the usual one first; it and what
+    it gives wait on files, in another thread.
+    """
 
-    def __init__(self, context: FormContext, others: Callable[[], Sequence[Other]]) -> None:
+    def __init__(self, context: FormContext, console: WizardConsole, others: Callable[[], Sequence[Other]]) -> None:
         super().__init__()
         self._context = context
+        self._console = console
         self._editing = context.editing
         self._others = others
         self._offered: list[Other] = []
@@ -88,7 +94,7 @@ class ComparePage(QWidget):
         context.theme.changed.connect(self._on_changed)
 
     def showEvent(self, event: Any) -> None:
-        self._offer()
+        read_for(self, self._console, self._others, self._offer)
         super().showEvent(event)
         self.refresh()
 
@@ -96,9 +102,9 @@ class ComparePage(QWidget):
         if self.isVisible():
             self.refresh()
 
-    def _offer(self) -> None:
+    def _offer(self, others: Sequence[Other]) -> None:
         chosen = self.choice.currentText()
-        self._offered = list(self._others())
+        self._offered = list(others)
         titles = [other.title for other in self._offered]
         self.choice.clear()
         self.choice.addItems(titles)
@@ -106,13 +112,14 @@ class ComparePage(QWidget):
         self._on_chosen(self.choice.currentIndex())
 
     def _on_chosen(self, index: int) -> None:
-        try:
-            self._other_text = self._offered[index].text()
-            data = parse_yaml(self._other_text).data
-        except (OSError, UnicodeDecodeError, YamlSourceError):
-            self._other_text, data = "", {}
-        self._other_data = data if isinstance(data, dict) else {}
-        self.refresh()
+        other = self._offered[index]
+
+        def show(found: tuple[str, dict[str, Any]]) -> None:
+            if other in self._offered and self.choice.currentIndex() == self._offered.index(other):
+                self._other_text, self._other_data = found
+                self.refresh()
+
+        read_for(self, self._console, partial(_said_by, other), show)
 
     def differences(self) -> list[Difference]:
         return list(differences(Scenario, self._other_data, self._editing.document.data))
@@ -170,3 +177,13 @@ class ComparePage(QWidget):
     def _take(self, difference: Difference) -> None:
         self._editing.document.take_over(difference.path, self._other_data)
         self._editing.told(reshaped=True)
+
+
+def _said_by(other: Other) -> tuple[str, dict[str, Any]]:
+    """Its text and what that says; nothing where it cannot be read. Waits on files."""
+    try:
+        text = other.text()
+        data = parse_yaml(text).data
+    except (OSError, UnicodeDecodeError, YamlSourceError):
+        return "", {}
+    return text, data if isinstance(data, dict) else {}

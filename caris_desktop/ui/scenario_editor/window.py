@@ -28,13 +28,16 @@ from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError
+from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.live.status import SavedScenario
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.document import ScenarioDocument, Step
+from caris_desktop.scenario.file import scenario_data
 from caris_desktop.scenario.library import own_file, user_scenarios_dir
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import icon
+from caris_desktop.ui.read_aside import read_for
 from caris_desktop.ui.scenario_editor.compare_page import ComparePage, Other
 from caris_desktop.ui.scenario_editor.editing import Editing, FormContext
 from caris_desktop.ui.scenario_editor.fields import Field
@@ -76,6 +79,30 @@ def shows_as_form(opened: Opened) -> None:
         raise ValueError(f"{opened.path.name}, line {error.line}: {error}") from error
 
 
+def opened_as_form(scenario: Scenario) -> tuple[Opened, str]:
+    """The file of that scenario; where it cannot be read, what is in force, and why. Waits on files."""
+    problem, sha256 = "", ""
+    if scenario.path is not None:
+        try:
+            opened = opened_file(scenario.path)
+            sha256 = opened.sha256
+            shows_as_form(opened)
+        except (OSError, ValueError) as error:
+            problem = str(error)
+        else:
+            return opened, ""
+    path = scenario.path if scenario.path is not None else own_file(None)
+    return Opened(path, yaml_text(scenario_data(scenario)), sha256), problem
+
+
+def opened_anew(path: Path, opened: Opened) -> Opened | str | None:
+    """What the file says now, or why it cannot be read; None where it is another than ``opened``. Waits on files."""
+    try:
+        return opened_file(path) if path.resolve() == opened.path.resolve() else None
+    except (OSError, ValueError) as error:
+        return str(error)
+
+
 class ScenarioEditor(TabAsRead, QWidget):
     """A window of its own that belongs to the main one. What is wrong or not saved is never lost without a question."""
 
@@ -90,12 +117,13 @@ class ScenarioEditor(TabAsRead, QWidget):
         self._saving_to: Path | None = None
         self._sent = ""
         self._close_when_saved = False
+        self._changed_elsewhere = False
         document = ScenarioDocument(opened.text, opened.path)
         self.editing = Editing(document, self)
         self.context = FormContext(theme, self.editing, self._robot_pose)
         self.pages = [SectionPage(self.context, section) for section in sections()]
         self.text_page = TextPage(self.context)
-        self.compare_page = ComparePage(self.context, self._others)
+        self.compare_page = ComparePage(self.context, console, self._others)
         self._make_head()
         self.notice = Notice(theme)
         self._make_nav()
@@ -429,8 +457,11 @@ class ScenarioEditor(TabAsRead, QWidget):
         if saved is None or saved.path != self._saving_to:
             return
         self._saving_to = None
+        self._changed_elsewhere &= bool(saved.problem)
         if saved.problem:
             self._close_when_saved = False
+            if self._changed_elsewhere:
+                self._on_scenario_in_force(self._console.scenario)
             said = tr("It was not saved: {reason} What you changed is still here.").format(reason=saved.problem)
             self.notice.say("saving", said, "red", (tr("Save as…"), self.ask_for_name))
             return
@@ -447,15 +478,20 @@ class ScenarioEditor(TabAsRead, QWidget):
         """The console may have written into the file meanwhile, as for a place: that stays."""
         if scenario is None or scenario.path is None or self._saving_to is not None:
             return
-        if scenario.path.resolve() != self._opened.path.resolve() or scenario.sha256 == self._opened.sha256:
+        if scenario.sha256 != self._opened.sha256:
+            read_for(self, self._console, partial(opened_anew, scenario.path, self._opened), self._on_read_anew)
+
+    def _on_read_anew(self, opened: Opened | str | None) -> None:
+        self._changed_elsewhere = opened is not None and self._saving_to is not None
+        if opened is None or self._changed_elsewhere:
+            return
+        if isinstance(opened, str):
+            self._tell_not_read_anew(opened)
             return
         try:
-            opened = opened_file(scenario.path)
             kept = self.document.rebase(opened.text)
-        except (OSError, ValueError) as error:
-            self.notice.say(
-                "meanwhile", tr("The file has changed and cannot be read: {reason}").format(reason=error), "red"
-            )
+        except ValueError as error:
+            self._tell_not_read_anew(str(error))
             return
         self._opened = opened
         self.editing.told(reshaped=True)
@@ -465,6 +501,11 @@ class ScenarioEditor(TabAsRead, QWidget):
                 "The file was changed elsewhere and is read anew. Your own changes stand in it: %n", "", len(kept)
             )
         self.notice.say("meanwhile", said, "blue")
+
+    def _tell_not_read_anew(self, reason: str) -> None:
+        self.notice.say(
+            "meanwhile", tr("The file has changed and cannot be read: {reason}").format(reason=reason), "red"
+        )
 
     # ---- closing
 
@@ -511,7 +552,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         pose = self._console.state.pose
         return pose.value.pose_in_map if pose.value is not None and pose.freshness != "lost" else None
 
-    def _others(self) -> Sequence[Other]:
+    def _others(self) -> Sequence[Other]:  # waits on files
         path, saved = self.document.path, Other(tr("What was saved"), lambda: self.document.saved_text)
         shipped = [
             Other(tr("{name}, as it comes with the program").format(name=file.stem), partial(_text_of, file))

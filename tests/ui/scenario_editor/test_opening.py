@@ -12,6 +12,23 @@ from tests.ui.fake_console import FakeConsole
 from tests.ui.test_window import choose
 
 
+def test_it_opens_once_the_disk_has_told_and_not_where_the_window_closes_before(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    console.disk_is_slow = True
+    window.editor.open()
+    window.editor.open()
+    assert window.editor.editor is None
+    console.answer_of_disk()
+    editor = window.editor.editor
+    assert editor is not None and editor.isVisible()
+    editor.close()
+    window.editor.open()
+    window.editor.close()
+    console.answer_of_disk()
+    assert window.editor.editor is None
+
+
 def test_it_opens_from_the_menu_and_driving_and_the_emergency_stop_go_past_it(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -344,6 +344,24 @@ def test_a_place_that_the_console_saves_meanwhile_stays(
     assert console.named("save_scenario")[-1][3] == opened_file(path).sha256
 
 
+def test_a_place_that_comes_while_the_disk_is_slow_is_read_once_nothing_is_being_saved(
+    editor: ScenarioEditor, console: FakeConsole, path: Path
+) -> None:
+    type_over(editor, "Large", "title")
+    theirs = TEXT.replace("permissions:", "  - {name: Window, x_m: 3, y_m: 4}\npermissions:")
+    path.write_text(theirs, encoding="utf-8")
+    console.disk_is_slow = True
+    console.state.scenario.set_anew(load_scenario(path))
+    console.scenario = load_scenario(path)
+    assert "Window" not in editor.document.text
+    editor.save_button.click()
+    console.answer_of_disk()
+    assert "Window" not in editor.document.text, "what is being saved was made from the file before"
+    acknowledge(console, problem="The file has changed.")
+    console.answer_of_disk()
+    assert editor.document.text == theirs.replace("title: Small", "title: Large")
+
+
 def test_everything_can_be_reached_and_heard_without_a_mouse(editor: ScenarioEditor) -> None:
     for page in editor.pages:
         page.build()
