@@ -27,6 +27,46 @@ WRITING_NAMES = {"open", "save_layout", "save_places", "save_profile", "save_sce
 WRITING_METHODS = {"fsync", "mkdir", "rmdir", "touch", "unlink", "write_bytes", "write_text"}
 
 
+# Reading is looked for in what runs in the GUI thread: in these files all but the functions of ``READ_ASIDE``.
+NOT_GUI_THREAD = {
+    "live/logs.py": "before the window stands, and the log has a thread of its own",
+    "live/robot_explorer.py": "its functions run in threads of the asyncio thread",
+}
+READ_ASIDE = {
+    "live/coding_desk.py: CodingDesk.start": "as a replay begins, from which nothing is driven",
+    "live/face_page.py: FacePage._answer": "the asyncio thread",
+    "live/live_robots.py: _meeting_place": "slow work",
+    "live/live_robots.py: _own_place": "slow work",
+    "live/live_robots.py: _found_consoles": "slow work",
+    "live/replay_photos.py: _pictures": "slow work",
+    "live/said_before.py: _read": "slow work",
+    "live/scenario_watch.py: _touched": "slow work",
+    "live/scenario_watch.py: _checksum": "slow work",
+    "live/services/photos.py": "slow work",
+    "live/services/scenario.py: ScenarioService._save.work": "slow work",
+    "live/session_library.py: _begun_replay": "slow work",
+    "live/session_library.py: _holds_something": "slow work",
+    "live/session_library.py: _not_yet_there": "slow work",
+    "live/simulated_robot.py": "a program of its own is started, before the robot is there",
+    "ui/export_dialog.py: ExportDialog._choose_folder": "Qt's own file dialog reads the same folder as it opens",
+    "ui/icons.py": "the program's own files, once",
+    "ui/language.py": "the program's own files, once",
+    "ui/scenario_editor/opened.py": "read aside",
+    "ui/scenario_editor/window.py: ScenarioEditor._others": "read aside",
+    "ui/shortcuts/reference.py": "writes the pages of the guide, without a window",
+}
+READING_NAMES = {
+    "check_output", "list_profiles", "list_scenarios", "load_documents", "load_profile", "load_scenario", "open",
+    "opened_file", "Popen", "scenario_files", "TemporaryFile",
+}  # fmt: skip
+READING_METHODS = {
+    "exists", "glob", "is_dir", "is_file", "is_symlink", "iterdir", "lstat", "read_bytes", "read_text", "resolve",
+    "rglob", "samefile", "stat", "walk",
+}  # fmt: skip
+MODE = re.compile(r"[rwxa][bt]?[+]?$")
+READING_OF = {"subprocess": {"Popen", "call", "check_call", "check_output", "run"}, "tempfile": {"TemporaryFile"}}
+
+
 @cache
 def files() -> dict[str, str]:
     """The program's files, by their path below its folder."""
@@ -69,6 +109,74 @@ def files_written(text: str) -> list[str]:
             case ast.Call(func=ast.Attribute(attr=name)) if name in WRITING_METHODS:
                 found.append(name)
     return found
+
+
+def reads_in(text: str) -> list[tuple[str, str]]:
+    """(function, what) of all in this source that reads files or asks a disk about them, or starts a program."""
+    found = []
+
+    def look(node: ast.AST, within: str) -> None:
+        for child in ast.iter_child_nodes(node):
+            inside = within
+            if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+                inside = f"{within}.{child.name}" if within else child.name
+            match child:
+                case ast.Call(func=ast.Name(id=name)) if name in READING_NAMES:
+                    found.append((within, name))
+                case ast.Call(func=ast.Attribute(value=ast.Name(id=module), attr=name)) if name in READING_OF.get(
+                    module, ()
+                ):
+                    found.append((within, name))
+                case ast.Call(func=ast.Attribute(attr="open"), args=[ast.Constant(value=str(mode)), *_]) if (
+                    re.fullmatch("[rwxa][bt]?[+]?", mode)
+                ):
+                    found.append((within, "open"))
+                case ast.Call(func=ast.Attribute(attr=name)) if name in READING_METHODS:
+                    found.append((within, name))
+            look(child, inside)
+
+    look(ast.parse(text), "")
+    return found
+
+
+def excused(name: str, function: str) -> set[str]:
+    """Which lines of ``READ_ASIDE`` say that this function may: of the file, or of the function that it is part of."""
+    parts = function.split(".")
+    within = {f"{name}: {'.'.join(parts[:count])}" for count in range(1, len(parts) + 1)}
+    return {each for each in READ_ASIDE if each == name or each in within}
+
+
+def test_what_the_gui_thread_runs_reads_no_file_itself() -> None:
+    """A disk may be one of the network. What is read in another thread, or needs no waiting for, is named above."""
+    read, used = list[str](), set[str]()
+    for name, text in files().items():
+        if name.startswith(("ui/", "live/")) and name not in NOT_GUI_THREAD:
+            for function, what in reads_in(text):
+                used |= excused(name, function)
+                if not excused(name, function):
+                    read.append(f"{name}: {function} {what}")
+    assert read == []
+    assert set(READ_ASIDE) - used == set(), "no exception outlives its reason"
+    assert [name for name in NOT_GUI_THREAD if not reads_in(files()[name])] == []
+
+
+def test_reading_is_seen_however_it_is_done() -> None:
+    source = """
+class Dialog:
+    def show(self):
+        self.open()
+        path.open("rb")
+        if path.parent.exists():
+            subprocess.run(["ls"])
+        def later():
+            return load_profile("mine")
+"""
+    assert reads_in(source) == [
+        ("Dialog.show", "open"), ("Dialog.show", "exists"), ("Dialog.show", "run"),
+        ("Dialog.show.later", "load_profile"),
+    ]  # fmt: skip
+    assert excused("live/said_before.py", "_read.inner") == {"live/said_before.py: _read"}
+    assert excused("live/said_before.py", "_read_more") == set()
 
 
 def test_no_file_is_long_without_a_reason() -> None:

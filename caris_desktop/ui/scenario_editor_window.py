@@ -15,7 +15,8 @@ from caris_desktop.ui.session_windows import bring_up
 from caris_desktop.ui.theme import Theme
 
 if TYPE_CHECKING:  # imported when it is first opened
-    from caris_desktop.ui.scenario_editor.window import Opened, ScenarioEditor
+    from caris_desktop.ui.scenario_editor.opened import Opened
+    from caris_desktop.ui.scenario_editor.window import ScenarioEditor
 
 _log = logging.getLogger(__name__)
 
@@ -37,8 +38,7 @@ class ScenarioEditorWindow(QObject):
 
     def open(self) -> None:
         """Edit the scenario in force. An editor that is open already comes to the front with what is in it."""
-        # Here rather than in the thread that reads: modules with widgets are imported in the GUI thread.
-        from caris_desktop.ui.scenario_editor.window import opened_as_form
+        from caris_desktop.ui.scenario_editor.opened import opened_as_form
 
         if self._editor is not None:
             bring_up(self._editor)

@@ -20,6 +20,7 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.robot import RobotConnection
+from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.file import load_scenario, save_scenario
@@ -48,11 +49,15 @@ class Bench:
                 parts,
                 people=replace(parts.people, inference=None),
                 speech=ProcessBody("speech", bodies.silent_link),
-                session=replace(parts.session, new_session=slow(parts.session.new_session)),
+                session=replace(
+                    parts.session,
+                    new_session=slow(parts.session.new_session),
+                    suggested_details=slow(parts.session.suggested_details),
+                ),
                 scenario=replace(
                     parts.scenario, load=slow(parts.scenario.load), save_places=slow(parts.scenario.save_places)
                 ),
-                robots=replace(parts.robots, connect_to=slow(_silent_robot)),
+                robots=replace(parts.robots, choices=slow(parts.robots.choices), connect_to=slow(_silent_robot)),
             ),
             self.scenario,
         )
@@ -248,6 +253,38 @@ def test_a_robot_that_cannot_be_read_leaves_the_present_one(bench: Bench, qtbot:
     bench.disk.answer()
     qtbot.waitUntil(lambda: bench.told() == ["The disk is full."], timeout=20_000)
     assert bench.state.link.value.state == "connected"
+
+
+def test_what_a_recording_would_begin_with_is_told_when_the_disk_has_told(bench: Bench, qtbot: QtBot) -> None:
+    told: list[BeforeRecording] = []
+    bench.console.look_before_recording(told.append)
+    qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
+    bench.goes_on(qtbot)
+    assert told == []
+    bench.disk.answer()
+    qtbot.waitUntil(lambda: bool(told), timeout=20_000)
+    assert told[0].suggested == TrialDetails()
+    assert (told[0].free_bytes or 0) > 0 and (told[0].bytes_per_hour or 0) > 0
+
+
+@pytest.mark.logs("live.slow_work: ")
+def test_a_disk_that_tells_nothing_keeps_nobody_from_recording(bench: Bench, qtbot: QtBot) -> None:
+    told: list[BeforeRecording] = []
+    bench.disk.refuse = OSError("gone")
+    bench.console.look_before_recording(told.append)
+    bench.disk.answer()
+    qtbot.waitUntil(lambda: told == [BeforeRecording()], timeout=20_000)
+
+
+def test_the_list_of_robots_is_told_when_the_disk_has_told(bench: Bench, qtbot: QtBot) -> None:
+    told: list[str] = []
+    console = bench.console
+    console.read_aside(console.robots, lambda robots: told.extend(robot.name for robot in robots))
+    qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
+    bench.goes_on(qtbot)
+    assert told == []
+    bench.disk.answer()
+    qtbot.waitUntil(lambda: "simulated" in told, timeout=20_000)
 
 
 def test_a_session_whose_folder_is_made_while_the_window_closes_is_kept(bench: Bench, qtbot: QtBot) -> None:

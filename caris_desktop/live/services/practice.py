@@ -108,7 +108,7 @@ class PracticeService(Service):
             )
         self._parts.robot()
         scenario = self._state.scenario.value
-        if scenario is None or scenario.path is None or scenario.path.resolve() != self._parts.scenario.resolve():
+        if scenario is None or scenario.path is None or scenario.path.absolute() != self._parts.scenario.absolute():
             self._do(intents.OpenScenario(self._parts.scenario, actor=asked.actor))
         self._wizard = asked.wizard
         self._practice = None
@@ -120,7 +120,7 @@ class PracticeService(Service):
         state = self._state
         scenario, recording = state.scenario.value, state.recording.value.state
         here = scenario is not None and scenario.path is not None
-        if not here or scenario.path.resolve() != self._parts.scenario.resolve() or not state.drive.value.allowed:
+        if not here or scenario.path.absolute() != self._parts.scenario.absolute() or not state.drive.value.allowed:
             return
         if recording in ("idle", "failed"):
             # No trial depends on it: what is not ready is kept with the recording, and keeps nobody from practising.

@@ -1,9 +1,7 @@
 """The window in which a scenario is edited: its sections, the form, what comes of it, the text, and how it is saved."""
 
-import hashlib
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,12 +25,9 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.yaml_source import YamlSourceError
-from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.live.status import SavedScenario
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.document import ScenarioDocument, Step
-from caris_desktop.scenario.file import scenario_data
 from caris_desktop.scenario.library import own_file, user_scenarios_dir
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui import tokens
@@ -42,6 +37,7 @@ from caris_desktop.ui.scenario_editor.compare_page import ComparePage, Other
 from caris_desktop.ui.scenario_editor.editing import Editing, FormContext
 from caris_desktop.ui.scenario_editor.fields import Field
 from caris_desktop.ui.scenario_editor.notice import Notice
+from caris_desktop.ui.scenario_editor.opened import Opened, opened_anew, text_of
 from caris_desktop.ui.scenario_editor.preview import preview_page
 from caris_desktop.ui.scenario_editor.section_page import SectionPage
 from caris_desktop.ui.scenario_editor.sections import sections
@@ -54,53 +50,6 @@ from caris_desktop.ui.widgets.cut_label import CutLabel
 _NAV_PX, _NARROW_NAV_PX = 208, 176
 _NARROW_PX, _LEAST_PX, _LEAST_TITLE_PX = 900, (560, 280), 140
 _FORM_AND_PREVIEW_PX = (880, 340)
-
-
-@dataclass(frozen=True, slots=True)
-class Opened:
-    """A file as it was read: its ``text``, and the checksum of what may be replaced by what is saved."""
-
-    path: Path
-    text: str
-    sha256: str
-
-
-def opened_file(path: Path) -> Opened:
-    """Raises OSError, UnicodeDecodeError."""
-    raw = path.read_bytes()
-    return Opened(path, raw.decode("utf-8-sig"), hashlib.sha256(raw).hexdigest())
-
-
-def shows_as_form(opened: Opened) -> None:
-    """Raises ValueError, with file and line, where the text is none that a form can show."""
-    try:
-        ScenarioDocument(opened.text, opened.path)
-    except YamlSourceError as error:
-        raise ValueError(f"{opened.path.name}, line {error.line}: {error}") from error
-
-
-def opened_as_form(scenario: Scenario) -> tuple[Opened, str]:
-    """The file of that scenario; where it cannot be read, what is in force, and why. Waits on files."""
-    problem, sha256 = "", ""
-    if scenario.path is not None:
-        try:
-            opened = opened_file(scenario.path)
-            sha256 = opened.sha256
-            shows_as_form(opened)
-        except (OSError, ValueError) as error:
-            problem = str(error)
-        else:
-            return opened, ""
-    path = scenario.path if scenario.path is not None else own_file(None)
-    return Opened(path, yaml_text(scenario_data(scenario)), sha256), problem
-
-
-def opened_anew(path: Path, opened: Opened) -> Opened | str | None:
-    """What the file says now, or why it cannot be read; None where it is another than ``opened``. Waits on files."""
-    try:
-        return opened_file(path) if path.resolve() == opened.path.resolve() else None
-    except (OSError, ValueError) as error:
-        return str(error)
 
 
 class ScenarioEditor(TabAsRead, QWidget):
@@ -555,7 +504,7 @@ class ScenarioEditor(TabAsRead, QWidget):
     def _others(self) -> Sequence[Other]:  # waits on files
         path, saved = self.document.path, Other(tr("What was saved"), lambda: self.document.saved_text)
         shipped = [
-            Other(tr("{name}, as it comes with the program").format(name=file.stem), partial(_text_of, file))
+            Other(tr("{name}, as it comes with the program").format(name=file.stem), partial(text_of, file))
             for file in sorted(layouts_dir().glob("*.yaml"), key=lambda file: (file.name != path.name, file.name))
         ]
         same_name = bool(shipped) and (layouts_dir() / path.name).is_file() and own_file(path) == path
@@ -589,10 +538,6 @@ class ScenarioEditor(TabAsRead, QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         QPainter(self).fillRect(self.rect(), self._theme.color("window"))
-
-
-def _text_of(path: Path) -> str:
-    return opened_file(path).text
 
 
 def _step_words(text: str, step: Step | None) -> str:

@@ -14,8 +14,9 @@ from caris_desktop.live.status import SavedScenario
 from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import Scenario
+from caris_desktop.ui.scenario_editor.opened import opened_file
 from caris_desktop.ui.scenario_editor.sections import sections
-from caris_desktop.ui.scenario_editor.window import ScenarioEditor, opened_file
+from caris_desktop.ui.scenario_editor.window import ScenarioEditor
 from caris_desktop.ui.theme import Theme
 from tests.support.scenario_edits import assert_only_that_field_changed, edited_leaves, other_value, sampled
 from tests.ui.fake_console import FakeConsole

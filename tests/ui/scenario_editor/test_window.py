@@ -19,7 +19,8 @@ from caris_desktop.live.status import SavedScenario
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.ui.scenario_editor.consequences import consequences
 from caris_desktop.ui.scenario_editor.groups import ListPart
-from caris_desktop.ui.scenario_editor.window import ScenarioEditor, opened_file
+from caris_desktop.ui.scenario_editor.opened import opened_file
+from caris_desktop.ui.scenario_editor.window import ScenarioEditor
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
