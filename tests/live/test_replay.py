@@ -17,11 +17,14 @@ from caris_desktop.app.composition import find_scenario
 from caris_desktop.domain import intents, streams
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
+from caris_desktop.domain.intents import INTENTS
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, StatusShown
 from caris_desktop.live import coding_desk
+from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.protocol_walk import ProtocolWalk
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
+from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status_tap import content_of
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument
@@ -29,6 +32,7 @@ from caris_desktop.recording.annotation.overview_of import build_overview
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_reader import open_session
+from tests.app.test_intents import SAMPLES
 from tests.recording import minute
 from tests.recording.told_session import at, tell
 from tests.support.recorded_session import MadeSession, make_session, number_in
@@ -216,6 +220,46 @@ def test_nothing_can_be_driven(open_replay: Replay) -> None:
     console.do(intents.EmergencyStop())
     assert [notice.what for notice in told] == ["This is a replay.", "There is no live robot to stop."], "said once"
     assert not [event for event in logged if isinstance(event, Problem)], "it is none of the session"
+
+
+class FakeLiveRobots:
+    """The consoles that run beside the replay; ``asked`` is all that reaches them."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def stop(self, _nobody: Callable[[], None] = lambda: None) -> None:
+        self.asked.append("stop")
+
+    def emergency_stop(self, _nobody: Callable[[], None] = lambda: None) -> None:
+        self.asked.append("emergency stop")
+
+    def shutdown(self) -> None:
+        self.asked.append("shutdown")
+
+
+@pytest.mark.logs("of the session is not shown")
+def test_each_intent_is_refused_in_words_or_done_as_the_table_says(
+    made: MadeSession, open_replay: Replay, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    console, live = open_replay(), FakeLiveRobots()
+    console._live = live  # type: ignore[assignment]
+    started: list[ChildProcess] = []
+    monkeypatch.setattr(ChildProcess, "start", started.append)
+    before = {path: path.stat().st_mtime_ns for path in made.folder.rglob("*")}
+    state = console.state
+    shown = {name: value.value for name, value in vars(state).items() if isinstance(value, LiveValue)}
+    reaches = {intents.Stop: ["stop"], intents.EmergencyStop: ["emergency stop"]}
+    assert {type(asked) for asked in SAMPLES} == set(INTENTS)
+    for asked in SAMPLES:
+        live.asked.clear()
+        refused = console.do(asked)
+        done = INTENTS[type(asked)].in_replay or asked.lets_go
+        assert refused == ("" if done else "This is a replay."), asked
+        assert live.asked == reaches.get(type(asked), []), asked
+    assert started == []
+    assert {path: path.stat().st_mtime_ns for path in made.folder.rglob("*")} == before
+    assert [name for name, value in shown.items() if getattr(state, name).value is not value] == []
 
 
 @pytest.mark.logs("of the session is not shown")
