@@ -194,6 +194,8 @@ class LiveState(QObject):
 
     ``said_before`` (tuple of sentences, oldest first) is what the wizard typed for the robot, also in sessions before;
     ``phrase_group`` is the number of the group that the keys of phrases mean, ``fillers_said`` how many there were.
+    ``chosen_utterance`` is the id of the one that waits and is chosen in the list of those, ``held_marks`` are the ids
+    of marks whose key is down.
 
     ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)`` says that a replay went to
     another moment: what was gathered over time is void, and these are the newest events before that moment, oldest
@@ -226,6 +228,8 @@ class LiveState(QObject):
         self.said_before = LiveValue((), self)
         self.phrase_group = LiveValue(0, self)
         self.fillers_said = LiveValue(0, self)
+        self.chosen_utterance = LiveValue("", self)
+        self.held_marks = LiveValue(frozenset(), self)
         self.assistant = LiveValue(AssistantStatus(), self)
         self.levels = LiveValue(LevelsStatus(), self)
         self.suggestions = LiveValue(SuggestionsStatus(), self)

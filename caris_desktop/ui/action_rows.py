@@ -14,7 +14,16 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.gestures import KEYS_BY_PLACE, LOOK, MOST_GESTURES, NOD
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import KEYS_OF_A_GROUP, Phrase, phrase_groups
-from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.action_spec import ActionSpec, gives
+from caris_desktop.ui.mark_acts import (
+    begin_or_end_stretch,
+    mark_moment,
+    mark_with_label,
+    mark_wizard_error,
+    move_last_mark_back,
+    withdraw_last_mark,
+)
+from caris_desktop.ui.queue_acts import cancel_queued, move_queued
 from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.step_acts import PROTOCOL_ACTIONS
 
@@ -53,20 +62,24 @@ def say(phrase: Phrase) -> Intent:
     return intents.Say(phrase.say, "phrase", gesture=phrase.gesture, face=phrase.face)
 
 
+@gives(intents.Say)
 def say_phrase(scenario: Scenario, state: LiveState, number: int) -> Intent | None:
     phrases = phrases_on_keys(scenario, state.phrase_group.value)
     return say(phrases[number - 1]) if number <= len(phrases) else None
 
 
+@gives(intents.Say)
 def say_keyed_phrase(_scenario: Scenario, _state: LiveState, phrase: Phrase) -> Intent:
     return say(phrase)
 
 
+@gives(intents.Say)
 def say_filler(scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
     filler = scenario.next_filler(state.fillers_said.value)
     return intents.Say(filler, "filler") if filler else None
 
 
+@gives(intents.Nod, intents.LookAt, intents.UseControl)
 def perform_nth_gesture(scenario: Scenario, state: LiveState, number: int) -> Intent | None:
     """Without a word. It looks at whom it speaks to; where that is nobody, ahead."""
     if number > len(scenario.gestures):
@@ -81,21 +94,25 @@ def perform_nth_gesture(scenario: Scenario, state: LiveState, number: int) -> In
     return intents.UseControl(does, True)
 
 
+@gives(intents.SetSpeed)
 def change_speed(_scenario: Scenario, state: LiveState, direction: int) -> Intent:
     """One of the three steps up (1) or down (-1)."""
     return intents.SetSpeed(fraction_after(state.drive.value.speed_fraction, direction))
 
 
+@gives(intents.GoToPlace)
 def go_to_nth_place(_scenario: Scenario, state: LiveState, number: int) -> Intent | None:
     places = state.places.value
     return intents.GoToPlace(places[number - 1].name) if number <= len(places) else None
 
 
+@gives(intents.ShowExpression)
 def show_nth_expression(_scenario: Scenario, state: LiveState, number: int) -> Intent | None:
     expressions = state.face.value.expressions
     return intents.ShowExpression(expressions[number - 1]) if number <= len(expressions) else None
 
 
+@gives(intents.ConfirmPerson, intents.RejectPerson, intents.ConfirmProposal, intents.VetoProposal)
 def answer_asked(scenario: Scenario, state: LiveState, yes: bool) -> Intent | None:
     """Yes or no to what is asked now: about a person first, else about what the language model proposes to do. Nothing
     while that has only just come up.
@@ -111,6 +128,7 @@ def answer_asked(scenario: Scenario, state: LiveState, yes: bool) -> Intent | No
     return None
 
 
+@gives(intents.SaySuggestion)
 def say_nth_suggestion(_scenario: Scenario, state: LiveState, rank: int) -> Intent | None:
     """Say the suggested reply at that place; nothing while it has only just come up there."""
     card = next((card for card in state.suggestions.value.cards if card.rank == rank), None)
@@ -119,6 +137,7 @@ def say_nth_suggestion(_scenario: Scenario, state: LiveState, rank: int) -> Inte
     return intents.SaySuggestion(rank, card.suggestion_id)
 
 
+@gives(intents.CorrectUtterance)
 def correct_newest_speaker(_scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
     """Who said the newest turn that was heard: the next of those who may have."""
     turn = newest_heard(state.transcript.value)
@@ -128,6 +147,7 @@ def correct_newest_speaker(_scenario: Scenario, state: LiveState, _argument: Non
     return intents.CorrectUtterance(turn.utterance_id, speaker=speaker, person_id=person_id)
 
 
+@gives(intents.HearRobot)
 def toggle_hearing(_scenario: Scenario, state: LiveState, _argument: None) -> Intent:
     """What the participant's microphone hears is played to the wizard, or no longer."""
     sound = state.sound.value
@@ -167,11 +187,11 @@ ACTIONS: tuple[ActionSpec, ...] = (
         needs="sideways"
     ),
     ActionSpec(
-        "slower", QT_TR_NOOP("Slower"), "minus", ("Alt+Q",), ("Q",), "driving", intent=change_speed, argument=-1,
+        "slower", QT_TR_NOOP("Slower"), "minus", ("Alt+Q",), ("Q",), intent=change_speed, argument=-1,
         group=DRIVING_GROUP, by_position=True,
     ),
     ActionSpec(
-        "faster", QT_TR_NOOP("Faster"), "plus", ("Alt+E",), ("E",), "driving", intent=change_speed, argument=1,
+        "faster", QT_TR_NOOP("Faster"), "plus", ("Alt+E",), ("E",), intent=change_speed, argument=1,
         group=DRIVING_GROUP, by_position=True,
     ),
     _held("look_up", QT_TR_NOOP("Look up"), "caret-up", "I", group=HEAD_HOLD_GROUP, needs="head"),
@@ -179,17 +199,16 @@ ACTIONS: tuple[ActionSpec, ...] = (
     _held("look_left", QT_TR_NOOP("Look left"), "caret-left", "J", group=HEAD_HOLD_GROUP, needs="head"),
     _held("look_right", QT_TR_NOOP("Look right"), "caret-right", "L", group=HEAD_HOLD_GROUP, needs="head"),
     ActionSpec(
-        "look_ahead", QT_TR_NOOP("Look ahead"), "crosshair-simple", ("Alt+O",), ("O",), "driving",
+        "look_ahead", QT_TR_NOOP("Look ahead"), "crosshair-simple", ("Alt+O",), ("O",),
         intent=intents.LookAt(0.0, 0.0), group=HEAD_HOLD_GROUP, by_position=True, needs="head",
     ),
     ActionSpec(
-        "nod", QT_TR_NOOP("Nod"), "arrows-down-up", ("Alt+N",), ("N",), "driving",
+        "nod", QT_TR_NOOP("Nod"), "arrows-down-up", ("Alt+N",), ("N",),
         intent=intents.Nod(), group=HEAD_HOLD_GROUP, by_position=True, needs="head",
     ),
     *(
         ActionSpec(
             f"place_{number}", QT_TR_NOOP("Go to place {number}"), "flag", (f"Alt+{number}",), (str(number),),
-            "driving",
             intent=go_to_nth_place, argument=number, group=PLACES_GROUP, by_position=True,
         )
         for number in range(1, PLACE_COUNT + 1)
@@ -214,13 +233,13 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ),
     _in_queue("queued_above", QT_TR_NOOP("The one before"), "caret-up", "Up", callback="go_up"),
     _in_queue("queued_below", QT_TR_NOOP("The one after"), "caret-down", "Down", callback="go_down"),
-    _in_queue("queued_earlier", QT_TR_NOOP("Say it earlier"), "arrow-up", "Shift+Up", callback="move_earlier"),
-    _in_queue("queued_later", QT_TR_NOOP("Say it later"), "arrow-down", "Shift+Down", callback="move_later"),
+    _in_queue("queued_earlier", QT_TR_NOOP("Say it earlier"), "arrow-up", "Shift+Up", intent=move_queued, argument=-1),
+    _in_queue("queued_later", QT_TR_NOOP("Say it later"), "arrow-down", "Shift+Down", intent=move_queued, argument=1),
     _in_queue("queued_edit", QT_TR_NOOP("Say it differently"), "pencil-simple", "Return", "Enter", callback="edit"),
-    _in_queue("queued_cancel", QT_TR_NOOP("Do not say it"), "x", "Del", "Backspace", callback="cancel"),
+    _in_queue("queued_cancel", QT_TR_NOOP("Do not say it"), "x", "Del", "Backspace", intent=cancel_queued),
     *(
         ActionSpec(
-            f"phrase_{number}", QT_TR_NOOP("Say phrase {number}"), "chat-text", (f"F{number}",), permission="speech",
+            f"phrase_{number}", QT_TR_NOOP("Say phrase {number}"), "chat-text", (f"F{number}",),
             intent=say_phrase, argument=number, group=SPEAKING_GROUP,
         )
         for number in range(1, PHRASE_COUNT + 1)
@@ -231,13 +250,13 @@ ACTIONS: tuple[ActionSpec, ...] = (
         group=SPEAKING_GROUP,
     ),
     ActionSpec(
-        "filler", QT_TR_NOOP("Say the filler"), "dots-three", ("F9",), permission="speech", intent=say_filler,
+        "filler", QT_TR_NOOP("Say the filler"), "dots-three", ("F9",), intent=say_filler,
         group=SPEAKING_GROUP
     ),
     *(
         ActionSpec(
             f"suggestion_{number}", QT_TR_NOOP("Say suggestion {number}"), "chat-text", (f"Ctrl+{number}",),
-            permission="assistant", also="speech", enabled_when="suggested", intent=say_nth_suggestion,
+            enabled_when="suggested", intent=say_nth_suggestion,
             argument=number, group=SPEAKING_GROUP, assists=("replies",),
         )
         for number in range(1, SUGGESTION_COUNT + 1)
@@ -301,39 +320,39 @@ ACTIONS: tuple[ActionSpec, ...] = (
     *(
         ActionSpec(
             f"expression_{number}", QT_TR_NOOP("Face: expression {number}"), "smiley", (f"Ctrl+Shift+F{number}",),
-            permission="face", intent=show_nth_expression, argument=number, group=FACE_GROUP,
+            intent=show_nth_expression, argument=number, group=FACE_GROUP,
         )
         for number in range(1, EXPRESSION_COUNT + 1)
     ),
     ActionSpec(
-        "photo", QT_TR_NOOP("Photo"), "camera", ("Ctrl+P",), ("P",), "photos", enabled_when="photo",
+        "photo", QT_TR_NOOP("Photo"), "camera", ("Ctrl+P",), ("P",), enabled_when="photo",
         intent=intents.TakePhoto(), group=SESSION_GROUP,
     ),
     ActionSpec(
         "mark", QT_TR_NOOP("Mark"), "bookmark-simple", ("Ctrl+M",), ("M",), kind="mark", enabled_when="recording",
-        callback="mark_moment", group=MARKS_GROUP,
+        intent=mark_moment, group=MARKS_GROUP,
     ),
     *(
         ActionSpec(
             f"label_{number}", QT_TR_NOOP("Mark with label {number}"), "bookmark-simple", (f"Shift+F{number}",),
             kind="mark",
-            enabled_when="recording", callback="mark_label", argument=number, group=MARKS_GROUP,
+            enabled_when="recording", intent=mark_with_label, argument=number, group=MARKS_GROUP,
         )
         for number in range(1, LABEL_COUNT + 1)
     ),
     ActionSpec(
         "stretch", QT_TR_NOOP("Start or end a stretch"), "brackets-square", ("Ctrl+R",), kind="mark",
         enabled_when="recording",
-        callback="toggle_stretch", group=MARKS_GROUP,
+        intent=begin_or_end_stretch, group=MARKS_GROUP,
     ),
     ActionSpec(
         "mark_earlier", QT_TR_NOOP("That mark was 3 s earlier"), "rewind", ("Ctrl+J",), kind="mark",
         enabled_when="recording",
-        callback="mark_earlier", group=MARKS_GROUP,
+        intent=move_last_mark_back, group=MARKS_GROUP,
     ),
     ActionSpec(
         "mark_undo", QT_TR_NOOP("Take the last mark back"), "arrow-u-up-left", ("Ctrl+Shift+J",), kind="mark",
-        enabled_when="recording", callback="withdraw_mark", group=MARKS_GROUP,
+        enabled_when="recording", intent=withdraw_last_mark, group=MARKS_GROUP,
     ),
     ActionSpec(
         "note", QT_TR_NOOP("Write a note"), "note-pencil", ("Ctrl+N",), permission="notes", kind="mark",
@@ -342,7 +361,7 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ),
     ActionSpec(
         "wizard_error", QT_TR_NOOP("Wizard error"), "warning", ("Ctrl+Shift+M",), ("Shift+M",), kind="mark",
-        enabled_when="recording", callback="mark_wizard_error", group=MARKS_GROUP,
+        enabled_when="recording", intent=mark_wizard_error, group=MARKS_GROUP,
     ),
     ActionSpec(
         "choose_scenario", QT_TR_NOOP("Open a scenario…"), "map-trifold", ("Ctrl+O",), callback="choose_scenario",

@@ -36,6 +36,7 @@ from caris_desktop.ui.action_rows import (
 from caris_desktop.ui.action_spec import ActionSpec, Condition, Feature
 from caris_desktop.ui.key_choices import Choices, Settled, conflicts, settle, types_something
 from caris_desktop.ui.key_positions import modifier_name
+from caris_desktop.ui.mark_acts import mark_with_label
 from caris_desktop.ui.panel_table import possible_panels
 from caris_desktop.ui.step_acts import PROTOCOL_GROUP
 
@@ -71,14 +72,14 @@ def rows_of(scenario: Scenario) -> tuple[ActionSpec, ...]:
                 continue
             named = groups[0].phrases if spec.argument <= len(groups[0].phrases) else longest
             spec = _with_text(spec, named[spec.argument - 1].say)  # noqa: PLW2901
-        elif spec.callback == "show_next_phrases":
+        elif spec.id == "next_phrases":
             if len(groups) < 2:
                 continue
         elif spec.intent is perform_nth_gesture:
             if (of_gesture := _of_gesture(spec, scenario)) is None:
                 continue
             spec = of_gesture  # noqa: PLW2901
-        elif spec.callback == "mark_label":
+        elif spec.intent is mark_with_label:
             if spec.argument > len(scenario.recording.labels):
                 continue
             spec = _with_text(  # noqa: PLW2901
@@ -121,7 +122,7 @@ def keyed_phrases(scenario: Scenario) -> list[Phrase]:
 
 def _of_keyed_phrase(number: int, phrase: Phrase) -> ActionSpec:
     return ActionSpec(
-        f"keyed_phrase_{number}", phrase.say, "chat-text", (phrase.key,), permission="speech", intent=say_keyed_phrase,
+        f"keyed_phrase_{number}", phrase.say, "chat-text", (phrase.key,), intent=say_keyed_phrase,
         argument=phrase, group=SPEAKING_GROUP, own_key=True,
     )  # fmt: skip
 
@@ -159,6 +160,7 @@ class Actions(QObject):
     """
 
     asking = Signal(object)  # Intent; it is about to be asked for
+    asked = Signal(object)  # Intent; it was asked for, and perhaps refused
     rebuilt = Signal()
     rebound = Signal()  # the same rows have other keys
     rows_changed = Signal()  # robot or places have other rows now
@@ -215,7 +217,7 @@ class Actions(QObject):
             if spec.argument > len(self._places):
                 return None
             return _with_text(spec, tr("Go to {place}").format(place=self._places[spec.argument - 1]))
-        if spec.callback == "choose_place" and not self._places:
+        if spec.id == "choose_place" and not self._places:
             return None
         if spec.intent is show_nth_expression:
             if spec.argument > len(self._expressions):
@@ -384,16 +386,24 @@ class Actions(QObject):
             return
         intent = self.intent_of(spec)
         if intent is not None:
-            self.asking.emit(intent)
-            self._console.do(intent)
+            self.ask(intent)
         elif spec.callback:
             self._call(spec)
+
+    def ask(self, intent: Intent) -> None:
+        """Ask the console for it as a row does."""
+        self.asking.emit(intent)
+        self._console.do(intent)
+        self.asked.emit(intent)
 
     def intent_of(self, spec: ActionSpec) -> Intent | None:
         """What the row would ask the console for now."""
         if spec.intent is None or isinstance(spec.intent, Intent):
             return spec.intent
-        return spec.intent(self._console.scenario, self._console.state, spec.argument)
+        intent = spec.intent(self._console.scenario, self._console.state, spec.argument)
+        if intent is not None and type(intent) not in spec.kinds:
+            raise TypeError(f"the row {spec.id} gives {type(intent).__name__}, which it does not say")
+        return intent
 
     def _call(self, spec: ActionSpec) -> None:
         if spec.id in self._brought:

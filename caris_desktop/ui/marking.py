@@ -6,19 +6,21 @@ from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import Marked, MarkKind
+from caris_desktop.domain.events import Marked
+from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.recording import ERROR_KEYS
 from caris_desktop.ui.action_rows import MARKS_GROUP
+from caris_desktop.ui.action_spec import IntentNow
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.mark_acts import move_last_mark_back, withdraw_last_mark
 from caris_desktop.ui.mark_card import MarkCard
 from caris_desktop.ui.theme import Theme
 
 HELD_AFTER_S = 0.4
-STEP_BACK_S = 3.0
 ANSWER_WITHIN_S = 5.0
 
 
@@ -42,8 +44,10 @@ class Marking(QObject):
         actions.answer_for(MARKS_GROUP, self)
         self._held: dict[str, _Held] = {}
         self.card = MarkCard(theme, console, actions, window)
-        self.card.earlier_requested.connect(self.mark_earlier)
-        self.card.withdraw_requested.connect(self.withdraw_mark)
+        self.card.earlier_requested.connect(lambda: self._ask(move_last_mark_back))
+        self.card.withdraw_requested.connect(lambda: self._ask(withdraw_last_mark))
+        actions.asking.connect(self._on_asking)
+        actions.asked.connect(self._on_asked)
         self.card.label_chosen.connect(self._on_label_chosen)
         self.card.error_kind_chosen.connect(self._on_error_kind)
         self.card.note_kept.connect(self._on_note_kept)
@@ -51,6 +55,7 @@ class Marking(QObject):
         self._answer_time = QTimer(self, singleShot=True, interval=round(ANSWER_WITHIN_S * 1000))
         self._answer_time.timeout.connect(self._on_answer_late)
         self._error_id = ""
+        self._taken_back: Marked | None = None
         console.state.recording.changed.connect(self._on_recording_changed)
         hold.mark_pressed.connect(self._on_key_pressed)
         hold.mark_released.connect(self._on_key_released)
@@ -62,14 +67,19 @@ class Marking(QObject):
         spec = self._actions.spec(action_id)
         if spec is None:
             return
-        if spec.callback not in ("mark_moment", "mark_label"):
+        intent = self._actions.intent_of(spec)
+        if not isinstance(intent, intents.Mark) or intent.kind != "mark":
             self._actions.run(action_id)
             return
-        label = "" if spec.argument is None else self._label(spec.argument)
+        self._actions.ask(intent)
         timer = QTimer(self, singleShot=True, interval=round(HELD_AFTER_S * 1000))
         timer.timeout.connect(lambda: self._on_held(action_id))
-        self._held[action_id] = _Held(self._mark(label), timer)
+        self._held[action_id] = _Held(intent.mark_id, timer)
+        self._tell_held()
         timer.start()
+
+    def _tell_held(self) -> None:
+        self._console.state.held_marks.set(frozenset(held.mark_id for held in self._held.values()))
 
     def _on_held(self, action_id: str) -> None:
         """The key is down for long: the moment becomes a stretch that began with it."""
@@ -84,57 +94,43 @@ class Marking(QObject):
         held = self._held.pop(action_id, None)
         if held is None:
             return
+        self._tell_held()
         held.timer.stop()
         held.timer.deleteLater()
         if held.stretched:
             self._console.do(intents.EndMark(held.mark_id))
             self.card.show_mark(held.mark_id)
 
-    # ---- what the actions do
+    # ---- what the rows ask for
 
-    def mark_moment(self) -> None:
-        self._mark("")
+    def _ask(self, find: IntentNow) -> None:
+        intent = find(self._console.scenario, self._console.state, None)
+        if intent is not None:
+            self._actions.ask(intent)
 
-    def mark_label(self, number: int) -> None:
-        self._mark(self._label(number))
-
-    def toggle_stretch(self) -> None:
-        """End the newest stretch that no key holds open, or begin one."""
-        stretch = self.open_stretch()
-        if stretch is not None:
-            self._console.do(intents.EndMark(stretch.mark_id))
-            self.card.show_mark(stretch.mark_id)
-        else:
+    def _on_asking(self, intent: Intent) -> None:
+        if isinstance(intent, intents.Mark | intents.BeginMark | intents.WithdrawMark):
             self._no_question()
-            begun = intents.BeginMark("")
-            self._console.do(begun)
-            self.card.show_mark(begun.mark_id)
+            self._taken_back = self._console.state.marks.value.last
 
-    def open_stretch(self) -> Marked | None:
-        """The stretch that the key would end."""
-        held = {each.mark_id for each in self._held.values()}
-        going_on: tuple[Marked, ...] = self._console.state.marks.value.open
-        return next((mark for mark in reversed(going_on) if mark.mark_id not in held), None)
+    def _on_asked(self, intent: Intent) -> None:
+        """Show what becomes of it on the card."""
+        match intent:
+            case intents.Mark(kind="wizard_error"):
+                self._ask_what_error(intent.mark_id)
+            case intents.Mark() | intents.BeginMark() | intents.EndMark():
+                self.card.show_mark(intent.mark_id)
+            case intents.ChangeMark() if intent.earlier_s:
+                self.card.show_mark(intent.mark_id, earlier_s=intent.earlier_s)
+            case intents.WithdrawMark() if self._taken_back is not None:
+                self.card.show_taken_back(self._taken_back)
 
-    def mark_earlier(self) -> None:
-        last = self._last()
-        if last is not None:
-            self._console.do(intents.ChangeMark(last.mark_id, earlier_s=STEP_BACK_S))
-            self.card.show_mark(last.mark_id, earlier_s=STEP_BACK_S)
-
-    def withdraw_mark(self) -> None:
-        last = self._last()
-        if last is not None:
-            self._no_question()
-            self._console.do(intents.WithdrawMark(last.mark_id))
-            self.card.show_taken_back(last)
-
-    def mark_wizard_error(self) -> None:
-        """Mark it, and take the next key as an answer to what kind of error it was."""
-        self._error_id = self._mark("", "wizard_error")
+    def _ask_what_error(self, mark_id: str) -> None:
+        """The next key is an answer to what kind of error it was."""
+        self._error_id = mark_id
         self._hold.ask_next_key("".join(self._error_keys()), self._on_answer)
         self._answer_time.start()
-        self.card.show_mark(self._error_id, asks=True)
+        self.card.show_mark(mark_id, asks=True)
 
     def write_note(self) -> None:
         """A note about this moment; what is marked is the press of the key, however long the writing takes."""
@@ -199,18 +195,3 @@ class Marking(QObject):
     def _on_escape(self) -> None:
         self._no_question()
         self.card.close_card()
-
-    def _mark(self, label: str, kind: MarkKind = "mark") -> str:
-        self._no_question()
-        marked = intents.Mark(label, kind)
-        self._console.do(marked)
-        self.card.show_mark(marked.mark_id)
-        return marked.mark_id
-
-    def _last(self) -> Marked | None:
-        last: Marked | None = self._console.state.marks.value.last
-        return last
-
-    def _label(self, number: int) -> str:
-        labels = self._console.scenario.recording.labels
-        return labels[number - 1] if number <= len(labels) else ""

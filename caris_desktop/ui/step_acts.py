@@ -7,7 +7,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import Phrase, phrase_groups
 from caris_desktop.scenario.protocol import Branch, ProtocolStep, step_named
-from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.action_spec import ActionSpec, gives
 
 PROTOCOL_GROUP = QT_TR_NOOP("Protocol")
 
@@ -26,6 +26,7 @@ def target_of(scenario: Scenario, branch: Branch) -> ProtocolStep:
     return target
 
 
+@gives(intents.Say)
 def say_step(scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
     """The sentence of the present step, with what goes along with it where it is one of the phrases."""
     step = present_step(scenario, state)
@@ -36,6 +37,7 @@ def say_step(scenario: Scenario, state: LiveState, _argument: None) -> Intent | 
     return intents.Say(step.say, "phrase", gesture=phrase.gesture, face=phrase.face)
 
 
+@gives(intents.GoToPlace)
 def go_to_step_place(scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
     step = present_step(scenario, state)
     return intents.GoToPlace(step.go_to) if step is not None and step.go_to else None

@@ -14,7 +14,7 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import Permissions
 from caris_desktop.ui.action_rows import ACTIONS, QUEUE_GROUP, REPLAY_ACTIONS, TIMELINE_ACTIONS, say_keyed_phrase
-from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.action_spec import ActionSpec, gives
 from caris_desktop.ui.actions import actions_for, cap_text, keyed_phrases
 from caris_desktop.ui.alarms.alarm_list import AlarmList
 from caris_desktop.ui.icons import icon_names
@@ -189,6 +189,36 @@ def test_a_row_needs_what_its_intent_needs(window: MainWindow) -> None:
         spec = window.actions_table.spec(action_id)
         if spec is not None:
             assert set(spec.permissions) >= set(INTENTS[type(intent)].permissions), action_id
+
+
+def test_what_a_row_may_ask_for_is_known_beforehand_and_so_is_what_it_needs() -> None:
+    rows = {spec.id: spec for spec in (*ACTIONS, *REPLAY_ACTIONS, *TIMELINE_ACTIONS)}
+    for spec in rows.values():
+        assert bool(spec.kinds) == (spec.intent is not None), spec.id
+        for permission in spec.permissions:
+            needed = all(permission in INTENTS[kind].permissions for kind in spec.kinds) and bool(spec.kinds)
+            assert needed or permission == spec.permission, spec.id
+    assert rows["mark"].kinds == rows["label_1"].kinds == rows["wizard_error"].kinds == (intents.Mark,)
+    assert rows["stretch"].kinds == (intents.BeginMark, intents.EndMark)
+    assert (rows["mark_earlier"].kinds, rows["mark_undo"].kinds) == ((intents.ChangeMark,), (intents.WithdrawMark,))
+    assert (rows["queued_earlier"].kinds, rows["queued_cancel"].kinds) == (
+        (intents.MoveQueued,),
+        (intents.CancelQueued,),
+    )
+    assert set(rows["suggestion_1"].permissions) == {"assistant", "speech"}, "the table says it, and the row need not"
+    assert rows["answer_yes"].permissions == (), "whom or what it answers is not said before"
+
+
+def test_a_row_gives_nothing_else_than_it_says(window: MainWindow) -> None:
+    marks = window.actions_table.spec("mark")
+    assert marks is not None
+
+    @gives(intents.Mark)
+    def deceives(*_: object) -> Intent:
+        return intents.EmergencyStop()
+
+    with pytest.raises(TypeError, match="EmergencyStop"):
+        window.actions_table.intent_of(dataclasses.replace(marks, intent=deceives))
 
 
 def test_what_is_no_intent_is_a_method_of_whoever_answers_for_it() -> None:

@@ -57,6 +57,7 @@ class QueueList(QWidget):
 
     def show_waiting(self, waiting: tuple[UtteranceChanged, ...]) -> None:
         """A row for each of ``waiting``, whose ids differ, in their order."""
+        shown = list(self._rows)
         before, focused = self._rows, QApplication.focusWidget()
         had_focus = focused is not None and (focused is self or self.isAncestorOf(focused))
         self._rows = {}
@@ -77,13 +78,16 @@ class QueueList(QWidget):
             row.show()  # at once, so that keys work in it
             spoken = words.with_names(utterance.text, lambda person_id: name_of(self._console, person_id))
             row.show_utterance(number, len(waiting), spoken, utterance)
-        if self._chosen not in self._rows:
-            self._choose(next(iter(self._rows), ""))
-        else:
-            self._choose(self._chosen)
+        self._choose(self._chosen if self._chosen in self._rows else self._nearest(shown))
         self.setVisible(bool(waiting))
         if had_focus and not waiting:
             self.emptied.emit()
+
+    def _nearest(self, shown: list[str]) -> str:
+        """The one that stands where the chosen one stood before: what came after it, else what came before."""
+        at = shown.index(self._chosen) if self._chosen in shown else 0
+        near = (*shown[at + 1 :], *reversed(shown[:at]), *self._rows)
+        return next((each for each in near if each in self._rows), "")
 
     def _new_row(self, utterance_id: str) -> "_QueueRow":
         row = _QueueRow(self._theme, self._actions.key_text("focus_queue"))
@@ -95,7 +99,13 @@ class QueueList(QWidget):
 
     def _act_on(self, utterance_id: str, act: str) -> None:
         self._choose(utterance_id)
-        getattr(self, act)()
+        if act == "queued_edit":
+            self.edit()
+            return
+        row = self._actions.spec(act)
+        intent = None if row is None else self._actions.intent_of(row)
+        if intent is not None:
+            self._actions.ask(intent)
 
     def _change(self, utterance_id: str, text: str) -> None:
         if self._console.do(intents.EditQueued(utterance_id, text)):
@@ -114,23 +124,10 @@ class QueueList(QWidget):
     def go_down(self) -> None:
         self._go(1)
 
-    def move_earlier(self) -> None:
-        self._move(-1)
-
-    def move_later(self) -> None:
-        self._move(1)
-
     def edit(self) -> None:
         row = self._rows.get(self._chosen)
         if row is not None:
             row.begin_edit()
-
-    def cancel(self) -> None:
-        chosen, ids = self._chosen, list(self._rows)
-        if chosen in self._rows:
-            at = ids.index(chosen)
-            self._chosen = (ids[at + 1 :] + ids[:at][-1:] or [""])[0]
-            self._console.do(intents.CancelQueued(chosen))
 
     def _go(self, step: int) -> None:
         ids = list(self._rows)
@@ -138,15 +135,9 @@ class QueueList(QWidget):
             at = ids.index(self._chosen) if self._chosen in ids else 0
             self._choose(ids[min(max(0, at + step), len(ids) - 1)])
 
-    def _move(self, step: int) -> None:
-        ids = list(self._rows)
-        if self._chosen in ids:
-            place = ids.index(self._chosen) + step
-            if 0 <= place < len(ids):
-                self._console.do(intents.MoveQueued(self._chosen, place))
-
     def _choose(self, utterance_id: str) -> None:
         self._chosen = utterance_id
+        self._console.state.chosen_utterance.set(utterance_id)
         for each, row in self._rows.items():
             row.set_chosen(each == utterance_id and self.hasFocus())
         if utterance_id in self._rows and self.hasFocus():
@@ -159,7 +150,7 @@ class QueueList(QWidget):
         rows = self._actions.listening_in("queue")
         row = next((row for row in rows if pressed in map(normalized, row.keys)), None)
         if row is not None:
-            getattr(self, row.callback)()
+            self._actions.run(row.id)
         else:
             super().keyPressEvent(event)
 
@@ -214,17 +205,17 @@ class _QueueRow(QWidget):
         row.addWidget(self._key)
         self._movers: list[ActionButton] = []
         for act, icon, tip in (
-            ("move_earlier", "arrow-up", tr("Say it earlier")), ("move_later", "arrow-down", tr("Say it later")),
-            ("edit", "pencil-simple", tr("Say it differently")), ("cancel", "x", tr("Do not say it")),
+            ("queued_earlier", "arrow-up", tr("Say it earlier")), ("queued_later", "arrow-down", tr("Say it later")),
+            ("queued_edit", "pencil-simple", tr("Say it differently")), ("queued_cancel", "x", tr("Do not say it")),
         ):  # fmt: skip
             button = ActionButton(theme, icon=icon, look="ghost", height_px=26)
             button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            button.setObjectName(f"queue_{act}")
+            button.setObjectName(act)
             button.setToolTip(tip)
             button.setAccessibleName(tip)
             button.clicked.connect(lambda _checked=False, act=act: self.wanted.emit(act))
             row.addWidget(button)
-            if act.startswith("move"):
+            if act in ("queued_earlier", "queued_later"):
                 self._movers.append(button)
         theme.changed.connect(self._style)
         self._style()
@@ -275,7 +266,7 @@ class _QueueRow(QWidget):
         event.ignore()
 
     def mouseDoubleClickEvent(self, _event: QMouseEvent) -> None:
-        self.wanted.emit("edit")
+        self.wanted.emit("queued_edit")
 
     def _style(self) -> None:
         for label in (self._number, self.label):

@@ -248,9 +248,9 @@ def test_the_queue_is_changed_by_mouse(qtbot: QtBot, window: MainWindow, console
         assert isinstance(found, QWidget)
         return found
 
-    click(qtbot, button(2, "queue_move_earlier"))
+    click(qtbot, button(2, "queued_earlier"))
     assert queue.texts == ["“One.”", "“Three.”", "“Two.”"]
-    click(qtbot, button(0, "queue_cancel"))
+    click(qtbot, button(0, "queued_cancel"))
     assert console.calls[-2:] == [("move_queued", ("u-3", 1)), ("cancel_queued", "u-1")]
     assert queue.texts == ["“Three.”", "“Two.”"]
 
