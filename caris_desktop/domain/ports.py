@@ -44,7 +44,7 @@ class TellProblem(Protocol):
 
 
 class RobotPort(Protocol):
-    """What accepts the wizard's intents. Live link, and in replay an object that refuses motion."""
+    """What takes commands to the robot: the service that keeps the links. In a replay the gate refuses before that."""
 
     def send(self, command: RobotCommand) -> bool:
         """Hand a command over at once. False when it could not be handed over; nothing is ever queued."""

@@ -10,7 +10,6 @@ from typing import TypeVar
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain.actor import WIZARD, Actor
-from caris_desktop.domain.commands import RobotCommand
 from caris_desktop.domain.events import ANSWER, ProblemEnd, Severity
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent
@@ -271,10 +270,6 @@ class Console(QObject):
     ) -> None:
         """Tell the wizard, and the record; ``until`` and ``cause`` as in Problem."""
         self._bus.problem(severity, what, meaning, advice, until=until, cause=cause)
-
-    def send(self, command: RobotCommand) -> bool:
-        """RobotPort: to the control link, now or not at all."""
-        return self._robot.send(command)
 
     # Start and end
 

@@ -42,7 +42,6 @@ class HeldMotion(QObject):
     """
 
     held_changed = Signal(object)  # frozenset of action ids
-    wish_changed = Signal(object)  # MotionWish
 
     def __init__(
         self, console: WizardConsole, actions: Actions, takes_keys: Callable[[], bool], parent: QObject
@@ -215,4 +214,3 @@ class HeldMotion(QObject):
 
     def _tell(self) -> None:
         self.held_changed.emit(self.held)
-        self.wish_changed.emit(self._sent)

@@ -257,7 +257,7 @@ class RobotService(Service):
             media.stop(grace_s=1.5)
 
     def send(self, command: RobotCommand) -> bool:
-        """RobotPort: to the control link, now or not at all."""
+        """To the control link, now or not at all."""
         control = self._links.get("control")
         return control is not None and control.send(command)
 

@@ -1,12 +1,8 @@
 """Which class opens which kind of camera. Each is imported when it is wanted: most runs use one."""
 
-from collections.abc import Callable
-
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
-
-OpenCamera = Callable[[ChosenCamera], CameraSource]
 
 
 def open_camera(chosen: ChosenCamera) -> CameraSource:
