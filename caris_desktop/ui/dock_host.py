@@ -21,7 +21,8 @@ from caris_desktop.ui.layout.dock_area import DockArea, qrect
 from caris_desktop.ui.layout.drop_mark import DragWords, DropMark
 from caris_desktop.ui.layout.fitting import COMFORT
 from caris_desktop.ui.layout.floating_window import FloatingWindow
-from caris_desktop.ui.layout.placing import Drop, drop_at, grown
+from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
+from caris_desktop.ui.layout.placing import Drop, drop_at
 from caris_desktop.ui.layout.rect import Rect, on_a_screen
 from caris_desktop.ui.layout.tree import Side, panels_in
 from caris_desktop.ui.panel import Panel
@@ -29,9 +30,6 @@ from caris_desktop.ui.panel import Panel
 _FLOATING: tuple[int, int] = (480, 360)
 _CASCADE_PX = 36
 _LEAVE_MS = 1
-RESIZE_PX = 48
-"""So much larger or smaller a panel gets at once by keys."""
-
 LOCKED = QT_TR_NOOP("The layout is locked, so nothing was moved. Unlock it in the menu Layout.")
 
 
@@ -322,25 +320,6 @@ class DockHost(DockArea):
             after = edits.move(self._arrangement, name, beside, side, at)
             self.edit(tr("Move {panel}").format(panel=self._title(name)), after)
 
-    def can_resize(self, name: PanelName, by_px: int) -> bool:
-        return self._grown(name, by_px) is not None
-
-    def resize_panel(self, name: PanelName, by_px: int) -> None:
-        """Make the panel larger by so much, or smaller where that is below zero, as its neighbours leave room."""
-        after = self._grown(name, by_px)
-        what = tr("Make {panel} larger") if by_px > 0 else tr("Make {panel} smaller")
-        self.edit(what.format(panel=self._title(name)), after)
-
-    def _grown(self, name: PanelName, by_px: int) -> Arrangement | None:
-        if self._arrangement is None or name not in self._docks or not self._arrangement.is_shown(name):
-            return None
-        area = self._area_of(name)
-        found = None if area.whole_tree is None else grown(area.whole_tree, area.placing, name, by_px)
-        if found is None:
-            return None
-        window = next((index for index, window in enumerate(self._windows) if window.area is area), None)
-        return edits.resize(self._arrangement, window, *found)
-
     def _title(self, name: PanelName) -> str:
         return self._docks[name].widget().title
 
@@ -505,8 +484,8 @@ class DockHost(DockArea):
         large.triggered.connect(lambda: self._open_drawer_of(name))
         for words, by_px in ((tr("Larger"), RESIZE_PX), (tr("Smaller"), -RESIZE_PX)):
             resizes = menu.addAction(words)
-            resizes.triggered.connect(self._resizer(name, by_px))
-            resizes.setEnabled(not self.locked and self.can_resize(name, by_px))
+            resizes.triggered.connect(resizer(self, name, by_px))
+            resizes.setEnabled(not self.locked and resized(self, name, by_px) is not None)
         others = [other for other in arrangement.panels if other != name and arrangement.is_shown(other)]
         for side, words in _MENU_SIDES.items():
             into = menu.addMenu(tr(words))
@@ -520,9 +499,6 @@ class DockHost(DockArea):
             action.setEnabled(not self.locked)
         if self.locked:
             menu.addSection(tr("The layout is locked"))
-
-    def _resizer(self, name: PanelName, by_px: int) -> Callable[[], None]:
-        return lambda: self.resize_panel(name, by_px)
 
     def _mover(self, name: PanelName, other: PanelName, side: Side) -> Callable[[], None]:
         return lambda: self.move_panel(name, other, side)

@@ -17,8 +17,9 @@ from PySide6.QtWidgets import QApplication, QMenu, QWidget
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.scenario.panel_settings import PanelSettings
-from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
+from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
+from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
 from caris_desktop.ui.layout.tree import panels_in, permitted
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
@@ -237,11 +238,8 @@ class PanelBoard(QObject):
     def resizers(self, name: PanelName) -> list[tuple[int, Callable[[], None]]]:
         """By how many pixels the panel can be made larger, or smaller, and what does it."""
         docks = self._docks
-
-        def resizer(by_px: int) -> Callable[[], None]:
-            return lambda: docks.resize_panel(name, by_px)
-
-        return [(by_px, resizer(by_px)) for by_px in (RESIZE_PX, -RESIZE_PX) if docks.can_resize(name, by_px)]
+        steps = [by_px for by_px in (RESIZE_PX, -RESIZE_PX) if resized(docks, name, by_px) is not None]
+        return [(by_px, resizer(docks, name, by_px)) for by_px in steps]
 
     def toggler(self, name: PanelName) -> Callable[[bool], None]:
         """Opens or closes the panel after the menu has closed, so that it gets its size and the focus can go there."""

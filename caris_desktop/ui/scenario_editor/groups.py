@@ -356,8 +356,7 @@ class EntryRow(Part):
     """One entry of a list. Small ones are a row, large ones a card that folds."""
 
     def __init__(self, holder: ListPart, index: int, group: Group | None) -> None:
-        entry = tr("entry {number}").format(number=index + 1)
-        super().__init__(holder.context.inside(entry), (*holder.path, index))
+        super().__init__(holder.context.inside(tr("entry {number}").format(number=index + 1)), (*holder.path, index))
         self._holder = holder
         self._index = index
         self._form = holder.item

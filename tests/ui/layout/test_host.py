@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.scenario.model import PanelLeaf, PanelName, TabNode
-from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
+from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.layout.arrangement import (
     Arrangement,
     arrangement_data,
@@ -19,6 +19,7 @@ from caris_desktop.ui.layout.arrangement import (
     float_panel,
 )
 from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.panel_size import RESIZE_PX, resizer
 from caris_desktop.ui.layout.placing import GroupPlace, place
 from caris_desktop.ui.layout.rect import Rect
 from caris_desktop.ui.layout.tree import panels_in
@@ -200,7 +201,7 @@ def test_a_locked_panel_keeps_its_size(window: MainWindow, host: DockHost) -> No
     host.fill_menu(menu, "map")
     assert not [action for action in menu.actions() if action.text() in ("Larger", "Smaller") and action.isEnabled()]
     assert not [entry.text for entry in window.palette_entries() if entry.text == "Map: larger"]
-    host.resize_panel("map", RESIZE_PX)
+    resizer(host, "map", RESIZE_PX)()
     assert arranged(host) == before and len(refused) == 1
 
 

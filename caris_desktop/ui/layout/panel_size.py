@@ -1,0 +1,50 @@
+"""Panels made larger and smaller a step at a time, without a mouse."""
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.scenario.model import PanelName
+from caris_desktop.ui.layout import arrangement as edits
+from caris_desktop.ui.layout.arrangement import Arrangement
+from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.dock_area import DockArea
+from caris_desktop.ui.layout.placing import grown
+from caris_desktop.ui.layout.tree import panels_in
+
+RESIZE_PX = 48
+"""So much larger or smaller a panel gets at once."""
+
+
+class Arranged(Protocol):
+    """Where panels lie as their arrangement says."""
+
+    docks: Mapping[PanelName, Dock]
+
+    @property
+    def arrangement(self) -> Arrangement | None: ...
+
+    def edit(self, what: str, after: Arrangement | None) -> bool:
+        """The wizard did ``what``; whether it was done."""
+
+
+def resized(docks: Arranged, name: PanelName, by_px: int) -> Arrangement | None:
+    """The panel larger by so much, or smaller where that is below zero; None where its neighbours leave no room."""
+    arrangement = docks.arrangement
+    area = docks.docks[name].parentWidget() if name in docks.docks else None
+    if arrangement is None or not arrangement.is_shown(name) or not isinstance(area, DockArea):
+        return None
+    found = None if area.whole_tree is None else grown(area.whole_tree, area.placing, name, by_px)
+    if found is None:
+        return None
+    floating = enumerate(arrangement.floating)
+    window = next((index for index, window in floating if name in panels_in(window.tree)), None)
+    return edits.resize(arrangement, window, *found)
+
+
+def resizer(docks: Arranged, name: PanelName, by_px: int) -> Callable[[], None]:
+    def resize() -> None:
+        what = tr("Make {panel} larger") if by_px > 0 else tr("Make {panel} smaller")
+        docks.edit(what.format(panel=docks.docks[name].widget().title), resized(docks, name, by_px))
+
+    return resize
