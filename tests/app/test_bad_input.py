@@ -1,5 +1,6 @@
 """What goes wrong around a session: each gets a clear message, the console goes on, and nothing recorded is lost."""
 
+import hashlib
 import json
 import os
 import signal
@@ -266,8 +267,15 @@ def test_scenarios_switch_while_recording_and_a_broken_one_changes_nothing(
         assert console.shown["frames_missing"] == missing, "no frame was lost between scenarios"
         console.close()
         assert _ended_because(folder) == "console_closed"
+        header = json.loads((folder / "session.json").read_text("utf-8"))
+        first = tmp_path / "tour-guide.yaml"
+        assert header["scenario"] == {"title": "Tour guide", "file": first.name, "sha256": _sha256(first)}
     finally:
         console.kill()
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _topics_so_far(folder: Path) -> range:

@@ -3,7 +3,8 @@
 import dataclasses
 
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
 
@@ -71,3 +72,19 @@ def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console
     assert observer is not None and observer.findChild(QWidget, "map_panel") is None
     observer.close()
     assert window.observers.shown is None
+
+
+class _OtherScreen:
+    def availableGeometry(self) -> QRect:
+        return QRect(1920, 0, 1600, 900)
+
+
+def test_it_opens_on_the_other_screen_where_there_is_one(
+    window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = window.screen()
+    here = _opened(window, console, "everything")
+    assert own.geometry().contains(here.geometry().center()), "with one screen it is on that"
+    here.close()
+    monkeypatch.setattr(QGuiApplication, "screens", lambda: [own, _OtherScreen()])
+    assert _opened(window, console, "everything").geometry() == QRect(1920, 0, 1600, 900)

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QDialogButtonBox, QLineEdit, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.shipped import layouts_dir
@@ -19,11 +19,12 @@ from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode, TabNo
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
 from caris_desktop.ui.layout.rect import Rect
 from caris_desktop.ui.layout.tree import panels_in, tidy
+from caris_desktop.ui.layout_menu import TitleDialog
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_menus import LayoutMenu
 from tests.ui import samples
-from tests.ui.conftest import MemorySettings
+from tests.ui.conftest import MemorySettings, click, find
 from tests.ui.fake_console import FakeConsole
 
 WORKING = "wizards/*/layout/working"
@@ -52,6 +53,35 @@ def again(
     window.resize(1366, 768)
     window.show()
     return window
+
+
+def test_another_scenario_is_made_of_the_arrangement_by_the_menu_and_its_title(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    wanted: list[tuple[LayoutNode, str, str]] = []
+    window.layout_save_as_requested.connect(lambda *asked: wanted.append(asked))
+    window.dock_host.float_panel("map", PLACE)
+    click(qtbot, find(window, "window_menu_button"))
+    menu = window.findChild(QMenu, "layout_menu")
+    assert menu is not None
+    save_as = next(line for line in menu.actions() if line.text() == "Save as another scenario…")
+    menu.popup(window.mapToGlobal(window.rect().center()))
+    QTest.mouseClick(menu, Qt.MouseButton.LeftButton, pos=menu.actionGeometry(save_as).center())
+    window.findChild(QMenu, "window_menu").close()  # type: ignore[union-attr]
+    qtbot.waitUntil(lambda: window.findChild(TitleDialog) is not None)
+    dialog = window.findChild(TitleDialog)
+    save = dialog.findChild(QDialogButtonBox).button(QDialogButtonBox.StandardButton.Save)
+    assert not save.isEnabled(), "without a title there is none"
+    QTest.keyClicks(dialog.findChild(QLineEdit, "layout_title_field"), " My  tour ")
+    click(qtbot, save)
+    assert wanted == [(window.dock_host.tree, "usual", "My tour")]
+    qtbot.waitUntil(lambda: window.findChild(TitleDialog) is None)
+    # Given up, it asks for nothing.
+    window.layout_keeper.title_wanted.emit()
+    dialog = window.findChild(TitleDialog)
+    QTest.keyClicks(dialog.findChild(QLineEdit, "layout_title_field"), "Other")
+    click(qtbot, dialog.findChild(QDialogButtonBox).button(QDialogButtonBox.StandardButton.Cancel))
+    assert len(wanted) == 1
 
 
 def test_what_the_wizard_arranges_is_hers_until_she_saves_it(

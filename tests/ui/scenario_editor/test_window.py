@@ -15,8 +15,10 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import RobotPose
+from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import SavedScenario
 from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.library import user_scenarios_dir
 from caris_desktop.ui.scenario_editor.consequences import consequences
 from caris_desktop.ui.scenario_editor.groups import ListPart
 from caris_desktop.ui.scenario_editor.opened import opened_file
@@ -243,6 +245,35 @@ def test_fields_are_taken_over_from_what_it_is_compared_with(editor: ScenarioEdi
     page.choice.setCurrentIndex(shipped)
     page.choice.activated.emit(shipped)
     assert any("Tour guide" in label.text() for row in page.rows for label in row.findChildren(QLabel))
+
+
+def test_ones_own_file_of_a_shipped_name_is_compared_with_the_shipped_one_first(
+    qtbot: QtBot, theme: Theme, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    path = user_scenarios_dir() / "tour-guide.yaml"
+    path.parent.mkdir(parents=True)
+    shipped = (layouts_dir() / path.name).read_text("utf-8")
+    path.write_text(shipped.replace("title: Tour guide", "title: My tour"), "utf-8")
+    console = FakeConsole(load_scenario(path))
+    editor = ScenarioEditor(theme, console, opened_file(path))
+    qtbot.addWidget(editor)
+    editor.show()
+    page = editor.compare_page
+    editor.show_page(page)
+    offered = [page.choice.itemText(row) for row in range(page.choice.count())]
+    assert offered[:2] == ["tour-guide, as it comes with the program", "What was saved"]
+    assert sorted(offered[2:]) == offered[2:] and "tour-guide, as it comes with the program" not in offered[2:]
+    assert "-title: Tour guide\n+title: My tour" in page.diff.toPlainText()
+    QTest.mouseClick(take_over(page.rows[0]), Qt.MouseButton.LeftButton)
+    assert editor.document.text == shipped
+    console.state.close()
+
+
+def take_over(row: QWidget) -> QWidget:
+    button = row.findChild(QWidget, "take_over")
+    assert button is not None
+    return button
 
 
 def acknowledge(console: FakeConsole, **more: str) -> None:
