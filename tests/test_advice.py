@@ -1,0 +1,109 @@
+"""Whatever is told as wrong says what to do: no warning, error or alarm of the program comes without advice."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import caris_desktop
+
+ROOT = Path(caris_desktop.__file__).parent
+SEVERITIES = ("info", "warning", "error")
+ONLY_LOGGED = {"live/said_before.py", "live/services/going_on.py"}
+"""Failures of files that only make something easier: nothing of the session is lost with them, and nobody is told."""
+_AFTER_SEVERITY = 3  # severity, what, meaning, advice
+_OF_A_FAILURE = 2  # what, meaning, advice
+
+
+def name_of(call: ast.Call) -> str:
+    called = call.func
+    return called.id if isinstance(called, ast.Name) else called.attr if isinstance(called, ast.Attribute) else ""
+
+
+def names_of_failures(trees: dict[Path, ast.Module]) -> set[str]:
+    """ToldFailure, and the classes made of it that are given the same as it is."""
+    bases = {
+        node.name: {ast.unparse(base).rsplit(".", 1)[-1] for base in node.bases}
+        for tree in trees.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef) and not any(_is_init(part) for part in node.body)
+    }
+    found = {"ToldFailure"}
+    while more := {name for name, of in bases.items() if of & found} - found:
+        found |= more
+    return found
+
+
+def _is_init(part: ast.stmt) -> bool:
+    return isinstance(part, ast.FunctionDef) and part.name == "__init__"
+
+
+def told(call: ast.Call, failures: set[str]) -> tuple[str, ast.expr] | None:
+    """How grave it is, and its advice; None where this tells of nothing."""
+    given = {each.arg: each.value for each in call.keywords}
+    words = [argument.value if isinstance(argument, ast.Constant) else None for argument in call.args]
+    severity = given.get("severity")
+    grave = next((word for word in words if word in SEVERITIES), None)
+    if grave is not None:
+        at = words.index(grave) + _AFTER_SEVERITY
+    elif name_of(call) in failures:
+        at = _OF_A_FAILURE
+        grave = str(severity.value) if isinstance(severity, ast.Constant) else "error"
+    else:
+        return None
+    advice = given.get("advice") or (call.args[at] if len(call.args) > at else None)
+    return None if advice is None else (str(grave), advice)
+
+
+def may_be_empty(advice: ast.expr) -> bool:
+    match advice:
+        case ast.Constant(value=said):
+            return not said
+        case ast.IfExp(body=one, orelse=other):
+            return may_be_empty(one) or may_be_empty(other)
+        case ast.BoolOp(values=several):
+            return any(may_be_empty(each) for each in several)
+    return False
+
+
+@pytest.fixture(scope="module")
+def trees() -> dict[Path, ast.Module]:
+    return {path: ast.parse(path.read_text("utf-8")) for path in sorted(ROOT.rglob("*.py"))}
+
+
+def everything_told(trees: dict[Path, ast.Module]) -> Iterator[tuple[str, str, ast.expr]]:
+    """Where it is told, how grave it is, and its advice."""
+    failures = names_of_failures(trees)
+    for path, tree in trees.items():
+        for node in ast.walk(tree):
+            found = told(node, failures) if isinstance(node, ast.Call) else None
+            if found is not None:
+                yield f"{path.relative_to(ROOT)}:{node.lineno}", *found  # type: ignore[attr-defined]
+
+
+def test_no_warning_and_no_error_comes_without_advice(trees: dict[Path, ast.Module]) -> None:
+    found = list(everything_told(trees))
+    assert len(found) > 200, "they are found at all"
+    assert {grave for _, grave, _ in found} == set(SEVERITIES)
+    without = [where for where, grave, advice in found if grave != "info" and may_be_empty(advice)]
+    assert {where.split(":")[0] for where in without} == ONLY_LOGGED, without
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        'bus.problem("warning", tr("It broke."), tr("Nothing is seen."), "")',
+        'Problem(now_ns, "error", what, meaning, "")',
+        'Condition("link", "error", what, meaning, tr("Look.") if one else "")',
+        "ToldFailure(what, meaning, '')",
+        "ToldFailure(what, meaning, advice='', severity='warning')",
+    ],
+)
+def test_what_has_no_advice_is_seen(call: str) -> None:
+    (found,) = [told(node, {"ToldFailure"}) for node in ast.walk(ast.parse(call)) if told_here(node)]
+    assert found is not None and found[0] != "info" and may_be_empty(found[1])
+
+
+def told_here(node: ast.AST) -> bool:
+    return isinstance(node, ast.Call) and told(node, {"ToldFailure"}) is not None
