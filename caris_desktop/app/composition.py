@@ -152,6 +152,7 @@ def parts(
         robots=RobotParts(
             choices=_robots,
             connect_to=functools.partial(_connect_to, address_of=address_of),
+            simulated=lambda _actor: _no_robot_to_practise_on(),
         ),
         session=SessionParts(
             suggested_details=lambda: following(load_last_details(study)),

@@ -21,6 +21,7 @@ from caris_desktop.app.kept_settings import KeptSettings
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import LayoutSaving
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
+from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sound import Role
@@ -81,8 +82,9 @@ class ConsoleRun:
             address_of=self._address_of,
             microphone=composition.microphones(self._kept_microphone, self._keep_microphone),
         )
-        practice = replace(parts.practice, robot=self._use_robot_to_practise_on, cut_link=self._cut_link)
-        self.console = Console(replace(parts, practice=practice), scenario)
+        practice = replace(parts.practice, robot=self._use_simulated_robot, cut_link=self._cut_link)
+        robots = replace(parts.robots, simulated=self._use_simulated_robot)
+        self.console = Console(replace(parts, practice=practice, robots=robots), scenario)
         self.settings.failed.connect(self._on_settings_failed)
         self.host = LiveRobotHost(self.console, composition.live_consoles_dir(), self.console)
         theme = self._theme = Theme(
@@ -105,7 +107,6 @@ class ConsoleRun:
         self.window.kept_choices.begin()
         self._layouts = LayoutSaving(self.window, self.console, self.settings, self._keep_scenario)
         self._make_demo_robot = robot
-        self.window.first_use.simulated_wanted.connect(self._use_robot_to_practise_on)
         if robot is None and arguments.demo:
             self._make_demo_robot = DemoRobot
         self.console.gamepads.use_mappings_text(str(self.settings.value(_GAMEPADS_KEY, "")))
@@ -183,13 +184,13 @@ class ConsoleRun:
                 str(refusal), tr("No robot is connected."), tr("Start again with another --robot.")
             ) from refusal
 
-    def _use_robot_to_practise_on(self) -> None:
-        """The simulated robot is connected, now or as soon as it is ready."""
+    def _use_simulated_robot(self, actor: Actor = WIZARD) -> None:
+        """It is connected, now or as soon as it is ready."""
         if self.demo_robot is None:
-            self.demo_robot = DemoRobot(self.console)
+            self.demo_robot = DemoRobot(self.console, actor=actor)
             self.demo_robot.start()
         else:
-            self.demo_robot.use()
+            self.demo_robot.use(actor)
 
     def _cut_link(self, seconds: float) -> None:
         address = self.demo_robot.address_of(PROFILE) if self.demo_robot is not None else None

@@ -5,6 +5,7 @@ import sys
 from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.app import composition
+from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.console import Console
 from caris_desktop.live.simulated_robot import SimulatedRobotProcess
@@ -18,9 +19,11 @@ class DemoRobot(QObject):
     _ready = Signal(str)
     _failed = Signal(str)
 
-    def __init__(self, console: Console, *, seed: int | None = None) -> None:
+    def __init__(self, console: Console, *, seed: int | None = None, actor: Actor = WIZARD) -> None:
+        """``actor`` is for whom it is connected once it is ready."""
         super().__init__(console)
         self._console = console
+        self._actor = actor
         self._address: str | None = None
         command = [sys.executable, "-m", "caris_desktop", "simulate", "--port", "0", "--end-with-stdin"]
         if seed is not None:
@@ -32,11 +35,11 @@ class DemoRobot(QObject):
     def start(self) -> None:
         self.process.start()
 
-    def use(self) -> None:
-        """Connect it, where it is ready; else it is connected once it is."""
-        address = self._address
+    def use(self, actor: Actor) -> None:
+        """Connect it for that actor, where it is ready; else it is connected once it is."""
+        address, self._actor = self._address, actor
         if address is not None:
-            self._console.use_robot(lambda: composition.robot_connection(PROFILE, address=address))
+            self._console.use_robot(lambda: composition.robot_connection(PROFILE, address=address), actor)
 
     def stop(self) -> None:
         self.process.stop()
@@ -47,7 +50,7 @@ class DemoRobot(QObject):
 
     def _on_ready(self, address: str) -> None:
         self._address = address
-        self.use()
+        self.use(self._actor)
 
     def _on_failed(self, detail: str) -> None:
         self._console.problem(

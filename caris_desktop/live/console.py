@@ -153,7 +153,7 @@ class Console(QObject):
         face = FaceService(state, bus, slow_work, self._asyncio, frames=self._shown_frames, parent=self)
         governor = GovernorService(state, bus, self._people, assistant.client, parent=self)
         self._another_robot = AnotherRobotService(
-            bus, slow_work, by_name=parts.robots.connect_to,
+            bus, slow_work, by_name=parts.robots.connect_to, simulated=parts.robots.simulated,
             robot=self._robot, drive=self._drive, recording=recording, people=self._people, parent=self,
         )  # fmt: skip
         self._gamepads = Gamepads(state, bus.publish, self)
@@ -239,11 +239,13 @@ class Console(QObject):
         return refusal.what
 
     def use_robot(self, find: Callable[[], RobotConnection], actor: Actor = WIZARD, *, until: ProblemEnd = "") -> None:
-        """As :meth:`AnotherRobotService.use`."""
+        """For composition alone, which says what a run begins with; the wizard asks by an intent, through the gate. As
+        :meth:`AnotherRobotService.use`.
+        """
         self._another_robot.use(find, actor, until=until)
 
     def connect_robot(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
-        """As :meth:`AnotherRobotService.connect_to`."""
+        """For composition alone, as ``use_robot``. As :meth:`AnotherRobotService.connect_to`."""
         self._another_robot.connect_to(connection, actor)
 
     def rewrite_scenario(self, write: Callable[[Scenario], Path], written: Callable[[Path], None]) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from caris_desktop.domain.actor import Actor
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.services.assistant import AssistantParts
 from caris_desktop.live.services.cameras import WantedCameras
@@ -21,10 +22,13 @@ from caris_desktop.scenario.model import Scenario
 
 @dataclass(frozen=True, slots=True)
 class RobotParts:
-    """``connect_to`` waits on files in a thread of its own, and raises ToldFailure."""
+    """``choices`` and ``connect_to`` wait on files in a thread of their own; ``connect_to`` raises ToldFailure.
+    ``simulated`` is as in AnotherRobotService.
+    """
 
     choices: Callable[[], Sequence[RobotChoice]]
     connect_to: Callable[[str], RobotConnection]
+    simulated: Callable[[Actor], None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -259,6 +259,7 @@ def tell(story: Story) -> None:
     ask(intents.ImportScenario(Path("another.caris")), events.ScenarioOpened)
     ask(intents.SaveScenario("title: Another tour", console.scenario.path), events.ScenarioOpened)
     ask(intents.UseRobot("another"), events.RobotChosen)
+    ask(intents.UseSimulatedRobot(), events.RobotChosen)
     ask(intents.StopRecording(), events.SessionEnded)
     story.until(lambda: state.recording.value.state == "idle", "the end of the recording")
 
@@ -364,6 +365,9 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
             robots=replace(
                 parts.robots,
                 connect_to=lambda name: composition.robot_connection(str(folder / f"{name}.yaml")),
+                simulated=lambda actor: console.use_robot(
+                    lambda: composition.robot_connection(str(folder / "another.yaml")), actor
+                ),
             ),
         )
         broken_off = parts.session.study / "sessions" / "broken-off"

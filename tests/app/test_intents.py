@@ -53,6 +53,7 @@ SAMPLES: tuple[Intent, ...] = (
     intents.SetMapping(mapping=True),
     intents.UseControl("wave", True),
     intents.UseRobot("simulated"),
+    intents.UseSimulatedRobot(),
     intents.Say("Hello", "typed"),
     intents.DraftSpeech("Hello there."),
     intents.FillGap("Ada"),

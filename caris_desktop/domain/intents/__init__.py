@@ -96,7 +96,7 @@ from caris_desktop.domain.intents.protocol import (
     TakeBranch,
     TickItem,
 )
-from caris_desktop.domain.intents.robot import ROBOT, UseControl, UseRobot
+from caris_desktop.domain.intents.robot import ROBOT, UseControl, UseRobot, UseSimulatedRobot
 from caris_desktop.domain.intents.session import (
     SESSION,
     ConfirmAsBefore,

@@ -22,8 +22,14 @@ class UseRobot(Intent):
     robot: str
 
 
+@dataclass(frozen=True, slots=True)
+class UseSimulatedRobot(Intent):
+    """Connect to the simulated robot of this computer, which is started where there is none."""
+
+
 ROBOT: IntentTable = {
     # Whether it moves the robot is said of each control.
     UseControl: IntentSpec(QT_TR_NOOP("Using the control"), "robot_controls", needs_link=True, proposable=True),
     UseRobot: IntentSpec(QT_TR_NOOP("Connecting to another robot")),
+    UseSimulatedRobot: IntentSpec(QT_TR_NOOP("Connecting to the simulated robot")),
 }

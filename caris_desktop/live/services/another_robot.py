@@ -6,7 +6,7 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ProblemEnd
-from caris_desktop.domain.intents import UseRobot
+from caris_desktop.domain.intents import UseRobot, UseSimulatedRobot
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Handlers, Service
@@ -20,7 +20,8 @@ from caris_desktop.live.slow_work import SlowWork
 class AnotherRobotService(Service):
     """Connects to the robot that was asked for last; finding one, and leaving one, may take a while.
 
-    ``by_name`` waits on files in a thread of its own, and raises ToldFailure.
+    ``by_name`` waits on files in a thread of its own, and raises ToldFailure. ``simulated`` starts the simulated robot
+    where there is none, and has it connected for that actor once it is ready; it raises ToldFailure where it cannot.
     """
 
     def __init__(
@@ -29,6 +30,7 @@ class AnotherRobotService(Service):
         slow_work: SlowWork,
         *,
         by_name: Callable[[str], RobotConnection],
+        simulated: Callable[[Actor], None],
         robot: RobotService,
         drive: DriveService,
         recording: RecordingService,
@@ -38,6 +40,7 @@ class AnotherRobotService(Service):
         super().__init__(parent)
         self._bus = bus
         self._by_name = by_name
+        self._simulated = simulated
         self._slow_work = slow_work
         self._robot = robot
         self._drive = drive
@@ -48,7 +51,10 @@ class AnotherRobotService(Service):
         self._stopped = False
 
     def handlers(self) -> Handlers:
-        return {UseRobot: lambda asked: self.use(lambda: self._by_name(asked.robot), asked.actor)}
+        return {
+            UseRobot: lambda asked: self.use(lambda: self._by_name(asked.robot), asked.actor),
+            UseSimulatedRobot: lambda asked: self._simulated(asked.actor),
+        }
 
     def use(self, find: Callable[[], RobotConnection], actor: Actor = WIZARD, *, until: ProblemEnd = "") -> None:
         """Connect to the robot that ``find`` gives, unless another one is asked for meanwhile. Who starts the program

@@ -2,9 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QWidget
 
+from caris_desktop.domain import intents
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.first_use.drive_hint import DriveHint
@@ -19,11 +20,7 @@ SET_UP_KEY, DRIVEN_KEY = "first_use/set_up", "first_use/driven"
 
 
 class FirstUse(QObject):
-    """``simulated_wanted`` where the wizard wants to drive the simulated robot. Without ``settings`` nothing is kept,
-    and nothing comes by itself.
-    """
-
-    simulated_wanted = Signal()
+    """Without ``settings`` nothing is kept, and nothing comes by itself."""
 
     def __init__(
         self,
@@ -68,7 +65,7 @@ class FirstUse(QObject):
             self._page.close_overlay()
 
     def _on_simulated_wanted(self) -> None:
-        self.simulated_wanted.emit()
+        self._console.do(intents.UseSimulatedRobot())
         self._tell_how_to_drive()
 
     def _on_finished(self, through: bool) -> None:

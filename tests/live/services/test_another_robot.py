@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.services.another_robot import AnotherRobotService
@@ -63,7 +64,7 @@ def service(calls: list[str], work: LaterWork) -> AnotherRobotService:
     )
     made: Any = AnotherRobotService
     service: AnotherRobotService = made(
-        bus, work, by_name=None, robot=robot, drive=drive, recording=recording, people=people
+        bus, work, by_name=None, simulated=calls.append, robot=robot, drive=drive, recording=recording, people=people
     )
     return service
 
@@ -78,6 +79,11 @@ def test_driving_ends_at_once_and_what_was_of_the_robot_before_goes_before_the_n
     assert calls[2:] == [
         "bus.take_in", "recording.forget_robot", "people.forget_robot", "robot.connect_robot tiago",
     ]  # fmt: skip
+
+
+def test_the_simulated_robot_is_asked_for_by_whoever_wants_it(service: AnotherRobotService, calls: list[str]) -> None:
+    service.handlers()[intents.UseSimulatedRobot](intents.UseSimulatedRobot(actor="wizard:b"))
+    assert calls == ["wizard:b"]
 
 
 def test_of_two_that_are_looked_for_the_last_counts(

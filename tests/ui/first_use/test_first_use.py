@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QProgressBar, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.domain import clock
+from caris_desktop.domain import clock, intents
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.live.status import (
@@ -170,8 +170,6 @@ def test_it_comes_once_by_itself_and_later_when_it_is_asked_for(
 ) -> None:
     console.state.link.set(LinkStatus("connecting"))
     use: FirstUse = window.first_use
-    wanted: list[bool] = []
-    use.simulated_wanted.connect(lambda: wanted.append(True))
     use.begin(with_simulated_robot=False)
     assert find(window, "first_use").isVisible()
     qtbot.keyClick(window, Qt.Key.Key_Escape)
@@ -181,7 +179,8 @@ def test_it_comes_once_by_itself_and_later_when_it_is_asked_for(
     assert window.findChild(SetUpPage).isHidden(), "once is enough"
     window.actions_table.run("set_up")
     click(qtbot, find(window, "first_use_simulated"))
-    assert wanted == [True] and settings.values[SET_UP_KEY] == "done"
+    assert console.calls[-1] == ("UseSimulatedRobot", intents.UseSimulatedRobot())
+    assert settings.values[SET_UP_KEY] == "done"
     hint = find(window, "drive_hint")
     assert hint.accessibleName() == "The robot is being connected…"
     console.state.link.set(LinkStatus("connected", "Simulated robot"))
