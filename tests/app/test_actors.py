@@ -333,7 +333,8 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
     parts = composition.parts(study=composition.open_study(folder / "study"))
     with SimulatedRobot("--empty") as robot:
         profile = replace(load_profile("simulated"), address=robot.address)
-        save_profile(replace(profile, title="Another robot"), folder / "another.yaml")
+        for name in ("another", "third"):
+            save_profile(replace(profile, title=f"{name.title()} robot"), folder / f"{name}.yaml")
         headset = replace(
             parts.microphone.wizard,
             body=ProcessBody("wizard microphone", bodies.quiet_microphone),
@@ -366,7 +367,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
                 parts.robots,
                 connect_to=lambda name: composition.robot_connection(str(folder / f"{name}.yaml")),
                 simulated=lambda actor: console.use_robot(
-                    lambda: composition.robot_connection(str(folder / "another.yaml")), actor
+                    lambda: composition.robot_connection(str(folder / "third.yaml")), actor
                 ),
             ),
         )
