@@ -333,10 +333,11 @@ def _open_presence(study: StudyFolder) -> tuple[Presence, list[Event]]:
     try:
         return Presence(KnownPeople(PeopleStore(study.people_database))), []
     except PeopleStoreError as error:
+        what = str(error)
         problem = Problem(
             clock.now_ns(),
             "error",
-            str(error),
+            tr(what),
             tr("People are recognised, but names that you give are forgotten when the program closes."),
             tr("Make the study's folder writable, or start with another --study."),
         )

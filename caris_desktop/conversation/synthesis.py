@@ -252,7 +252,9 @@ class _Synthesis:
         if not text:
             self._report(command, "failed", clock.now_ns(), QT_TR_NOOP("there is nothing to say in it"))
         elif len(text) > MAX_UTTERANCE_CHARACTERS:
-            too_long = f"it is longer than {MAX_UTTERANCE_CHARACTERS} characters: say it in parts"
+            too_long = filled(
+                QT_TR_NOOP("it is longer than {most} characters: say it in parts"), most=MAX_UTTERANCE_CHARACTERS
+            )
             self._report(command, "failed", clock.now_ns(), too_long)
         else:
             self._waiting.append(command)
@@ -316,7 +318,8 @@ class _Synthesis:
                     self._enter("idle", None)
             case {"event": "unrendered", "detail": str(detail)}:
                 self._tell_cut_off(clock.now_ns())
-                self._end("failed", clock.now_ns(), f"it could not be turned into sound ({detail})")
+                why_not = filled(QT_TR_NOOP("it could not be turned into sound ({why})"), why=detail)
+                self._end("failed", clock.now_ns(), why_not)
             case {"event": "voices", "voices": list(voices)}:
                 self._send(VoicesFound(tuple((str(name), str(language)) for name, language in voices)))
             case {"event": "part", "number": int(number)} if number != self._number:
@@ -413,7 +416,8 @@ class _Synthesis:
         self._enter("off", None)
         failed, self._waiting = self._waiting, deque()
         for utterance in failed:
-            self._report(utterance, "failed", clock.now_ns(), f"this computer has no voice ({detail})")
+            no_voice = filled(QT_TR_NOOP("this computer has no voice ({why})"), why=detail)
+            self._report(utterance, "failed", clock.now_ns(), no_voice)
         self._report_dropped()
         self._send(
             SynthesisFailed(

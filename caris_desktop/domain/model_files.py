@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _log = logging.getLogger(__name__)
 _CONNECT_TIMEOUT_S = 3.0
@@ -52,7 +53,7 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
                 break
             yield chunk
         if checksum.hexdigest() != sha256:
-            raise NotFetched("what arrived is not the published file, so it was thrown away")
+            raise NotFetched(filled(QT_TR_NOOP("what arrived is not the published file, so it was thrown away")))
 
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -62,7 +63,7 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
             replace_file(target, expected(response.iter_bytes()), durable=False)
     except httpx.ConnectError as error:
         _log.info("no download of %s: %s", target.name, error)
-        raise NotFetched("this computer is offline") from error
+        raise NotFetched(filled(QT_TR_NOOP("this computer is offline"))) from error
     except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
         _log.warning("download of %s failed: %s", target.name, error)
-        raise NotFetched(f"failed: {error}") from error
+        raise NotFetched(filled(QT_TR_NOOP("failed: {error}"), error=error)) from error

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 if TYPE_CHECKING:
     from caris_desktop.people.forgetting import PersonToForget
@@ -80,10 +81,12 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
     if asked.also_called or asked.unknown:
         return PersonToForget((asked.who,), (), ()), None, False
     raise ToldFailure(
-        f"Nobody in {asked.study} has the name or id {asked.who}.",
-        "Nobody was forgotten; nothing was changed.",
-        "Look the name up in the People panel. For somebody whom the study's database does not know, give the id and "
-        "--also-called NAME.",
+        filled(QT_TR_NOOP("Nobody in {study} has the name or id {who}."), study=asked.study, who=asked.who),
+        QT_TR_NOOP("Nobody was forgotten; nothing was changed."),
+        QT_TR_NOOP(
+            "Look the name up in the People panel. For somebody whom the study's database does not know, give the id "
+            "and --also-called NAME."
+        ),
     )
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined
 from caris_desktop.people.sealing import About, about_bytes, new_key, seal
 
 _log = logging.getLogger(__name__)
@@ -25,7 +25,7 @@ _CANNOT: dict[Verb, str] = {
 
 
 class PeopleStoreError(Exception):
-    """The study's people cannot be read or written; the text is a sentence for the wizard."""
+    """The study's people cannot be read or written; the text is a sentence for the wizard, as tr takes it."""
 
 
 def _wrap_names(database: sqlite3.Connection) -> None:
@@ -137,10 +137,13 @@ class PeopleDatabase:
             busy = self.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]
         if busy:
             raise PeopleStoreError(
-                tr(
-                    "Another program is using {path}, so its log still holds what was deleted. "
-                    "Close that program and ask again."
-                ).format(path=self.path)
+                filled(
+                    QT_TR_NOOP(
+                        "Another program is using {path}, so its log still holds what was deleted. "
+                        "Close that program and ask again."
+                    ),
+                    path=self.path,
+                )
             )
 
     def _prepare(self) -> None:
@@ -150,13 +153,17 @@ class PeopleDatabase:
         tables = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
         if tables and application_id != _APPLICATION_ID:
             raise PeopleStoreError(
-                tr("{path} is a database of another program and was left untouched.").format(path=self.path)
+                filled(QT_TR_NOOP("{path} is a database of another program and was left untouched."), path=self.path)
             )
         if version > len(STEPS):
             raise PeopleStoreError(
-                tr(
-                    "{path} was written by a newer version of this program and was left untouched. Update the program."
-                ).format(path=self.path)
+                filled(
+                    QT_TR_NOOP(
+                        "{path} was written by a newer version of this program and was left untouched. "
+                        "Update the program."
+                    ),
+                    path=self.path,
+                )
             )
         if tables and database.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
             raise PeopleStoreError(_damaged(self.path))
@@ -213,29 +220,32 @@ class PeopleDatabase:
             raise PeopleStoreError(_for_this_reason(self.path, verb, error.strerror or error)) from error
 
 
-def _damaged(path: Path) -> str:
-    return tr(
-        "{path} is not a people database or is damaged; it was left untouched. "
-        "Move it away to start an empty one, or put a backup in its place."
-    ).format(path=path)
+def _damaged(path: Path) -> Filled:
+    return filled(
+        QT_TR_NOOP(
+            "{path} is not a people database or is damaged; it was left untouched. "
+            "Move it away to start an empty one, or put a backup in its place."
+        ),
+        path=path,
+    )
 
 
-def _explanation(path: Path, verb: Verb, error: sqlite3.DatabaseError) -> str:
+def _explanation(path: Path, verb: Verb, error: sqlite3.DatabaseError) -> Filled:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
         return _damaged(path)
     if code == sqlite3.SQLITE_FULL:
-        return " ".join((_cannot(path, verb), tr("The disk is full: make room on it.")))
+        return joined((_cannot(path, verb), filled(QT_TR_NOOP("The disk is full: make room on it."))))
     if code == sqlite3.SQLITE_BUSY:
-        return " ".join((_cannot(path, verb), tr("Another program is using them: close it.")))
+        return joined((_cannot(path, verb), filled(QT_TR_NOOP("Another program is using them: close it."))))
     if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_IOERR):
-        return " ".join((_cannot(path, verb), tr("Choose a study folder that you may write to.")))
+        return joined((_cannot(path, verb), filled(QT_TR_NOOP("Choose a study folder that you may write to."))))
     return _for_this_reason(path, verb, error)
 
 
-def _cannot(path: Path, verb: Verb) -> str:
-    return tr(_CANNOT[verb]).format(path=path)
+def _cannot(path: Path, verb: Verb) -> Filled:
+    return filled(_CANNOT[verb], path=path)
 
 
-def _for_this_reason(path: Path, verb: Verb, why: object) -> str:
-    return " ".join((_cannot(path, verb), tr("The system says: {why}.").format(why=why)))
+def _for_this_reason(path: Path, verb: Verb, why: object) -> Filled:
+    return joined((_cannot(path, verb), filled(QT_TR_NOOP("The system says: {why}."), why=why)))

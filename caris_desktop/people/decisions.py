@@ -275,11 +275,12 @@ class Decisions:
         try:
             ids = set(self._known.forget(root)) | {visit.visit_id for visit in visits}
         except PeopleStoreError as error:
+            what = str(error)
             return [
                 Problem(
                     now_ns,
                     "error",
-                    str(error),
+                    tr(what),
                     tr("The person is not forgotten yet."),
                     tr("Ask again when that is mended."),
                     cause=ANSWER,

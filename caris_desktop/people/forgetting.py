@@ -8,11 +8,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.store import PeopleStore, StoredPerson
 
 _LEAST_FREE_BYTES = 1 << 20
-_NOTHING_CHANGED = "Nobody was forgotten; nothing was changed."
+_NOTHING_CHANGED = QT_TR_NOOP("Nobody was forgotten; nothing was changed.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ def erase(database: Path, person_ids: tuple[str, ...]) -> None:
     except PeopleStoreError as error:
         raise ToldFailure(
             str(error),
-            "They are not yet erased from the study's database.",
+            QT_TR_NOOP("They are not yet erased from the study's database."),
             _advice(database),
         ) from error
 
@@ -77,13 +78,15 @@ def rewrite_texts(database: Path, rewrite: Callable[[str, str], str]) -> None:
         with closing(PeopleStore(database)) as store:
             store.rewrite_texts(rewrite)
     except PeopleStoreError as error:
-        raise ToldFailure(str(error), "What is kept of others may still name the person.", _advice(database)) from error
+        raise ToldFailure(
+            str(error), QT_TR_NOOP("What is kept of others may still name the person."), _advice(database)
+        ) from error
 
 
 def _advice(database: Path) -> str:
     """SQLite calls a full disk by many names."""
     full = shutil.disk_usage(database.parent).free < _LEAST_FREE_BYTES
-    return "The disk is full: make room on it, then ask again." if full else "Then ask again."
+    return QT_TR_NOOP("The disk is full: make room on it, then ask again.") if full else QT_TR_NOOP("Then ask again.")
 
 
 def _id_of(store: PeopleStore, who: str) -> str | None:
@@ -96,13 +99,16 @@ def _id_of(store: PeopleStore, who: str) -> str | None:
     roots = {store.ids_of(person.person_id)[0]: person for person in called}
     if len(roots) > 1:
         raise ToldFailure(
-            f"{len(roots)} people of this study are called {who}.",
+            filled(QT_TR_NOOP("{count} people of this study are called {who}."), count=len(roots), who=who),
             _NOTHING_CHANGED,
-            f"Say which one by id: {'; '.join(_told(root, person) for root, person in roots.items())}.",
+            filled(
+                QT_TR_NOOP("Say which one by id: {ids}."),
+                ids=joined((_told(root, person) for root, person in roots.items()), "; "),
+            ),
         )
     return next(iter(roots), None)
 
 
 def _told(person_id: str, person: StoredPerson) -> str:
     seen = datetime.fromtimestamp(person.last_seen_utc_ns // 1_000_000_000, UTC).astimezone()
-    return f"{person_id}, last seen {seen:%Y-%m-%d %H:%M}"
+    return filled(QT_TR_NOOP("{id}, last seen {time}"), id=person_id, time=f"{seen:%Y-%m-%d %H:%M}")

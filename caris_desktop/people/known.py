@@ -342,7 +342,7 @@ class KnownPeople:
             Problem(
                 now_ns,
                 "error",
-                self._problem,
+                tr(self._problem),
                 tr("People are still followed, but their names are kept for this session only."),
                 tr("Choose another study folder, or repair this one, before the next session."),
             )

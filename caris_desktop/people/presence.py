@@ -54,13 +54,19 @@ HistoryEvent = UtteranceChanged | UtteranceCorrected | PhotoTaken | SessionStart
 
 
 def unnamed_label(number: int) -> str:
-    """What the wizard reads for the session's person of this number who has no name."""
+    """What the record calls the session's person of this number who has no name."""
     return f"Person {number}"
 
 
 def is_unnamed_label(name: str) -> bool:
     """Whether it is one of :func:`unnamed_label`, and nobody's name."""
-    return re.fullmatch(r"Person \d+", name) is not None
+    return unnamed_number(name) is not None
+
+
+def unnamed_number(name: str) -> int | None:
+    """The number in an :func:`unnamed_label`; None for a name."""
+    label = re.fullmatch(r"Person (\d+)", name)
+    return None if label is None else int(label[1])
 
 
 @dataclass(frozen=True, slots=True)

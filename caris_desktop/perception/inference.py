@@ -15,7 +15,7 @@ from caris_desktop.domain.people import LooksKind, PersonLooks
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.faces import FaceModelError, StudyFaces
 from caris_desktop.perception.inference_messages import (
@@ -215,7 +215,7 @@ def _weights_problem(error: WeightsError) -> Problem:
         filled(QT_TR_NOOP("{error}."), error=error),
         filled(
             QT_TR_NOOP("People are not recognised; everything else works. Searched: {places}."),
-            places="; ".join(error.searched),
+            places=joined(error.searched, "; "),
         )
         if error.searched
         else QT_TR_NOOP("People are not recognised; everything else works."),

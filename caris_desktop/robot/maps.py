@@ -12,7 +12,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import RequestMap, SetInitialPose
 from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapRequestChanged, RequestState
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.preflight import RobotInventory
 from caris_desktop.robot.profile import MapServices, RobotProfile
 from caris_desktop.robot.transport import AnswerTooLargeError, SafeRos, SafeTopic, ServiceCallError
@@ -47,7 +47,7 @@ def map_name_refusal(name: str) -> str:
     if not name.strip():
         return QT_TR_NOOP("a map needs a name")
     if len(name) > LONGEST_NAME:
-        return f"the name is longer than {LONGEST_NAME} characters"
+        return filled(QT_TR_NOOP("the name is longer than {most} characters"), most=LONGEST_NAME)
     if not _NAME.fullmatch(name) or ".." in name or name != name.strip():
         return QT_TR_NOOP("a map's name is made of letters, digits, spaces, '-', '_' and single dots")
     return ""

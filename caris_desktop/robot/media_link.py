@@ -147,7 +147,8 @@ class MediaLink:
         if self._sound is not None:
             self._sound.link_lost()
         if not self._closing:
-            self._report.changed("lost", f"The link for video and map was lost: {reason}")
+            lost = filled(QT_TR_NOOP("The link for video and map was lost: {reason}"), reason=reason)
+            self._report.changed("lost", lost)
 
     def link_unreachable(self, what: str, advice: str) -> None:
         self._report.unreachable(what, advice)
@@ -165,9 +166,9 @@ class MediaLink:
                 image_bgr, stamp_ns=self._ros.arrival_ns, robot_stamp_ns=robot_stamp_ns, camera=camera.name
             )
         except MessageError as error:
-            problem = f"the data cannot be read as a picture: {error}"
+            problem = filled(QT_TR_NOOP("the data cannot be read as a picture: {why}"), why=error)
         except PictureError as error:
-            problem = f"the last one {error}"
+            problem = filled(QT_TR_NOOP("the last one {why}"), why=error)
         else:
             self._put(self._with_its_moment(ref))
             if camera.type == "Image":

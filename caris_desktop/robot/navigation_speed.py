@@ -107,9 +107,11 @@ class NavigationSpeed:
         kind = service_type_name(self._dialect, package, "Subscribers")
         try:
             listeners = (await self._ros.ask("/rosapi/subscribers", kind, {"topic": topic})).get("subscribers")
-            reason = "" if isinstance(listeners, list) and listeners else f"nothing listens to {topic}"
+            nobody = filled(QT_TR_NOOP("nothing listens to {topic}"), topic=topic)
+            reason = "" if isinstance(listeners, list) and listeners else nobody
         except ServiceCallError as error:
-            reason = f"it is not known whether anything listens to {topic}: {error}"
+            unknown = QT_TR_NOOP("it is not known whether anything listens to {topic}: {why}")
+            reason = filled(unknown, topic=topic, why=error)
         self._settle(limit_mps, reason, asked=asked)
 
     async def _hear(self, answer: Awaitable[Any], limit_mps: float, node: str, *, asked: int) -> None:
@@ -119,7 +121,8 @@ class NavigationSpeed:
             self._settle(limit_mps, str(error), asked=asked)
             return
         fastest = max(now.values(), default=math.inf)
-        reason = "" if fastest <= limit_mps + _SAME_MPS else f"{node} did not take {', '.join(self._parameters)}"
+        refused = filled(QT_TR_NOOP("{node} did not take {names}"), node=node, names=", ".join(self._parameters))
+        reason = "" if fastest <= limit_mps + _SAME_MPS else refused
         self._settle(limit_mps, reason, asked=asked)
 
     def _ask_for(self, limit_mps: float, node: str) -> Awaitable[Any]:

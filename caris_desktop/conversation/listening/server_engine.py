@@ -28,7 +28,7 @@ _USUAL_MODEL = "whisper-1"
 _TIMEOUT = httpx.Timeout(12.0, connect=4.0)
 _ANSWER_WITHIN_S = 20.0
 _ANSWER_AT_MOST_BYTES = 1_000_000
-_NO_TEXT = "What is said is not turned into text; all else goes on."
+_NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
 
 
 class ServerEngine:
@@ -143,15 +143,17 @@ def _reason(body: bytes, key: str | None) -> str:
         told = told["message"] if isinstance(told, dict) else told
     except (ValueError, KeyError, TypeError):
         told = body.decode("utf-8", "replace")
-    return shortened(without(key, str(told)), 100) or "without a reason"
+    return shortened(without(key, str(told)), 100) or filled(QT_TR_NOOP("without a reason"))
 
 
 def _advice(status: int) -> str:
     match status:
         case 401 | 403:
-            return f"Set {KEY_NAME} to a key that this server takes, before starting the console."
+            return filled(
+                QT_TR_NOOP("Set {name} to a key that this server takes, before starting the console."), name=KEY_NAME
+            )
         case 404:
-            return "Correct listening.server and listening.model."
+            return QT_TR_NOOP("Correct listening.server and listening.model.")
         case 429:
-            return "It has too much to do, or your account has no credit left; it is asked again by itself."
-    return "It is asked again with what is said next."
+            return QT_TR_NOOP("It has too much to do, or your account has no credit left; it is asked again by itself.")
+    return QT_TR_NOOP("It is asked again with what is said next.")

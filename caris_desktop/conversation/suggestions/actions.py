@@ -13,6 +13,7 @@ from typing import Any, Literal
 from caris_desktop.domain import intents
 from caris_desktop.domain.controls import RobotControl
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 Range = tuple[float, float]
 ActionName = Literal["go_to", "look", "nod", "use", "photo"]
@@ -43,7 +44,9 @@ class Offer:
 
 @dataclass(frozen=True, slots=True)
 class Proposed:
-    """One thing that may be done: ``words`` for the wizard, and whether the robot may move of it."""
+    """One thing that may be done: ``words`` for the wizard, to be translated where they are shown, and whether the
+    robot may move of it.
+    """
 
     intent: Intent
     words: str
@@ -133,9 +136,9 @@ def proposed_in(answer: str, offer: Offer) -> Proposed | None:
         case "look" if action in offer.actions:
             return _look(said.get("pan_deg", 0), said.get("tilt_deg", 0), offer)
         case "nod" if action in offer.actions:
-            return Proposed(intents.Nod(), "Nod", moves=True)
+            return Proposed(intents.Nod(), QT_TR_NOOP("Nod"), moves=True)
         case "photo" if action in offer.actions:
-            return Proposed(intents.TakePhoto(), "Take a photo", moves=False)
+            return Proposed(intents.TakePhoto(), QT_TR_NOOP("Take a photo"), moves=False)
         case "use" if action in offer.actions:
             return _use(said.get("control"), said.get("value"), offer)
     raise NotOfferedError(f"{_told(action)} is not among what may be proposed")
@@ -144,17 +147,36 @@ def proposed_in(answer: str, offer: Offer) -> Proposed | None:
 def _go_to(place: Any, offer: Offer) -> Proposed:
     if not isinstance(place, str) or place not in offer.places:
         raise NotOfferedError(f"{_told(place)} is no place of this scenario")
-    return Proposed(intents.GoToPlace(place), f"Go to {place}", moves=True)
+    return Proposed(intents.GoToPlace(place), filled(QT_TR_NOOP("Go to {place}"), place=place), moves=True)
 
 
 def _look(pan_deg: Any, tilt_deg: Any, offer: Offer) -> Proposed:
     for angle, (lowest, highest) in ((pan_deg, offer.pan_deg), (tilt_deg, offer.tilt_deg)):
         if not _is_number(angle) or not lowest <= angle <= highest:
             raise NotOfferedError(f"the head does not turn to {_told(angle)} degrees")
-    sideways = f"{abs(pan_deg):.0f}° to the {'left' if pan_deg > 0 else 'right'}" if pan_deg else ""
-    upwards = f"{abs(tilt_deg):.0f}° {'down' if tilt_deg > 0 else 'up'}" if tilt_deg else ""
-    words = " and ".join(filter(None, (sideways, upwards))) or "straight ahead"
-    return Proposed(intents.LookAt(math.radians(pan_deg), math.radians(tilt_deg)), f"Look {words}", moves=True)
+    words = filled(
+        _LOOKS[_way(pan_deg, "left", "right"), _way(tilt_deg, "down", "up")],
+        pan=f"{abs(pan_deg):.0f}",
+        tilt=f"{abs(tilt_deg):.0f}",
+    )
+    return Proposed(intents.LookAt(math.radians(pan_deg), math.radians(tilt_deg)), words, moves=True)
+
+
+def _way(angle_deg: float, more: str, less: str) -> str:
+    return more if angle_deg > 0 else less if angle_deg < 0 else ""
+
+
+_LOOKS = {
+    ("", ""): QT_TR_NOOP("Look straight ahead"),
+    ("left", ""): QT_TR_NOOP("Look {pan}° to the left"),
+    ("right", ""): QT_TR_NOOP("Look {pan}° to the right"),
+    ("", "down"): QT_TR_NOOP("Look {tilt}° down"),
+    ("", "up"): QT_TR_NOOP("Look {tilt}° up"),
+    ("left", "down"): QT_TR_NOOP("Look {pan}° to the left and {tilt}° down"),
+    ("left", "up"): QT_TR_NOOP("Look {pan}° to the left and {tilt}° up"),
+    ("right", "down"): QT_TR_NOOP("Look {pan}° to the right and {tilt}° down"),
+    ("right", "up"): QT_TR_NOOP("Look {pan}° to the right and {tilt}° up"),
+}
 
 
 def _use(name: Any, value: Any, offer: Offer) -> Proposed:
@@ -165,7 +187,7 @@ def _use(name: Any, value: Any, offer: Offer) -> Proposed:
         case "button":
             value, words = True, control.title
         case "toggle" if isinstance(value, bool):
-            words = f"{control.title}: {'on' if value else 'off'}"
+            words = filled(QT_TR_NOOP("{title}: on") if value else QT_TR_NOOP("{title}: off"), title=control.title)
         case "slider" if _is_number(value) and control.lowest <= value <= control.highest:
             value, words = float(value), f"{control.title}: {value:g} {control.unit}".rstrip()
         case "choice":

@@ -11,7 +11,7 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ANSWER, PersonForgotten
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
@@ -101,7 +101,7 @@ class ForgettingService(Service):
             self._bus.problem(
                 "info",
                 tr("Forgetting the person: {fraction} is done.").format(fraction=f"{message.fraction:.0%}"),
-                f"{message.what}.",
+                tr("{doing}.").format(doing=tr(message.what)),
                 tr("Nothing is to be done."),
                 cause=ANSWER,
             )
@@ -121,11 +121,11 @@ class ForgettingService(Service):
             )
         elif ended.outcome is None:
             what, meaning, advice = ended.failure or (
-                tr("Forgetting the person has failed."),
+                QT_TR_NOOP("Forgetting the person has failed."),
                 "",
-                tr("Ask for it again."),
+                QT_TR_NOOP("Ask for it again."),
             )
-            self._bus.problem("error", what, meaning, advice, cause="forgetting")
+            self._bus.problem("error", tr(what), tr(meaning), tr(advice), cause="forgetting")
         else:
             self._forget_here()
             self._tell(ended.outcome)

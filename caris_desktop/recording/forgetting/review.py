@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.forgetting.canaries import ForgettingStopped
 from caris_desktop.recording.forgetting.texts import Decision, Place
 
@@ -54,9 +55,9 @@ def read_review(path: Path) -> Review:
             text = file.read(_MAX_BYTES).decode("utf-8", "replace")
     except OSError as error:
         raise ForgettingStopped(
-            f"{path} cannot be read: {error.strerror or error}.",
-            "Nothing was changed.",
-            "Name the list of texts again.",
+            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error),
+            QT_TR_NOOP("Nothing was changed."),
+            QT_TR_NOOP("Name the list of texts again."),
         ) from error
     person_id = ""
     names: tuple[str, ...] = ()
@@ -71,9 +72,16 @@ def read_review(path: Path) -> Review:
             continue
         if len(words) < 2 or words[0] not in _DECISIONS:
             raise ForgettingStopped(
-                f"Line {number} of {path} begins with {words[0]!r}, which is no decision.",
-                "Nothing was changed.",
-                f"Write one of {', '.join(_DECISIONS)} there, or leave the ? for later.",
+                filled(
+                    QT_TR_NOOP("Line {number} of {path} begins with {word}, which is no decision."),
+                    number=number,
+                    path=path,
+                    word=repr(words[0]),
+                ),
+                QT_TR_NOOP("Nothing was changed."),
+                filled(
+                    QT_TR_NOOP("Write one of {words} there, or leave the ? for later."), words=", ".join(_DECISIONS)
+                ),
             )
         decisions[words[1]] = words[0]  # type: ignore[assignment]
     return Review(person_id, names, decisions)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
 from caris_desktop.recording.forgetting import media, texts
 from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
 from caris_desktop.recording.forgetting.canaries import ForgettingStopped, Words, all_of
@@ -44,7 +45,10 @@ _KINDS = (
     ("text", "file of text", "files of text"),
     ("export", "file of exports", "files of exports"),
 )
-_NOT_CHANGED = "What was done up to now is kept, and nothing else was changed."
+_NOT_CHANGED = QT_TR_NOOP("What was done up to now is kept, and nothing else was changed.")
+_IN_THE_MIDDLE = QT_TR_NOOP(
+    "Forgetting stopped in the middle: what was done up to now is kept, and nothing else was changed."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,18 +126,18 @@ def forget_person(
         recorded = next((folder for folder in _sessions_of(request.study) if is_held(folder)), None)
         if recorded is not None:
             raise ForgettingStopped(
-                f"{recorded.name} is being recorded or repaired at this moment.",
-                "Nobody was forgotten; nothing was changed.",
-                "End the recording first, then ask again.",
+                filled(QT_TR_NOOP("{session} is being recorded or repaired at this moment."), session=recorded.name),
+                QT_TR_NOOP("Nobody was forgotten; nothing was changed."),
+                QT_TR_NOOP("End the recording first, then ask again."),
             )
         (request.study / FOLDER).mkdir(exist_ok=True)
         try:
             lock = hold(request.study / FOLDER)
         except FolderHeldError as error:
             raise ForgettingStopped(
-                "Somebody is being forgotten in this study already.",
-                "Nothing was changed.",
-                "Wait for the end of that.",
+                QT_TR_NOOP("Somebody is being forgotten in this study already."),
+                QT_TR_NOOP("Nothing was changed."),
+                QT_TR_NOOP("Wait for the end of that."),
             ) from error
         with lock:
             return _Forgetting(request, erase, progress).run()
@@ -179,13 +183,14 @@ class _Forgetting:
             return self._finish(begun, erasing, int(self._journal.noted("waiting") or 0))
         sessions = _sessions_of(self._study)
         self._look_for_sightings(sessions)
-        self._tell(0.05, "Searching the study")
+        self._tell(0.05, QT_TR_NOOP("Searching the study"))
         found = self._found_in(self._files())
         if self._journal.noted("found") is None:
             self._journal.note(found=_counts(found.values()), files=sum(bool(one.hits) for one in found.values()))
         found = self._without_exports(found, sessions)
         for number, folder in enumerate(sessions):
-            self._tell(0.1 + 0.7 * number / len(sessions), f"Session {number + 1} of {len(sessions)}")
+            session = filled(QT_TR_NOOP("Session {number} of {count}"), number=number + 1, count=len(sessions))
+            self._tell(0.1 + 0.7 * number / len(sessions), session)
             self._in_session(folder, found, 0.7 / len(sessions))
         if not self._request.only_texts:
             for path in photos_of(self._study / "photos", self._ids):
@@ -198,7 +203,7 @@ class _Forgetting:
         self._kept_texts().treat()
         self._drop_index()
         self._rename_files()
-        self._tell(0.85, "Searching every byte again")
+        self._tell(0.85, QT_TR_NOOP("Searching every byte again"))
         proof = self._proof()
         waiting = self._texts.open_places()
         if waiting:
@@ -217,7 +222,7 @@ class _Forgetting:
                 links += links_in(folder / "events.mcap")
         self._ids = everyone_who_is(self._request.person_ids, links)
         for number, folder in enumerate(sessions):
-            self._tell(0.05 * number / len(sessions), "Looking for where they were seen")
+            self._tell(0.05 * number / len(sessions), QT_TR_NOOP("Looking for where they were seen"))
             with self._told(folder):
                 self._seen_in[folder] = sightings_in(folder / "events.mcap", self._ids)
 
@@ -402,7 +407,7 @@ class _Forgetting:
         }
 
     def _finish(self, begun: str, proof: dict[str, Any], waiting: int) -> Forgotten:
-        self._tell(0.97, "Erasing them from the study's database")
+        self._tell(0.97, QT_TR_NOOP("Erasing them from the study's database"))
         self._erase()
         database = [path for path in self._study.glob(f"{_PEOPLE}*") if path.is_file()]
         in_database = sum(len(self._search.file(path).hits) for path in database) + self._kept_texts().naming()
@@ -414,7 +419,7 @@ class _Forgetting:
                 if review is not None and review.is_relative_to(self._study):
                     review.unlink(missing_ok=True)
         self._journal.end()
-        self._tell(1.0, "Done")
+        self._tell(1.0, QT_TR_NOOP("Done"))
         return Forgotten(
             receipt,
             self._review if waiting else None,
@@ -448,7 +453,8 @@ class _Forgetting:
 
     def _tell(self, fraction: float, what: str) -> None:
         self._progress_at = fraction
-        self._progress(min(1.0, fraction), self._without_names(what))
+        # Of a text with figures in it, which stays one that can be translated, nothing is a name.
+        self._progress(min(1.0, fraction), what if isinstance(what, Filled) else self._without_names(what))
 
     @contextlib.contextmanager
     def _told(self, folder: Path) -> Iterator[None]:
@@ -551,18 +557,26 @@ def _explained(study: Path) -> Iterator[None]:
         yield
     except FolderHeldError as error:
         raise ForgettingStopped(
-            f"{error.filename} is in use at this moment.", _NOT_CHANGED, "Ask again once that has ended."
+            filled(QT_TR_NOOP("{file} is in use at this moment."), file=error.filename),
+            _NOT_CHANGED,
+            QT_TR_NOOP("Ask again once that has ended."),
         ) from error
     except OSError as error:
         if no_room(error):
             raise ForgettingStopped(
-                "The disk is full.",
-                f"Forgetting stopped in the middle: {_NOT_CHANGED[0].lower()}{_NOT_CHANGED[1:]}",
-                "Free as much room as the study's largest film or sound takes, then ask again: it goes on where it "
-                "stopped.",
+                QT_TR_NOOP("The disk is full."),
+                _IN_THE_MIDDLE,
+                QT_TR_NOOP(
+                    "Free as much room as the study's largest film or sound takes, then ask again: it goes on where it "
+                    "stopped."
+                ),
             ) from error
         raise ForgettingStopped(
-            f"{error.filename or study} cannot be read or written: {error.strerror or error}.",
-            f"Forgetting stopped in the middle: {_NOT_CHANGED[0].lower()}{_NOT_CHANGED[1:]}",
-            "Make it possible, then ask again: it goes on where it stopped.",
+            filled(
+                QT_TR_NOOP("{file} cannot be read or written: {why}."),
+                file=error.filename or study,
+                why=error.strerror or error,
+            ),
+            _IN_THE_MIDDLE,
+            QT_TR_NOOP("Make it possible, then ask again: it goes on where it stopped."),
         ) from error

@@ -76,12 +76,12 @@ class ProposalCard(Band):
         waits_s = max(0, proposal.lapses_ns - now_ns) / 1e9
         if proposal.acts_ns is not None and self._state.present.live:
             acts_s = max(0, proposal.acts_ns - now_ns) / 1e9
-            self.say(tr("{what}: done in {time:.1f} s").format(what=proposal.words, time=acts_s))
+            self.say(tr("{what}: done in {time:.1f} s").format(what=tr(proposal.words), time=acts_s))
         elif self._state.present.live:
             lapses = tr("{what}? · proposed by {model}, for {time:.0f} s more")
-            self.say(lapses.format(what=proposal.words, model=proposal.model, time=waits_s))
+            self.say(lapses.format(what=tr(proposal.words), model=proposal.model, time=waits_s))
         else:
-            self.say(tr("{what}? · proposed by {model}").format(what=proposal.words, model=proposal.model))
+            self.say(tr("{what}? · proposed by {model}").format(what=tr(proposal.words), model=proposal.model))
         self.setToolTip(tr("The robot moves.") if proposal.moves else "")
 
     def _style(self) -> None:

@@ -25,7 +25,7 @@ class PersonEntries:
         entries = []
         asked = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
         if asked is not None and asked.suggestion is not None:
-            named = {"person": words.person_name(asked), "other": asked.suggestion.name}
+            named = {"person": words.person_name(asked), "other": words.name_in_words(asked.suggestion.name)}
             for action_id, text, icon in (
                 ("answer_yes", tr("Yes, {person} is {other}").format(**named), "check"),
                 ("answer_no", tr("No, {person} is not {other}").format(**named), "x"),

@@ -232,7 +232,7 @@ class AboutPage(QWidget):
                 suggestion = person.suggestions[number]
                 sure = words.percent(suggestion.confidence)
                 could = tr("or {name} ({sure})") if number else tr("Maybe {name} ({sure})")
-                said.setText(could.format(name=suggestion.name, sure=sure))
+                said.setText(could.format(name=words.name_in_words(suggestion.name), sure=sure))
         for kind, box in self._consents.items():
             box.setChecked(kind in person.consents)
         self._split.setEnabled(person.here)

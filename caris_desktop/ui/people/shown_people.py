@@ -177,7 +177,7 @@ def buttons_of(
     name = words.person_name(person)
     card = RowButton("card", "", "identification-card", tr("All about {name}").format(name=name))
     if person.suggestion is not None:
-        other = person.suggestion.name
+        other = words.name_in_words(person.suggestion.name)
         return (
             RowButton("yes", tr("Yes"), "", tr("Yes, this is {name}").format(name=other), yes_key),
             RowButton("no", tr("No"), "", tr("This is not {name}. It is remembered.").format(name=other), no_key),

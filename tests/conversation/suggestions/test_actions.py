@@ -15,7 +15,9 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.controls import CallService, Choice, RobotControl
 from caris_desktop.domain.events import ChatMessage, ProposalChanged
 from caris_desktop.domain.intents import INTENTS
+from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.model import Permissions
+from tests.support.translated_messages import untranslated_part
 
 CALL = CallService("/x", "std_srvs/Trigger", {})
 CONTROLS = (
@@ -78,6 +80,7 @@ def test_what_is_within_the_list_becomes_an_intent(said: Any, intent: object, wo
     proposed = proposed_in(json.dumps(said), OFFER)
     assert proposed is not None
     assert (proposed.intent, proposed.words, proposed.moves) == (intent, words, moves)
+    assert untranslated_part(lambda: tr(proposed.words)) == []
 
 
 @pytest.mark.parametrize("said", ['{"action": "none"}', "{}", '{"action": null}', '{"action": ""}'])
