@@ -102,7 +102,7 @@ def _milliseconds(milliseconds: float) -> str:
 
 def link_facts(link: LinkStatus, traffic: Mapping[str, events.TrafficMeasured], anchor: clock.ClockAnchor) -> str:
     """Address, clock and load of the link in one line; its detail where it is in trouble."""
-    parts = [link.address, link.detail]
+    parts = [link.address, tr(link.detail)]
     if link.state in ("connected", "trouble"):
         if link.round_trip_ms is not None:
             parts.append(tr("{time} ms to the robot and back").format(time=f"{link.round_trip_ms:.0f}"))
@@ -361,13 +361,13 @@ def person_state(box: PersonBox) -> str:
 def no_picture(age_s: float | None, told: CameraState | None) -> str:
     """What stands in the place of a lost camera's picture; ``told`` is what is known of the camera itself."""
     if told is not None and told.state == "ended":
-        return told.detail or tr("It has ended. A recording goes on without it.")
+        return tr(told.detail) or tr("It has ended. A recording goes on without it.")
     if age_s is None:
         lost = tr("No picture yet, it is being tried again.")
     else:
         lost = tr("No picture for {time}, it is being tried again.").format(time=age(age_s))
-    why = f" {told.detail}" if told is not None and told.state in ("lost", "connecting") and told.detail else ""
-    return f"{lost}{why}"
+    why = tr(told.detail) if told is not None and told.state in ("lost", "connecting") else ""
+    return " ".join(filter(None, (lost, why)))
 
 
 def has_given_name(person: PersonRow) -> bool:

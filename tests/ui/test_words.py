@@ -33,10 +33,13 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.translation import use_translator
+from caris_desktop.domain.sensing import CameraState
+from caris_desktop.domain.translation import filled, use_translator
+from caris_desktop.live.status import LinkStatus
 from caris_desktop.ui import event_words, words
 from caris_desktop.ui.preflight import preflight_words
 from caris_desktop.ui.session_table import purpose_title
+from tests.support.translated_messages import untranslated_part
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(0.0412, "41 ms"), (0.13, "0.1 s"), (12.4, "12 s"), (185.0, "3 min")])
@@ -191,3 +194,16 @@ def test_no_word_is_made_small_or_large_after_it_was_translated() -> None:
 def test_a_session_says_what_it_was_for() -> None:
     assert purpose_title("practice") == "<Practice>"
     assert purpose_title("pilot study") == "pilot study", "as it was written"
+
+
+def test_what_a_child_process_gives_as_the_reason_is_said_in_the_wizards_language() -> None:
+    why = filled("The server at {place} does not answer.", place="front door")
+    lost, ended = (CameraState(0, "front", state, why) for state in ("lost", "ended"))
+    link = LinkStatus("lost", "Robot", "ws://there", why)
+    for say in (
+        lambda: words.no_picture(2.0, lost),
+        lambda: words.no_picture(None, ended),
+        lambda: words.link_facts(link, {}, ClockAnchor.take()),
+    ):
+        assert "front door" in say()
+        assert untranslated_part(say) == []

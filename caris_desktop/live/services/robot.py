@@ -431,10 +431,10 @@ class RobotService(Service):
         self._state.mapping.set(replace(self._state.mapping.value, busy=busy))
         if event.state == "failed":
             what = tr(_MAP_WORDS[event.operation])
-            self._problem("warning", what, f"{event.detail}.", tr("The robot's map is as it was."), cause=ANSWER)
+            self._problem("warning", what, f"{tr(event.detail)}.", tr("The robot's map is as it was."), cause=ANSWER)
         elif event.state == "succeeded" and event.operation in ("save", "load"):
             done = tr("The map {name} was saved.") if event.operation == "save" else tr("The map {name} was loaded.")
-            self._problem("info", done.format(name=event.name), event.detail, "", cause=ANSWER)
+            self._problem("info", done.format(name=event.name), tr(event.detail), "", cause=ANSWER)
 
     def _forget_robot(self) -> None:
         self._state.clear_robot_streams()

@@ -314,7 +314,7 @@ def report(
             robot=link.robot or tr("Robot"),
             address=link.address or tr("no address"),
             state=tr(_LINK_STATES[link.state]),
-            detail=link.detail,
+            detail=tr(link.detail),
         )
         .rstrip(),
         tr("round trip {round_trip}, {clock}").format(round_trip=round_trip, clock=clock_words(link, anchor)),
