@@ -33,15 +33,10 @@ _DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "forget", "t
 def run(words: Sequence[str]) -> int:
     """Dispatch to a command; without one, open the console."""
     if words and words[0] in COMMANDS:
-        module_name, description = COMMANDS[words[0]]
-        command = importlib.import_module(module_name)
-        parser = argparse.ArgumentParser(prog=f"caris-desktop {words[0]}")
-        parser.description = description[0].upper() + description[1:] + "."
-        command.add_arguments(parser)
-        arguments = parser.parse_args(list(words[1:]))
+        arguments = parser_of(words[0]).parse_args(list(words[1:]))
         if words[0] in _DETAILS_IN_LOG:
             configure_logging(log_file(), terminal=False)
-        status = command.run(arguments)
+        status = importlib.import_module(COMMANDS[words[0]][0]).run(arguments)
         return int(status)
     if words and not words[0].startswith("-"):
         print(
@@ -53,3 +48,12 @@ def run(words: Sequence[str]) -> int:
     from caris_desktop.app import console_command
 
     return console_command.run(arguments)
+
+
+def parser_of(command: str) -> argparse.ArgumentParser:
+    """What follows the name of a command."""
+    module_name, description = COMMANDS[command]
+    parser = argparse.ArgumentParser(prog=f"caris-desktop {command}")
+    parser.description = description[0].upper() + description[1:] + "."
+    importlib.import_module(module_name).add_arguments(parser)
+    return parser
