@@ -19,7 +19,7 @@ from caris_desktop.app import composition, simulator_calls
 from caris_desktop.app.demo_robot import PROFILE, DemoRobot
 from caris_desktop.app.kept_settings import KeptSettings
 from caris_desktop.app.qt_application import the_application
-from caris_desktop.app.saved_layouts import LayoutSaving
+from caris_desktop.app.saved_layouts import OwnLayoutFiles
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER
@@ -84,7 +84,8 @@ class ConsoleRun:
         )
         practice = replace(parts.practice, robot=self._use_simulated_robot, cut_link=self._cut_link)
         robots = replace(parts.robots, simulated=self._use_simulated_robot)
-        self.console = Console(replace(parts, practice=practice, robots=robots), scenario)
+        of_scenario = replace(parts.scenario, layouts=OwnLayoutFiles(self.settings, self._keep_scenario))
+        self.console = Console(replace(parts, practice=practice, robots=robots, scenario=of_scenario), scenario)
         self.settings.failed.connect(self._on_settings_failed)
         self.host = LiveRobotHost(self.console, composition.live_consoles_dir(), self.console)
         theme = self._theme = Theme(
@@ -105,7 +106,6 @@ class ConsoleRun:
         )
         self.window.use_library(self.library)
         self.window.kept_choices.begin()
-        self._layouts = LayoutSaving(self.window, self.console, self.settings, self._keep_scenario)
         self._make_demo_robot = robot
         if robot is None and arguments.demo:
             self._make_demo_robot = DemoRobot

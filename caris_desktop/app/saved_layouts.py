@@ -8,17 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject
-
-from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.intents import SaveLayout, SizeClass
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.console import Console
 from caris_desktop.scenario.file import ScenarioError, save_layout, save_scenario
-from caris_desktop.scenario.layout import SizeClass, checked_layout, layout_data, own_layout, with_layout
+from caris_desktop.scenario.layout import checked_layout, layout_data, own_layout, with_layout
 from caris_desktop.scenario.library import own_file, user_scenarios_dir
 from caris_desktop.scenario.model import LayoutNode, Scenario
-from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.window_place import Settings
 
 _log = logging.getLogger(__name__)
@@ -74,66 +70,42 @@ def _name(path: Path | None, kind: SizeClass) -> str:
     return str(path) if kind == "usual" else f"{path}#{kind}"
 
 
-class LayoutSaving(QObject):
-    """Does what the menu Layout of ``window`` asks for. ``keep_scenario`` hears which file is open from then on."""
+class OwnLayoutFiles:
+    """Implements LayoutFiles. ``keep_scenario`` hears which file is open from then on."""
 
-    def __init__(
-        self, window: MainWindow, console: Console, settings: Settings, keep_scenario: Callable[[Path], None]
-    ) -> None:
-        super().__init__(window)
-        self._console = console
+    def __init__(self, settings: Settings, keep_scenario: Callable[[Path], None]) -> None:
         self._saved = SavedLayouts(settings)
         self._keep_scenario = keep_scenario
-        window.layout_save_requested.connect(self._on_save_requested)
-        window.layout_save_as_requested.connect(self._on_save_as_requested)
-        window.layout_reset_requested.connect(self._on_reset_requested)
 
-    def _on_save_requested(self, layout: LayoutNode, kind: SizeClass) -> None:
-        replaced = self._console.scenario
+    def save(self, scenario: Scenario, asked: SaveLayout) -> Path:
+        changed = with_layout(scenario, asked.size_class, _tree_of(asked))
+        return _written_anew(replace(changed, title=asked.title)) if asked.title else _written(changed)
 
-        def written(path: Path) -> None:
-            self._saved.note(path, kind, layout, replaced=replaced)
-            self._keep_scenario(path)
-            self._console.problem(
-                "info", tr("The panel layout was saved."), tr("It is in your own copy, {path}.").format(path=path), "",
-                cause=ANSWER,
-            )  # fmt: skip
+    def note_saved(self, path: Path, asked: SaveLayout, *, replaced: Scenario) -> None:
+        if not asked.title:
+            self._saved.note(path, asked.size_class, _tree_of(asked), replaced=replaced)
+        self._keep_scenario(path)
 
-        self._console.rewrite_scenario(lambda scenario: _written(with_layout(scenario, kind, layout)), written)
+    def as_before(self, scenario: Scenario) -> Scenario:
+        return self._saved.as_before(scenario)
 
-    def _on_save_as_requested(self, layout: LayoutNode, kind: SizeClass, title: str) -> None:
-        def written(path: Path) -> None:
-            self._keep_scenario(path)
-            self._console.problem(
-                "info", tr("{title} is a scenario now, and open.").format(title=title),
-                tr("It is in {path}.").format(path=path), "", cause=ANSWER,
-            )  # fmt: skip
+    def reset(self, scenario: Scenario, before: Scenario) -> Path:
+        for kind in _KINDS:
+            scenario = with_layout(scenario, kind, own_layout(before, kind))
+        return _written(scenario)
 
-        def write(scenario: Scenario) -> Path:
-            return _written_anew(replace(with_layout(scenario, kind, layout), title=title))
+    def note_reset(self, path: Path) -> None:
+        self._saved.forget(path)
 
-        self._console.rewrite_scenario(write, written)
 
-    def _on_reset_requested(self) -> None:
-        """An arrangement that was saved is undone in its file too, or the next start would bring it back."""
-        present = self._console.scenario
-        before = self._saved.as_before(present)
-        if before == present:
-            return
-
-        def written(path: Path) -> None:
-            self._saved.forget(path)
-            self._console.problem(
-                "info", tr("The panels are back."), tr("The layout that was saved is undone."),
-                tr("Save it again to keep another."), cause=ANSWER,
-            )  # fmt: skip
-
-        def write(scenario: Scenario) -> Path:
-            for kind in _KINDS:
-                scenario = with_layout(scenario, kind, own_layout(before, kind))
-            return _written(scenario)
-
-        self._console.rewrite_scenario(write, written)
+def _tree_of(asked: SaveLayout) -> LayoutNode:
+    """Raises ToldFailure."""
+    try:
+        return checked_layout(json.loads(asked.layout))
+    except ValueError as error:
+        raise ToldFailure(
+            tr("The panel layout was not saved."), tr("It cannot be read: {why}.").format(why=error), ""
+        ) from error
 
 
 def _written(scenario: Scenario) -> Path:

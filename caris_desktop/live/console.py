@@ -248,12 +248,6 @@ class Console(QObject):
         """For composition alone, as ``use_robot``. As :meth:`AnotherRobotService.connect_to`."""
         self._another_robot.connect_to(connection, actor)
 
-    def rewrite_scenario(self, write: Callable[[Scenario], Path], written: Callable[[Path], None]) -> None:
-        """Have ``write`` put the scenario into a file, tell ``written`` which, and open that. ``write`` is called in a
-        thread of its own; where it raises ToldFailure, the wizard is told.
-        """
-        self._scenario.rewrite(write, written)
-
     # For what runs beside the services
 
     @property

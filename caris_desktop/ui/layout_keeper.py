@@ -7,9 +7,10 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.layout import SizeClass, layout_text, own_layout
+from caris_desktop.scenario.layout import layout_text, own_layout
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.dock_host import LOCKED, DockHost
 from caris_desktop.ui.layout import arrangement as edits
@@ -47,9 +48,6 @@ class LayoutKeeper(QObject):
     puts it into the file. ``show_scenario`` shows the panels of a scenario as they are to be now.
     """
 
-    save_requested = Signal(object, str)  # LayoutNode, SizeClass
-    save_as_requested = Signal(object, str, str)  # with the title of the new scenario
-    reset_requested = Signal()
     title_wanted = Signal()  # whoever asks the wizard for one calls ``save_as`` with it
     noticed = Signal(object)  # Problem, to be told to the wizard
     changed = Signal()  # what can be saved, undone, ... is another thing now
@@ -301,13 +299,13 @@ class LayoutKeeper(QObject):
         """Ask for the present arrangement to be saved as the scenario's."""
         tree = self._docks.tree
         if tree is not None:
-            self.save_requested.emit(tree, self._kind)
+            self._console.do(intents.SaveLayout(layout_text(tree), self._kind))
 
     def save_as(self, title: str) -> None:
         """Ask for another scenario, which has the present arrangement."""
         tree = self._docks.tree
         if tree is not None:
-            self.save_as_requested.emit(tree, self._kind, title)
+            self._console.do(intents.SaveLayout(layout_text(tree), self._kind, title))
 
     def revert(self) -> None:
         """The panels lie as the scenario's file says. This can be undone."""
@@ -320,12 +318,12 @@ class LayoutKeeper(QObject):
         self._board.show(arrangement_of(self._baseline_of(self._kind)))
 
     def put_back(self) -> None:
-        """Whoever listens gives the scenario its own arrangement back, where another one was saved in its place."""
+        """The scenario gets its own arrangement back, where another one was saved in its place."""
         present = self._docks.arrangement
         if present is not None:
             self._history.note(tr("Reset"), present)
         self._kept.forget(self._name)
-        self.reset_requested.emit()
+        self._console.do(intents.ResetLayout())
         self._show_scenario(self._console.scenario)
         self._console.do(intents.KeepLayout(layout_text(self._console.scenario.layout)))
 

@@ -2,8 +2,8 @@
 
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QMenu, QVBoxLayout, QWidget
 
+from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.scenario.layout import SizeClass
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.layout_keeper import LayoutKeeper

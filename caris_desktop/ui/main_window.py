@@ -92,9 +92,6 @@ class MainWindow(TabAsRead, QWidget):
         The gamepad that drives too. It can also be given later, with ``use_gamepads``.
     """
 
-    layout_save_requested = Signal(object, str)  # LayoutNode, SizeClass
-    layout_save_as_requested = Signal(object, str, str)
-    layout_reset_requested = Signal()
     closed = Signal()
 
     def __init__(
@@ -223,9 +220,6 @@ class MainWindow(TabAsRead, QWidget):
         self._connection.robots_requested.connect(self._open_robot_menu)
         self.board.window_wanted.connect(self.sessions.open)
         self.board.window_wanted.connect(self.faces.open)
-        self.layout_keeper.save_requested.connect(self.layout_save_requested)
-        self.layout_keeper.save_as_requested.connect(self.layout_save_as_requested)
-        self.layout_keeper.reset_requested.connect(self.layout_reset_requested)
         self.layout_keeper.noticed.connect(self._problems.show_problem)
         for give_way in (
             self._palette_overlay.close_overlay, self._sheet.give_way, self._connection.close_overlay,

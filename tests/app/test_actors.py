@@ -35,6 +35,7 @@ from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.suggestions import shown_replies
 from caris_desktop.robot.profile import load_profile, save_profile
 from caris_desktop.scenario.assistance import AssistanceSettings
+from caris_desktop.scenario.model import Scenario
 from caris_desktop.study.unfinished import UnfinishedTrial
 from tests.live import bodies
 from tests.support.crashed import leave
@@ -63,6 +64,23 @@ is not. A trial that nobody goes on with is over. What is practised has a record
 
 WRITTEN_ELSEWHERE = {events.PersonForgotten, events.PracticeStepEnded, events.PracticeEnded}
 """Nobody is forgotten while a file is written, and what is practised goes into a file of its own."""
+
+
+class SavedElsewhere:
+    """Implements LayoutFiles without files: there is always something to undo."""
+
+    def save(self, scenario: Scenario, _asked: intents.SaveLayout) -> Path:
+        return scenario.path or Path()
+
+    def note_saved(self, path: Path, asked: intents.SaveLayout, *, replaced: Scenario) -> None: ...
+
+    def as_before(self, scenario: Scenario) -> Scenario:
+        return replace(scenario, title="Before")
+
+    def reset(self, scenario: Scenario, _before: Scenario) -> Path:
+        return scenario.path or Path()
+
+    def note_reset(self, path: Path) -> None: ...
 
 
 @dataclass
@@ -255,6 +273,8 @@ def tell(story: Story) -> None:
     story.until(lambda: state.recording.value.state == "paused", "the pause")
     do(intents.PauseRecording(paused=False), events.RecordingPaused)
     story.until(lambda: state.recording.value.state == "recording", "the recording again")
+    ask(intents.SaveLayout('{"panel": "video"}'), events.ScenarioOpened)
+    ask(intents.ResetLayout(), events.ScenarioOpened)
     ask(intents.OpenScenario(Path("another.yaml")), events.ScenarioOpened)
     ask(intents.ImportScenario(Path("another.caris")), events.ScenarioOpened)
     ask(intents.SaveScenario("title: Another tour", console.scenario.path), events.ScenarioOpened)
@@ -361,6 +381,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
                 save_text=lambda text, *_where: text,
                 unpack=lambda path, _decided: Imported(path),
                 conflicts=lambda _path: (),
+                layouts=SavedElsewhere(),
             ),
             practice=PracticeParts(scenario.path, lambda: None, lambda _seconds: None),
             robots=replace(

@@ -108,6 +108,8 @@ SAMPLES: tuple[Intent, ...] = (
     intents.DeletePhoto("photos/0001.png"),
     intents.RestorePhoto("photos/0001.png"),
     intents.KeepLayout("{}"),
+    intents.SaveLayout('{"panel": "video"}'),
+    intents.ResetLayout(),
     intents.OpenScenario(Path("tour-guide.yaml")),
     intents.SaveScenario("title: A", Path("a.yaml")),
     intents.ImportScenario(Path("a.caris")),

@@ -10,6 +10,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.domain import intents
 from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.layout import layout_text
 from caris_desktop.scenario.library import user_scenarios_dir
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode
 from caris_desktop.ui.layout.tree import panels_in
@@ -31,7 +32,7 @@ def run(qtbot: QtBot, tmp_path: Path, settings: QSettings) -> Iterator[ConsoleRu
 
 
 def _save(qtbot: QtBot, run: ConsoleRun, layout: LayoutNode) -> None:
-    run.window.layout_save_requested.emit(layout, "usual")
+    assert run.console.do(intents.SaveLayout(layout_text(layout), "usual")) == ""
     qtbot.waitUntil(lambda: run.console.scenario.layout == layout, timeout=20_000)
 
 
@@ -53,7 +54,7 @@ def test_a_saved_arrangement_is_undone_in_the_window_and_in_the_file(run: Consol
 def test_an_arrangement_that_is_saved_while_the_window_closes_is_there_the_next_time(
     run: ConsoleRun, settings: QSettings
 ) -> None:
-    run.window.layout_save_requested.emit(ARRANGED, "usual")
+    assert run.console.do(intents.SaveLayout(layout_text(ARRANGED), "usual")) == ""
     run.close()
     own = user_scenarios_dir() / "tour-guide.yaml"
     assert load_scenario(own).layout == ARRANGED
@@ -73,10 +74,10 @@ def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun, q
 
 @pytest.mark.logs(r"app\.saved_layouts: ")
 @pytest.mark.parametrize("kept", ["no JSON", "[]", '{"PATH": 3}', '{"PATH": {"saved": SAVED, "before": {"panel": 1}}}'])
-def test_broken_settings_undo_nothing(run: ConsoleRun, settings: QSettings, qtbot: QtBot, kept: str) -> None:
+def test_broken_settings_undo_nothing(run: ConsoleRun, qtbot: QtBot, kept: str) -> None:
     own = user_scenarios_dir() / "tour-guide.yaml"
     _save(qtbot, run, PanelLeaf("map"))
-    settings.setValue("layout/before_saving", kept.replace("PATH", str(own)).replace("SAVED", '{"panel": "map"}'))
+    run.settings.setValue("layout/before_saving", kept.replace("PATH", str(own)).replace("SAVED", '{"panel": "map"}'))
     run.window.layout_keeper.put_back()
     run.close()
     assert load_scenario(own).layout == PanelLeaf("map")
@@ -86,7 +87,7 @@ def test_what_is_saved_on_a_small_screen_is_for_small_screens_and_undone_with_th
     run: ConsoleRun, qtbot: QtBot
 ) -> None:
     shipped = run.console.scenario
-    run.window.layout_save_requested.emit(ARRANGED, "compact")
+    assert run.console.do(intents.SaveLayout(layout_text(ARRANGED), "compact")) == ""
     qtbot.waitUntil(lambda: run.console.scenario.layout_compact == ARRANGED, timeout=20_000)
     own = load_scenario(user_scenarios_dir() / "tour-guide.yaml")
     assert (own.layout, own.layout_compact) == (shipped.layout, ARRANGED)
@@ -98,7 +99,7 @@ def test_what_is_saved_on_a_small_screen_is_for_small_screens_and_undone_with_th
 def test_saving_as_another_scenario_leaves_this_one_and_writes_over_nothing(run: ConsoleRun, qtbot: QtBot) -> None:
     before = run.console.scenario
     for file_name in ("my-tour.yaml", "my-tour-2.yaml"):
-        run.window.layout_save_as_requested.emit(ARRANGED, "usual", "My tour!")
+        assert run.console.do(intents.SaveLayout(layout_text(ARRANGED), "usual", "My tour!")) == ""
         qtbot.waitUntil(lambda name=file_name: run.console.scenario.path.name == name, timeout=20_000)  # type: ignore[misc]
         saved = load_scenario(user_scenarios_dir() / file_name)
         assert (saved.title, saved.layout, saved.phrases) == ("My tour!", ARRANGED, before.phrases)

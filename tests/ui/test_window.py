@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,7 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.layout import layout_from_data
 from caris_desktop.scenario.model import LayoutNode, Permissions, SplitNode, TabNode
 from caris_desktop.ui import words
 from caris_desktop.ui.action_rows import phrases_on_keys
@@ -417,10 +419,8 @@ def choose_panel(qtbot: QtBot, window: MainWindow, title: str) -> None:
 
 
 def test_a_panel_that_the_scenario_does_not_have_is_added_in_a_tab_and_closed_again(
-    qtbot: QtBot, window: MainWindow
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
-    saved: list[object] = []
-    window.layout_save_requested.connect(lambda tree, _kind: saved.append(tree))
     choose_panel(qtbot, window, "Diagnostics")
     qtbot.waitUntil(lambda: "diagnostics" in window.panels)
     tree = window.dock_host.tree
@@ -428,7 +428,8 @@ def test_a_panel_that_the_scenario_does_not_have_is_added_in_a_tab_and_closed_ag
     tabs = next(node for node in nodes_of(tree) if isinstance(node, TabNode) and "diagnostics" in node.tabs)
     assert tabs == TabNode(("assistant", "session", "diagnostics"), "diagnostics")
     window.layout_keeper.save()
-    assert "diagnostics" in panels_in(saved[0])  # type: ignore[arg-type]
+    saved = console.named("SaveLayout")[-1]
+    assert "diagnostics" in panels_in(layout_from_data(json.loads(saved.layout)))
     choose_panel(qtbot, window, "Diagnostics")
     qtbot.waitUntil(lambda: "diagnostics" not in window.panels)
     tree = window.dock_host.tree

@@ -66,6 +66,26 @@ class KeepLayout(Intent):
     layout: str
 
 
+SizeClass = Literal["compact", "usual", "large"]
+"""For which screens an arrangement of the panels is."""
+
+
+@dataclass(frozen=True, slots=True)
+class SaveLayout(Intent):
+    """The arrangement (as in KeepLayout) is the scenario's from now on, for screens of that size; with a ``title`` it
+    is that of another scenario of this name, which is opened.
+    """
+
+    layout: str
+    size_class: SizeClass = "usual"
+    title: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ResetLayout(Intent):
+    """The scenario has its own arrangement again, where another one was saved in its place."""
+
+
 @dataclass(frozen=True, slots=True)
 class OpenScenario(Intent):
     """Switch the scenario; the link and a running recording stay."""
@@ -150,6 +170,8 @@ SESSION: IntentTable = {
     DeletePhoto: IntentSpec(QT_TR_NOOP("Deleting the photo"), "photos"),
     RestorePhoto: IntentSpec(QT_TR_NOOP("Bringing the photo back"), "photos"),
     KeepLayout: IntentSpec(QT_TR_NOOP("Keeping the arrangement of the panels"), quiet=True),
+    SaveLayout: IntentSpec(QT_TR_NOOP("Saving the arrangement of the panels")),
+    ResetLayout: IntentSpec(QT_TR_NOOP("Putting the panels back")),
     OpenScenario: IntentSpec(QT_TR_NOOP("Opening another scenario")),
     SaveScenario: IntentSpec(QT_TR_NOOP("Saving the scenario")),
     ImportScenario: IntentSpec(QT_TR_NOOP("Importing a scenario")),

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 from PySide6.QtCore import QObject
 
@@ -34,13 +35,36 @@ class Imported:
     put_aside: str = ""
 
 
+class LayoutFiles(Protocol):
+    """How arrangements of panels are saved in scenario files, and what a file said before, so that it can be had back.
+
+    ``save`` and ``reset`` wait on files, in a thread of their own, and raise ToldFailure; the rest is called in the GUI
+    thread.
+    """
+
+    def save(self, scenario: Scenario, asked: intents.SaveLayout) -> Path:
+        """Write the scenario with that arrangement, in its own file or the one that its title names; gives which."""
+
+    def note_saved(self, path: Path, asked: intents.SaveLayout, *, replaced: Scenario) -> None:
+        """That was written; ``replaced`` is the scenario as it was open until then."""
+
+    def as_before(self, scenario: Scenario) -> Scenario:
+        """The scenario with the arrangements that saving replaced."""
+
+    def reset(self, scenario: Scenario, before: Scenario) -> Path:
+        """Write the scenario with the arrangements of ``before``."""
+
+    def note_reset(self, path: Path) -> None:
+        """That was written."""
+
+
 @dataclass(frozen=True, slots=True)
 class ScenarioParts:
     """``load`` and whatever saves raise ToldFailure; ``text`` is what is recorded of a scenario. ``save_text`` is given
     the text, its file, the file it was edited from and the checksum of what it may replace, and gives what the file
     says then. ``share`` writes one file for others, ``unpack`` takes what came so with what was decided of its names,
     and ``conflicts`` gives those that something else has. All of them wait on files, and are called in a thread of
-    their own.
+    their own. Without ``layouts`` no arrangement of panels is saved.
     """
 
     load: Callable[[Path], Scenario]
@@ -50,6 +74,7 @@ class ScenarioParts:
     share: Callable[[Scenario, Path], None] = lambda _scenario, _path: None
     unpack: Callable[[Path, Sequence[SameName]], Imported] = lambda path, _decided: Imported(path)
     conflicts: Callable[[Path], tuple[NameConflict, ...]] = lambda _path: ()
+    layouts: LayoutFiles | None = None
 
 
 Places = tuple[Place, ...]
@@ -102,6 +127,8 @@ class ScenarioService(Service):
             intents.SavePlace: self._save_place,
             intents.RemovePlace: self._remove_place,
             intents.KeepLayout: self._keep_layout,
+            intents.SaveLayout: self._save_layout,
+            intents.ResetLayout: self._reset_layout,
         }
 
     def use_scenario(self, scenario: Scenario) -> None:
@@ -112,7 +139,44 @@ class ScenarioService(Service):
         """What heads a recording of it."""
         return [self._opened(), *([] if self._layout is None else [replace(self._layout, stamp_ns=now_ns)])]
 
-    def rewrite(self, write: Callable[[Scenario], Path], written: Callable[[Path], None]) -> None:
+    def _layouts(self) -> LayoutFiles:
+        if self._parts.layouts is None:
+            raise ToldFailure(tr("The panel layout was not saved."), tr("Nothing is saved in this run."), "")
+        return self._parts.layouts
+
+    def _save_layout(self, asked: intents.SaveLayout) -> None:
+        layouts, replaced = self._layouts(), self.current
+
+        def written(path: Path) -> None:
+            layouts.note_saved(path, asked, replaced=replaced)
+            if asked.title:
+                what = tr("{title} is a scenario now, and open.").format(title=asked.title)
+                self._bus.problem("info", what, tr("It is in {path}.").format(path=path), "", cause=ANSWER)
+            else:
+                where = tr("It is in your own copy, {path}.").format(path=path)
+                self._bus.problem("info", tr("The panel layout was saved."), where, "", cause=ANSWER)
+
+        self._rewrite(lambda scenario: layouts.save(scenario, asked), written, asked.actor)
+
+    def _reset_layout(self, asked: intents.ResetLayout) -> None:
+        """An arrangement that was saved is undone in its file too, or the next start would bring it back."""
+        if self._parts.layouts is None:
+            return  # none was saved
+        layouts = self._parts.layouts
+        before = layouts.as_before(self.current)
+        if before == self.current:
+            return
+
+        def written(path: Path) -> None:
+            layouts.note_reset(path)
+            self._bus.problem(
+                "info", tr("The panels are back."), tr("The layout that was saved is undone."),
+                tr("Save it again to keep another."), cause=ANSWER,
+            )  # fmt: skip
+
+        self._rewrite(lambda scenario: layouts.reset(scenario, before), written, asked.actor)
+
+    def _rewrite(self, write: Callable[[Scenario], Path], written: Callable[[Path], None], actor: Actor) -> None:
         """Have ``write`` put the scenario into a file, which ``written`` hears of, and open that.
 
         ``write`` is called in a thread of its own, and raises ToldFailure.
@@ -125,7 +189,7 @@ class ScenarioService(Service):
         def done(outcome: tuple[Path, Filed]) -> None:
             path, filed = outcome
             written(path)
-            self._use(filed, WIZARD)
+            self._use(filed, actor)
 
         self._slow_work.do(work, done, self._bus.answer)
 

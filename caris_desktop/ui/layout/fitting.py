@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from caris_desktop.scenario.layout import SizeClass
+from caris_desktop.domain.intents import SizeClass
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.layout.placing import GAP_PX, Room, least_room, lengths
 from caris_desktop.ui.layout.tree import front_of, groups_in, panels_in, shares, tidy

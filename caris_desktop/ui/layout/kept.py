@@ -5,7 +5,8 @@ import logging
 from dataclasses import dataclass
 from typing import Any
 
-from caris_desktop.scenario.layout import SizeClass, layout_data
+from caris_desktop.domain.intents import SizeClass
+from caris_desktop.scenario.layout import layout_data
 from caris_desktop.scenario.model import LayoutNode
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_data, arrangement_from
 from caris_desktop.ui.wizard_profiles import WizardProfiles

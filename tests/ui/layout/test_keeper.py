@@ -14,7 +14,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.file import load_scenario
-from caris_desktop.scenario.layout import checked_layout, layout_data
+from caris_desktop.scenario.layout import checked_layout, layout_data, layout_from_data
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode, TabNode
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
 from caris_desktop.ui.layout.rect import Rect
@@ -142,12 +142,11 @@ def test_each_change_is_undone_exactly_and_done_again(window: MainWindow) -> Non
 
 
 def test_saving_makes_it_the_files_and_takes_the_mark_away(window: MainWindow, console: FakeConsole) -> None:
-    saved: list[tuple[LayoutNode, str]] = []
-    window.layout_save_requested.connect(lambda tree, kind: saved.append((tree, kind)))
     window.dock_host.move_panel("map", "video", "right")
     window.layout_keeper.save()
-    ((tree, kind),) = saved
-    assert kind == "usual"
+    (saved,) = console.named("SaveLayout")
+    tree = layout_from_data(json.loads(saved.layout))
+    assert (saved.size_class, saved.title) == ("usual", "")
     copy = dataclasses.replace(samples.TOUR, layout=tree, path=Path("/own/tour_guide.yaml"), sha256="other")
     console._others[Path("/own/tour_guide.yaml")] = copy
     console.open_scenario(Path("/own/tour_guide.yaml"))
