@@ -1,6 +1,7 @@
 """The session: its recording, its photos, its scenario."""
 
 from dataclasses import dataclass
+from typing import Literal
 from pathlib import Path
 from typing import get_args
 
