@@ -1,9 +1,8 @@
 """The session: its recording, its photos, its scenario."""
 
 from dataclasses import dataclass
-from typing import Literal
 from pathlib import Path
-from typing import get_args
+from typing import Literal, get_args
 
 from caris_desktop.domain.intents.base import AsBefore, Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
