@@ -13,6 +13,7 @@ from caris_desktop.conversation.prompts import (
 from caris_desktop.conversation.transcript import Turn
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.sensing import People
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PartAlong
 from caris_desktop.people.presence import PersonRow
@@ -61,21 +62,22 @@ class AssistantContext:
         along = self.along(what, notes)
         turns, words = conversation_words(along.conversation)
         lines = context_lines(along)
-        found = [PartAlong("conversation", "Conversation", turns, words)]
+        found = [PartAlong("conversation", QT_TR_NOOP("Conversation"), turns, words)]
         if "step" in lines:
-            found.append(PartAlong("step", "Step", 1, _words(lines["step"])))
+            found.append(PartAlong("step", QT_TR_NOOP("Step"), 1, _words(lines["step"])))
         if "people" in lines:
             plain = lines["people"]
             if what == "history":
                 plain = context_lines(self.along("names", notes))["people"]
-            found.append(PartAlong("people", "People", len(along.people), _words(plain)))
+            found.append(PartAlong("people", QT_TR_NOOP("People"), len(along.people), _words(plain)))
             if lines["people"] != plain:
                 more = _words(lines["people"]) - _words(plain)
-                found.append(PartAlong("history", "What is known of them", len(along.people), more))
+                found.append(PartAlong("history", QT_TR_NOOP("What is known of them"), len(along.people), more))
         if "things" in lines:
-            found.append(PartAlong("things", "Things in view", len(list(along.things)), _words(lines["things"])))
+            things = len(list(along.things))
+            found.append(PartAlong("things", QT_TR_NOOP("Things in view"), things, _words(lines["things"])))
         if "notes" in lines:
-            found.append(PartAlong("notes", "Notes", len(along.notes), _words(lines["notes"])))
+            found.append(PartAlong("notes", QT_TR_NOOP("Notes"), len(along.notes), _words(lines["notes"])))
         return tuple(part for part in found if part.count)
 
     def _turns(self) -> Sequence[Turn]:

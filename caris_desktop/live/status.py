@@ -427,7 +427,7 @@ class ModelChoice:
 @dataclass(frozen=True, slots=True)
 class PartAlong:
     """Something that goes along with the next question; ``count`` of them in ``words`` words. ``kind`` is its name in
-    ``Ask.leave_out``.
+    ``Ask.leave_out``, ``title`` is translated where it is shown.
     """
 
     kind: str

@@ -67,7 +67,7 @@ class AlongChips(FlowRow):
         wanted: dict[str, tuple[str, bool]] = {}
         for part in self._parts:
             words = tr("1 word") if part.words == 1 else tr("%n words", "", part.words)
-            wanted[part.kind] = (f"{part.title} · {words}", part.kind not in self._left_out)
+            wanted[part.kind] = (" · ".join((tr(part.title), words)), part.kind not in self._left_out)
         for name in self._pictures:
             wanted[f"picture {name}"] = (picture_words(name), True)
         for key in [key for key in self._chips if key not in wanted]:
