@@ -104,7 +104,9 @@ def _tree_of(asked: SaveLayout) -> LayoutNode:
         return checked_layout(json.loads(asked.layout))
     except ValueError as error:
         raise ToldFailure(
-            tr("The panel layout was not saved."), tr("It cannot be read: {why}.").format(why=error), ""
+            tr("The panel layout was not saved."),
+            tr("It cannot be read: {why}.").format(why=error),
+            tr("Arrange the panels anew, or reset them, and save again."),
         ) from error
 
 

@@ -105,7 +105,7 @@ def glued(source: str) -> list[str]:
 def test_no_child_process_glues_what_it_tells() -> None:
     package = Path(__file__).parents[2] / "caris_desktop"
     files = [file for room in ROOMS for file in (package / room).rglob("*.py")]
-    files += [package / "conversation" / f"{name}.py" for name in ("speech", "microphone", "embedded_server")]
+    files += [package / "conversation" / f"{name}.py" for name in ("synthesis", "microphone", "embedded_server")]
     found = {file.name: glued(file.read_text("utf-8")) for file in files}
     assert {name: texts for name, texts in found.items() if texts} == {}
     assert glued('raise CameraError(f"The camera {name} is away.", "Look.")') == ["f'The camera {name} is away.'"]

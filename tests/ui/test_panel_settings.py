@@ -24,7 +24,8 @@ from caris_desktop.scenario.panel_settings import (
     VideoSettings,
 )
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.scenario_editor.window import ScenarioEditor, opened_file
+from caris_desktop.ui.scenario_editor.opened import opened_file
+from caris_desktop.ui.scenario_editor.window import ScenarioEditor
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window

@@ -141,7 +141,11 @@ class ScenarioService(Service):
 
     def _layouts(self) -> LayoutFiles:
         if self._parts.layouts is None:
-            raise ToldFailure(tr("The panel layout was not saved."), tr("Nothing is saved in this run."), "")
+            raise ToldFailure(
+                tr("The panel layout was not saved."),
+                tr("Nothing is saved in this run."),
+                tr("Start the console by itself, without a rehearsal, and save it there."),
+            )
         return self._parts.layouts
 
     def _save_layout(self, asked: intents.SaveLayout) -> None:

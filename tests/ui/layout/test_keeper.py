@@ -12,9 +12,10 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialogButtonBox, QLineEdit, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.file import load_scenario
-from caris_desktop.scenario.layout import checked_layout, layout_data, layout_from_data
+from caris_desktop.scenario.layout import checked_layout, layout_data, layout_from_data, layout_text
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode, TabNode
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
 from caris_desktop.ui.layout.rect import Rect
@@ -56,10 +57,8 @@ def again(
 
 
 def test_another_scenario_is_made_of_the_arrangement_by_the_menu_and_its_title(
-    qtbot: QtBot, window: MainWindow
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
-    wanted: list[tuple[LayoutNode, str, str]] = []
-    window.layout_save_as_requested.connect(lambda *asked: wanted.append(asked))
     window.dock_host.float_panel("map", PLACE)
     click(qtbot, find(window, "window_menu_button"))
     menu = window.findChild(QMenu, "layout_menu")
@@ -74,14 +73,16 @@ def test_another_scenario_is_made_of_the_arrangement_by_the_menu_and_its_title(
     assert not save.isEnabled(), "without a title there is none"
     QTest.keyClicks(dialog.findChild(QLineEdit, "layout_title_field"), " My  tour ")
     click(qtbot, save)
-    assert wanted == [(window.dock_host.tree, "usual", "My tour")]
+    tree = window.dock_host.tree
+    assert tree is not None
+    assert console.named("SaveLayout") == [intents.SaveLayout(layout_text(tree), "usual", "My tour")]
     qtbot.waitUntil(lambda: window.findChild(TitleDialog) is None)
     # Given up, it asks for nothing.
     window.layout_keeper.title_wanted.emit()
     dialog = window.findChild(TitleDialog)
     QTest.keyClicks(dialog.findChild(QLineEdit, "layout_title_field"), "Other")
     click(qtbot, dialog.findChild(QDialogButtonBox).button(QDialogButtonBox.StandardButton.Cancel))
-    assert len(wanted) == 1
+    assert len(console.named("SaveLayout")) == 1
 
 
 def test_what_the_wizard_arranges_is_hers_until_she_saves_it(

@@ -136,8 +136,9 @@ def test_the_model_is_one_drop_down_and_a_refusal_puts_it_back(
     model.activated.emit(1)
     assert console.calls == [("choose_model", "ollama:llama")]
     monkeypatch.setattr(console, "choose_model", lambda model: model == "")
-    model.activated.emit(1)
-    assert model.currentData() == "embedded"
+    model.setCurrentIndex(0)
+    model.activated.emit(0)
+    assert model.currentData() == "ollama:llama"
     assert panel.setup_bar.role.isHidden(), "the scenario has no roles"
     panel.setup_bar.style_choice.activated.emit(1)
     assert console.calls[-1] == ("choose_prompt", ("style", "Short"))
