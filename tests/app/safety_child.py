@@ -1,8 +1,8 @@
 """``console_child`` with the ways in which driving ends.
 
-More lines: ``key NAME`` (a key stroke), ``click OBJECT_NAME``, ``focus OBJECT_NAME``, ``dialog`` and ``close_dialog``
-(a modal one), ``other_program`` (it comes to the front), ``stall SECONDS`` (of the GUI), ``clear`` (the
-emergency stop), ``guard on`` or ``guard off``.
+More lines: ``key NAME`` (a key stroke), ``click OBJECT_NAME``, ``click_if_there OBJECT_NAME``, ``focus OBJECT_NAME``,
+``dialog`` and ``close_dialog`` (a modal one), ``other_program`` (it comes to the front), ``stall SECONDS`` (of the GUI),
+``clear`` (the emergency stop), ``guard on`` or ``guard off``.
 """
 
 import sys
@@ -34,6 +34,9 @@ class SafetyDriver(Driver):
             QTest.keyClick(target, Qt.Key(getattr(Qt.Key, f"Key_{rest}")))
         elif word == "click":
             QTest.mouseClick(window.findChild(QWidget, rest), Qt.MouseButton.LeftButton)
+        elif word == "click_if_there":
+            if (there := window.findChild(QWidget, rest)) is not None:
+                QTest.mouseClick(there, Qt.MouseButton.LeftButton)
         elif word == "focus":
             window.findChild(QWidget, rest).setFocus()
         elif word == "dialog":
