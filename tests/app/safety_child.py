@@ -1,8 +1,8 @@
 """``console_child`` with the ways in which driving ends.
 
 More lines: ``key NAME`` (a key stroke), ``click OBJECT_NAME``, ``click_if_there OBJECT_NAME``, ``focus OBJECT_NAME``,
-``dialog`` and ``close_dialog`` (a modal one), ``other_program`` (it comes to the front), ``stall SECONDS`` (of the GUI),
-``clear`` (the emergency stop), ``guard on`` or ``guard off``.
+``dialog`` and ``close_dialog`` (a modal one), ``other_program`` (it comes to the front), ``stall SECONDS`` (of the
+GUI), ``clear`` (the emergency stop), ``guard on`` or ``guard off``.
 """
 
 import sys
