@@ -10,7 +10,7 @@ CONTROL_HEIGHT_PX = 34
 BODY_PX = 15
 STATUS_PX = 13
 SPEECH_PX = 18
-GLANCE_PX, GLANCE_ICON_PX = 26, 30
+GLANCE_PX, GLANCE_ICON_PX = 23, 28
 """What is made out from two metres, of pixels of 0.28 mm: as large as the strip below the top bar allows."""
 
 KEY_CAP_PX = 12

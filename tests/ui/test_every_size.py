@@ -68,6 +68,7 @@ class Shown:
         if self.console.scenario.path is None or self.console.scenario.path.stem != scenario:
             self.console.scenario = load_scenario(layouts_dir() / f"{scenario}.yaml")
             self.console.state.scenario.set_anew(self.console.scenario)
+            self.window.board.complete()
         self.window.theme.set_choice("dark" if theme == "dark" else "light")
         freshen(self.console)
         # The same in units of the scale; only that it is drawn with more dots differs.
