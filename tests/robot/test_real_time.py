@@ -156,11 +156,14 @@ class RealtimeKitDouble:
                 said = b""
             said += client.recv(4096)
         parser, number = Parser(), 0
-        while content := client.recv(4096):
+        # What is said right behind the greeting may have come with it.
+        content = said.partition(b"BEGIN\r\n")[2] or client.recv(4096)
+        while content:
             for message in parser.feed(content):
                 number += 1
                 if not message.header.flags & MessageFlag.no_reply_expected:
                     client.sendall(self._answer(message).serialise(serial=number))
+            content = client.recv(4096)
 
     def _answer(self, message: Message) -> Message:
         assert message.header.message_type is MessageType.method_call
