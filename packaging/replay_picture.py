@@ -20,7 +20,8 @@ _CODED = ((2.0, 6.5, "Curious"), (7.2, 12.0, "Engaged"), (13.0, 16.0, "Confused"
 def main(session: Path, picture: Path, theme: str) -> int:
     with tempfile.TemporaryDirectory() as folder:
         settings = QSettings(str(Path(folder) / "settings.ini"), QSettings.Format.IniFormat)
-        run = ReplayRun(argparse.Namespace(session=session, at=None, at_ns=None, theme=theme), settings=settings)
+        arguments = argparse.Namespace(session=session, at=None, at_ns=None, theme=theme, language=None)
+        run = ReplayRun(arguments, settings=settings)
         run.window.resize(*_SIZE_PX)
         run.show()
         replay = run.console

@@ -3,6 +3,7 @@ window: what comes of that is counted in keys, positions and events.
 """
 
 import asyncio
+import contextlib
 import json
 import ssl
 import subprocess
@@ -77,7 +78,12 @@ class Desk:
 
     def shown(self) -> dict[str, Any]:
         """What the console showed last."""
-        return next((json.loads(line) for line in reversed(self.desktop.lines()) if line.startswith("{")), {})
+        for line in reversed(self.desktop.lines()):
+            # The last one may still be on its way.
+            with contextlib.suppress(json.JSONDecodeError):
+                if line.startswith("{"):
+                    return dict(json.loads(line))
+        return {}
 
     def turns(self) -> list[float]:
         """How fast the robot turned, all along, rad/s."""
