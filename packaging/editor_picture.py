@@ -5,11 +5,12 @@ import tempfile
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, QTimer
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 
 _SIZE_PX = (1366, 768)
-_SETTLED_MS = 3000
+_LOOK_MS, _SETTLED_MS = 50, 3000
 
 
 def main(scenario: str, picture: Path, theme: str) -> int:
@@ -19,18 +20,23 @@ def main(scenario: str, picture: Path, theme: str) -> int:
         arguments = default_arguments(scenario=scenario, theme=theme, study=Path(folder) / "study")
         run = ConsoleRun(arguments, settings=settings)
         run.window.editor.open()
-        editor = run.window.editor.editor
-        assert editor is not None  # noqa: S101 - it was opened just now
-        editor.resize(*_SIZE_PX)
-        editor.editing.set(("permissions", "photos"), False)
-        editor.editing.set(("phrases", 1, "key"), "Ctrl+G")
-        editor.reveal(("phrases", 1, "key"))
 
-        def take() -> None:
+        def change() -> None:
+            editor = run.window.editor.editor
+            if editor is None:  # its file is still being read
+                QTimer.singleShot(_LOOK_MS, change)
+                return
+            editor.resize(*_SIZE_PX)
+            editor.editing.set(("permissions", "photos"), False)
+            editor.editing.set(("phrases", 1, "key"), "Ctrl+G")
+            editor.reveal(("phrases", 1, "key"))
+            QTimer.singleShot(_SETTLED_MS, lambda: take(editor))
+
+        def take(editor: QWidget) -> None:
             editor.grab().save(str(picture))
             run.application.quit()
 
-        QTimer.singleShot(_SETTLED_MS, take)
+        change()
         run.application.exec()
         run.close()
     return 0
