@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, QTimer, Signal
 
 from caris_desktop.conversation.embedded_messages import REPLIES_SLOT, SLOTS
 from caris_desktop.conversation.models.chat import ChatTimeouts
@@ -25,6 +25,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.service import PANELS_FIRST_MS
 
 _log = logging.getLogger(__name__)
 _SEEDS = 2**31  # what every server takes
@@ -135,6 +136,9 @@ class ModelClient(QObject):
         self._versions: dict[ModelEndpoint, str] = {}
         self._asking_version: Future[None] | None = None
         self._running: dict[str, _Running] = {}
+        self._to_read: dict[Purpose, Callable[[], Sequence[ChatMessage]]] = {}
+        self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
+        self._soon.timeout.connect(self._read_what_waits)
         self._grew.connect(self._on_grew)
         self._waits.connect(self._on_waits)
         self._ended.connect(self._on_ended)
@@ -181,6 +185,19 @@ class ModelClient(QObject):
         """
         if self._endpoint is not None and self.embedded and messages:
             self._submit(self._read(self._endpoint, tuple(messages), self._slot(purpose)))
+
+    def warm_up_soon(self, messages: Callable[[], Sequence[ChatMessage]], purpose: Purpose) -> None:
+        """The same in a moment, with the ``messages`` that there are then: who gets another scenario or model waits for
+        the window first. What is asked before that reads for itself.
+        """
+        self._to_read[purpose] = messages
+        self._soon.start()
+
+    def _read_what_waits(self) -> None:
+        waiting, self._to_read = self._to_read, {}
+        if self.embedded:
+            for purpose, messages in waiting.items():
+                self.warm_up(messages(), purpose)
 
     async def _read(self, endpoint: ModelEndpoint, messages: tuple[ChatMessage, ...], slot: int | None) -> None:
         try:

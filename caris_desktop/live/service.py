@@ -11,6 +11,10 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.child_process import ChildProcess, Health
 from caris_desktop.scenario.model import Scenario
 
+PANELS_FIRST_MS = 600
+"""Another scenario is to be seen at once. What only gets something ready for it waits so long: it would take the
+processors from the window, and who goes on to yet another scenario needs none of it.
+"""
 Handler = Callable[[Any], None]
 Handlers = Mapping[type[Intent], Handler]
 Follows = Mapping[type[Any], Callable[[Any], None]]

@@ -173,6 +173,9 @@ class Actions(QObject):
         self._console = console
         self._handlers = handlers
         self._scenario = console.scenario
+        self._as_they_are: dict[str, ActionSpec | None] = {}
+        # Connected before all others, who then ask for the rows as they are now.
+        self.rows_changed.connect(self._as_they_are.clear)
         for said in (console.state.phrase_group, console.state.fillers_said):
             said.changed.connect(self.rows_changed)
         self._answering: dict[str, object] = {}
@@ -198,7 +201,7 @@ class Actions(QObject):
     @property
     def specs(self) -> tuple[ActionSpec, ...]:
         """The rows that there are now, with this scenario, this robot and these places."""
-        return tuple(row for spec in self._specs.values() if (row := self._as_it_is(spec)) is not None)
+        return tuple(row for action_id in self._specs if (row := self.spec(action_id)) is not None)
 
     @property
     def all_specs(self) -> tuple[ActionSpec, ...]:
@@ -207,8 +210,10 @@ class Actions(QObject):
 
     def spec(self, action_id: str) -> ActionSpec | None:
         """The row, or None where scenario, robot or places do not have it."""
-        spec = self._specs.get(action_id)
-        return None if spec is None else self._as_it_is(spec)
+        if action_id not in self._as_they_are:
+            spec = self._specs.get(action_id)
+            self._as_they_are[action_id] = None if spec is None else self._as_it_is(spec)
+        return self._as_they_are[action_id]
 
     def _as_it_is(self, spec: ActionSpec) -> ActionSpec | None:
         if spec.needs is not None and spec.needs not in self._features:
@@ -296,6 +301,7 @@ class Actions(QObject):
     def _settle(self) -> None:
         self.settled = settle(self._standard, self._choices)
         self._specs = {spec.id: spec for spec in self.settled.rows}
+        self._as_they_are.clear()
         for key, ids in conflicts(self._specs.values()):
             logger.error("the key %s is bound more than once: %s", key, ", ".join(ids))
         before, self._shortcuts = self._shortcuts, {}

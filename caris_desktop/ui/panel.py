@@ -21,6 +21,8 @@ from caris_desktop.ui.painted_once import PaintedOnce
 from caris_desktop.ui.theme import Theme
 
 TITLE_HEIGHT_PX = 38
+PAUSE_MS = 1
+"""From one turn of longer work to the next. A timer that repeats without any interval comes first again and again."""
 WindowName = Literal["start", "export", "sessions", "face"]
 """Windows that a panel can ask for: start recording, export the last session, all sessions, edit the face."""
 
@@ -120,6 +122,9 @@ class Panel(QWidget):
         if self.reads is None or scenario == before:
             return False
         return all(attrgetter(name)(scenario) == attrgetter(name)(before) for name in self.reads)
+
+    def complete(self) -> None:
+        """Make now what it makes in several turns of the event loop."""
 
     def show_scenario(self) -> None:
         """It goes on with another scenario, whose rows the table has by now: show what that says of it, and nothing of

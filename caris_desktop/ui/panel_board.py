@@ -5,6 +5,7 @@ between: those that are seen first, then their arrangement, and then those behin
 far. Whoever asks for a panel meanwhile gets it: then the rest is made at once.
 """
 
+import time
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -21,11 +22,13 @@ from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
 from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
 from caris_desktop.ui.layout.tree import panels_in, permitted
-from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 
-TURN_MS = 1
-"""From one piece of work to the next. A timer that repeats without any interval comes first again and again."""
+TURN_S = 0.012
+"""No further piece of work is begun in a turn after that: one that began with the last of it, a key still waits for no
+longer than a picture takes to be painted.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +78,8 @@ class PanelBoard(QObject):
         self._missing: deque[PanelName] = deque()
         self._behind: deque[PanelName] = deque()
         self._without_room: PanelName | None = None
-        self._turn = QTimer(self, singleShot=True, interval=TURN_MS)
-        self._turn.timeout.connect(self._build_next)
+        self._turn = QTimer(self, singleShot=True, interval=PAUSE_MS)
+        self._turn.timeout.connect(self._build_for_a_turn)
         app = QApplication.instance()
         if isinstance(app, QApplication):
             app.focusChanged.connect(self._on_focus_changed)
@@ -142,6 +145,8 @@ class PanelBoard(QObject):
         """Make what is still missing, now."""
         while not self.whole:
             self._build_next()
+        for panel in self._panels.values():
+            panel.complete()
 
     def _build_next(self) -> None:
         """One panel that goes on, or one that is seen, or its room, or the arrangement of all, or at last one of the
@@ -166,6 +171,14 @@ class PanelBoard(QObject):
             building.arranged()
         elif self._behind:
             self._make_next(self._behind)
+
+    def _build_for_a_turn(self) -> None:
+        """Several that are quickly done, or a single one: between any two the window would paint itself."""
+        until_s = time.perf_counter() + TURN_S
+        while not self.whole:
+            self._build_next()
+            if time.perf_counter() >= until_s:
+                break
         if not self.whole:
             self._turn.start()
 

@@ -25,6 +25,7 @@ class Talk:
     def __init__(self, asyncio_thread: AsyncioThread) -> None:
         self.published: list[LlmExchange] = []
         self.given: list[dict[str, Any]] = []
+        self.asked: list[tuple[ChatMessage, ...]] = []
         self.texts: dict[str, list[str]] = {}
         self.waits: list[str] = []
         self.ended: list[LlmExchange] = []
@@ -35,6 +36,7 @@ class Talk:
         self, _endpoint: ModelEndpoint, messages: Sequence[ChatMessage], **given: Any
     ) -> AsyncIterator[str]:
         self.given.append(given)
+        self.asked.append(tuple(messages))
         question = messages[-1].content
         for word in question.split():
             yield f"{word} "
@@ -152,6 +154,32 @@ def test_only_the_model_of_this_program_is_warmed_up_and_nothing_is_recorded_of_
     qtbot.waitUntil(lambda: bool(talk.ended))
     assert [given["max_tokens"] for given in talk.given] == [1] * read + [9]
     assert len(talk.published) == 1
+
+
+def test_what_is_to_be_read_soon_is_read_once_as_it_is_then(talk: Talk, qtbot: QtBot) -> None:
+    said = ["Hello."]
+    for _ in range(3):  # another scenario, its model, and what that says of itself
+        talk.client.warm_up_soon(lambda: [ChatMessage("user", text) for text in said], "question")
+    assert talk.given == [], "the window comes first"
+    said[:] = ["Good evening."]
+    qtbot.waitUntil(lambda: bool(talk.given))
+    talk.ask("Where?")
+    qtbot.waitUntil(lambda: bool(talk.ended))
+    assert [given["max_tokens"] for given in talk.given] == [1, 9]
+    assert talk.asked[0] == (ChatMessage("user", "Good evening."),)
+
+
+def test_nothing_is_read_soon_for_a_model_that_answers_elsewhere(talk: Talk, qtbot: QtBot) -> None:
+    read: list[str] = []
+
+    def messages() -> list[ChatMessage]:
+        read.append("read")
+        return []
+
+    talk.client.warm_up_soon(messages, "question")
+    talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
+    talk.client._soon.timeout.emit()
+    assert read == [] and talk.given == []
 
 
 def test_what_a_participant_said_is_asked_about_in_one_memory_and_the_wizards_questions_beside_it(

@@ -108,10 +108,28 @@ def test_escape_stops_the_robot_and_takes_the_question_away(
     assert console.named("use_control") == []
 
 
+def test_many_controls_come_a_few_at_a_time_and_each_shows_how_it_stands(
+    qtbot: QtBot, panel: RobotPanel, console: FakeConsole
+) -> None:
+    many = tuple(replace(LAMP, id=f"lamp{number}", title=f"Lamp {number}") for number in range(1, 12))
+    console.state.control_states.set({"lamp11": ControlStatus("failed", True, "It is broken.")})
+    console.state.controls.set(many)
+    there = len(panel.findChildren(ControlEntry))
+    assert 0 < there < len(many), "a key that is pressed now waits for a few"
+
+    def shown() -> list[str]:
+        return [entry.control.id for entry in panel.findChildren(ControlEntry) if entry.isVisible()]
+
+    qtbot.waitUntil(lambda: shown() == [control.id for control in many])
+    assert panel.fact == ("1 did not work", "amber")
+
+
 def test_under_the_emergency_stop_what_moves_is_off_and_says_why(
     qtbot: QtBot, window: MainWindow, panel: RobotPanel, console: FakeConsole
 ) -> None:
     console.state.controls.set((*CONTROLS, LAMP))
+    panel.complete()
+    QApplication.processEvents()  # what is new is shown
     click(qtbot, find(panel, "control_dock_button"))
     console.state.drive.set(replace(console.state.drive.value, emergency_stop=True))
     reason = find(panel, "robot_reason")

@@ -16,6 +16,7 @@ from caris_desktop.live.status import AssistantSetup
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.scenario.phrases import PhraseGroup
+from caris_desktop.ui import panel_board
 from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
@@ -87,34 +88,37 @@ def test_what_the_next_scenario_forbids_is_gone_before_its_first_panel_stands(
     assert "Speak" not in {entry.text for entry in window.palette_entries()}
 
 
-def test_other_things_have_their_turn_between_two_panels(
-    alone: tuple[MainWindow, FakeConsole], qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("turn_s", "fewest"), [(0.0, 12), (60.0, 1)], ids=["slow", "quick"])
+def test_other_things_have_their_turn_between_two_panels_that_are_not_quickly_made(
+    alone: tuple[MainWindow, FakeConsole], qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, turn_s: float, fewest: int
 ) -> None:
     window, console = alone
-    others, turns_before = QTimer(interval=1), []
-    ticks, pieces = itertools.count(), []
+    monkeypatch.setattr(panel_board, "TURN_S", turn_s)
+    others, made_at = QTimer(interval=1), []
+    ticks, turns = itertools.count(), []
     others.timeout.connect(lambda: next(ticks))
     make, before = window.board._make, dict(window.panels)
-    build_next = window.board._build_next
+    build_for_a_turn = window.board._build_for_a_turn
 
     def noting(name: PanelName) -> Panel:
-        turns_before.append(next(ticks))
+        made_at.append(next(ticks))
         return make(name)
 
-    def noting_piece() -> None:
-        pieces.append(next(ticks))
-        build_next()
+    def noting_turn() -> None:
+        turns.append(next(ticks))
+        build_for_a_turn()
 
     monkeypatch.setattr(window.board, "_make", noting)
     window.board._turn.timeout.disconnect()
-    window.board._turn.timeout.connect(noting_piece)
+    window.board._turn.timeout.connect(noting_turn)
     others.start()
     switch(console, samples.MENTAL)
     qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
     others.stop()
     made = [name for name, panel in window.panels.items() if panel is not before.get(name)]
-    assert len(turns_before) == len(made) >= 3
-    assert all(after - before >= 2 for before, after in itertools.pairwise(pieces)), "between any two pieces of work"
+    assert len(made_at) == len(made) >= 3
+    assert len(turns) >= fewest if turn_s == 0.0 else len(turns) == fewest
+    assert all(after - before >= 2 for before, after in itertools.pairwise(turns)), "between any two"
 
 
 def test_what_is_seen_stands_before_what_lies_behind_other_tabs(

@@ -5,8 +5,10 @@ import importlib
 import logging
 import os
 import socket
+import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import cache
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
@@ -59,6 +61,7 @@ async def connected(endpoint: ModelEndpoint, *, local_only: bool) -> "AsyncItera
             headers={"Accept-Encoding": "identity"},
             trust_env=not here,
             follow_redirects=False,
+            verify=_certificates() if urlsplit(endpoint.base_url).scheme == "https" else _no_certificates(),
         )
     except httpx.InvalidURL as error:
         raise bad_address(endpoint.base_url, tr("the endpoint")) from error
@@ -70,6 +73,20 @@ async def connected(endpoint: ModelEndpoint, *, local_only: bool) -> "AsyncItera
         ) from error
     async with opened:
         yield opened
+
+
+@cache
+def _certificates() -> ssl.SSLContext:
+    """Who may vouch for a server. To read them takes longer than to open a connection, so they are read once."""
+    import httpx
+
+    return httpx.create_ssl_context()
+
+
+@cache
+def _no_certificates() -> ssl.SSLContext:
+    """For addresses that are not encrypted: nobody is trusted, should one turn out to be so after all."""
+    return ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 
 
 async def _is_here(endpoint: ModelEndpoint) -> bool:

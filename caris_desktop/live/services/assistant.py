@@ -350,7 +350,7 @@ class AssistantService(Service):
             return
         shown_as = _embedded_shown() if model == EMBEDDED else endpoint.model
         self._exchanges.use_endpoint(endpoint, shown_as=shown_as, local_only=local_only)
-        self.client.warm_up(self._messages("Hello.", "numbers"), "question")
+        self.client.warm_up_soon(lambda: self._messages("Hello.", "numbers"), "question")
 
     def _on_heard(self, message: Any) -> None:
         match message:

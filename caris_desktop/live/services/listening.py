@@ -34,7 +34,7 @@ from caris_desktop.live.status import ListeningStatus, SoundStatus
 from caris_desktop.scenario.model import Scenario
 
 _GRACE_S = 1.0
-_PANELS_FIRST_MS = 2000
+_LOADS_AFTER_MS = 2000
 """A recogniser takes a processor for seconds to load: the window shows the other scenario first, and who goes on to yet
 another one is not kept by it.
 """
@@ -67,7 +67,7 @@ class ListeningService(Service):
         self._silence = UseSilence(0.3, 3.0)
         self._restarts = Restarts()
         self._started = self._stopped = False
-        self._soon = QTimer(self, singleShot=True, interval=_PANELS_FIRST_MS)
+        self._soon = QTimer(self, singleShot=True, interval=_LOADS_AFTER_MS)
         self._soon.timeout.connect(self._begin)
         bus.tap(self._on_sound, (AudioChunk,))
         bus.tap(self._pass_on, (PlayedSound, PlayedSoundEnded))

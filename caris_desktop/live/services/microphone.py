@@ -17,7 +17,7 @@ from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.children import Children
 from caris_desktop.live.distant_ear import DistantEar, ear_of
 from caris_desktop.live.local_microphone import LocalMicrophone, MicrophoneChoice
-from caris_desktop.live.service import Follows, Handlers, Restarts, Service
+from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Scenario
 
@@ -70,6 +70,8 @@ class MicrophoneService(Service):
         self._started = False
         self._then: Callable[[], None] | None = None
         self._missing_since_ns: int | None = None
+        self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
+        self._soon.timeout.connect(self._get_ready)
         self._patience = QTimer(self, singleShot=True, interval=_OPENS_WITHIN_MS)
         self._patience.timeout.connect(self._on_patience_over)
         self._tried = QTimer(self, singleShot=True, interval=_TRIED_FOR_MS)
@@ -127,24 +129,31 @@ class MicrophoneService(Service):
             self.open()
         if self._started:
             self._begin_with(scenario)
+            self._soon.start()
 
     def start(self) -> None:
         self._started = True
         if self._scenario is not None:
             self._begin_with(self._scenario)
+            self._get_ready()
 
     def _begin_with(self, scenario: Scenario) -> None:
-        permissions = scenario.permissions
-        if self.ear == "computer" and (permissions.audio_recording or permissions.transcription):
-            self._participant.get_ready()
-        elif not scenario.sound.hear:
+        if not self._participant_may_be_heard(scenario) and not scenario.sound.hear:
             self._participant.dismiss()
-        if permissions.own_voice or permissions.transcription:
-            self._wizard.get_ready()
-        else:
+        if not _wizard_may_be_heard(scenario):
             self.close_wizards()
             self._wizard.dismiss()
-        self._need("transcription", permissions.transcription)
+        self._need("transcription", scenario.permissions.transcription)
+
+    def _get_ready(self) -> None:
+        if self._scenario is not None and self._participant_may_be_heard(self._scenario):
+            self._participant.get_ready()
+        if self._scenario is not None and _wizard_may_be_heard(self._scenario):
+            self._wizard.get_ready()
+
+    def _participant_may_be_heard(self, scenario: Scenario) -> bool:
+        permissions = scenario.permissions
+        return self.ear == "computer" and (permissions.audio_recording or permissions.transcription)
 
     def _use(self, asked: intents.UseMicrophone) -> None:
         (self._participant if asked.role == "participant" else self._wizard).use(asked.microphone)
@@ -251,6 +260,7 @@ class MicrophoneService(Service):
     def _on_robot_changed(self, _robot: object) -> None:
         if self._started and self._scenario is not None:
             self._begin_with(self._scenario)
+            self._get_ready()
 
     def _on_patience_over(self) -> None:
         self._missing_since_ns = clock.now_ns()
@@ -274,6 +284,7 @@ class MicrophoneService(Service):
         )
 
     def stop(self) -> None:
+        self._soon.stop()
         self._patience.stop()
         self._tried.stop()
         self._distant.close()
@@ -283,3 +294,7 @@ class MicrophoneService(Service):
     def end(self) -> None:
         self._participant.end()
         self._wizard.end()
+
+
+def _wizard_may_be_heard(scenario: Scenario) -> bool:
+    return scenario.permissions.own_voice or scenario.permissions.transcription

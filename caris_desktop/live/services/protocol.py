@@ -53,9 +53,9 @@ class ProtocolService(Service):
             self._walk.pause(self._since_pause is not None, clock.now_ns())
         self._walk.follow(steps)
         if steps != known:
-            self._tell(self._walk.opened(clock.now_ns()))
+            self._tell(self._walk.opened(clock.now_ns()), shown=False)
         if another and self._in_session:
-            self._begin(CONSOLE)
+            self._begin(CONSOLE, shown=False)
         self._show()
 
     # What a session asks of it
@@ -92,25 +92,27 @@ class ProtocolService(Service):
 
     # Inside
 
-    def _begin(self, actor: Actor) -> None:
+    def _begin(self, actor: Actor, *, shown: bool = True) -> None:
         """With nothing behind it, unless the wizard begins by hand, and may have done so already."""
         if self._scenario is not None and self._scenario.protocol.begins == "with_recording":
             self._walk = ProtocolWalk(self._scenario.protocol.steps)
             self._walk.pause(self._since_pause is not None, clock.now_ns())
             if self._walk.steps:
-                self._tell(self._walk.start(clock.now_ns(), actor))
+                self._tell(self._walk.start(clock.now_ns(), actor), shown=shown)
 
     def _tick(self, asked: intents.TickItem) -> None:
         event = self._walk.tick(asked.item, asked.on, clock.now_ns(), asked.actor)
         if event is not None:
             self._tell(event)
 
-    def _tell(self, event: ProtocolEvent) -> None:
+    def _tell(self, event: ProtocolEvent, *, shown: bool = True) -> None:
+        """Not ``shown``: that comes once, when all is told."""
         if isinstance(event, StepEntered):
             self._entered = event
         if self._since_pause is not None:
             self._since_pause.append(event)
-        self._show()
+        if shown:
+            self._show()
         self._publish(event)
 
     def _show(self) -> None:

@@ -15,7 +15,7 @@ from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
 from caris_desktop.live.own_voice import Outlet, OwnVoice
 from caris_desktop.live.playback import Playback
-from caris_desktop.live.service import Follows, Handlers, Restarts, Service
+from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
 from caris_desktop.live.services.microphone import MicrophoneService
 from caris_desktop.live.services.robot import RobotService
 from caris_desktop.live.services.speech import SpeechService
@@ -69,6 +69,8 @@ class SoundService(Service):
         self._voice = OwnVoice(
             state, bus, children, parts.own_voice, to_robot=robot.send_sound, over=self._on_voice_over, parent=self
         )
+        self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
+        self._soon.timeout.connect(self._get_ready)
         self._open_for = QTimer(self, singleShot=True, interval=_OPEN_FOR_MS)
         self._open_for.timeout.connect(microphones.close_wizards)
         self._deaf = QTimer(self, singleShot=True, interval=_DEAF_FOR_MS)
@@ -98,7 +100,9 @@ class SoundService(Service):
             self._let_go()
         if status.hearing and not scenario.sound.hear:
             self._hear(False)
-        self._get_ready()
+        if not scenario.permissions.own_voice:
+            self._voice.playback.dismiss()
+        self._soon.start()
 
     def start(self) -> None:
         self._started = True
@@ -107,16 +111,14 @@ class SoundService(Service):
     def _get_ready(self, _robot: object = None) -> None:
         """What plays the wizard's voice here is started before it is needed, once it is known that it will be."""
         scenario, robot = self._scenario, self._state.robot.value
-        if not self._started or scenario is None:
-            return
-        if not scenario.permissions.own_voice:
-            self._voice.playback.dismiss()
+        if not self._started or scenario is None or not scenario.permissions.own_voice:
             return
         known = robot is not None or scenario.sound.own_voice != "auto"
         if known and "computer" in self._outlets(scenario):
             self._voice.playback.get_ready()
 
     def stop(self) -> None:
+        self._soon.stop()
         self._voice.stop()
         self._hear(False)
         self._hearing.ask_to_end()

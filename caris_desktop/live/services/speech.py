@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.conversation.synthesis_messages import (
     Draft,
@@ -26,7 +26,7 @@ from caris_desktop.live.both_voices import BothVoices
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children, told_here
-from caris_desktop.live.service import Follows, Handlers, Restarts, Service
+from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue, Voice, VoiceKind
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import VoiceStatus
@@ -86,6 +86,8 @@ class SpeechService(Service):
         self._started = self._stopped = False
         self._both = voices["both"] = BothVoices(dict(voices), self._report_both)
         self.queue = SpeechQueue(state, voices, bus.publish, self)
+        self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
+        self._soon.timeout.connect(self._prepare)
         state.speech.changed.connect(self._on_speech_changed)
 
     def handlers(self) -> Handlers:
@@ -145,6 +147,7 @@ class SpeechService(Service):
 
     def stop(self) -> None:
         self._stopped = True
+        self._soon.stop()
         if self._child is not None:
             self._child.ask_to_end()
 
@@ -196,7 +199,7 @@ class SpeechService(Service):
                 used, self._state.voice.value.choices,
             )
         )  # fmt: skip
-        self._prepare()
+        self._soon.start()
         if self._settings.at_hand and self._held_problem is not None:
             self._bus.publish(replace(self._held_problem, stamp_ns=clock.now_ns()))
             self._held_problem = None
@@ -213,6 +216,8 @@ class SpeechService(Service):
 
     def _prepare(self) -> None:
         """What may be said next, the likeliest first. A text with a name in it is only known when it is said."""
+        if self._soon.isActive():
+            return
         waiting = (utterance.text for utterance in self._state.speech.value.waiting)
         texts = tuple(text for text in (*waiting, *self._suggested.values(), *self._phrases) if "{" not in text)
         if self._settings.at_hand and texts != self._prepared and self.send(Prepare(texts)):

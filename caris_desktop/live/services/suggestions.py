@@ -90,7 +90,7 @@ class SuggestionsService(Service):
         self._detail = ""
         self._timer = QTimer(self, singleShot=True, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._on_time)
-        model.model_changed.connect(self._read_ahead)
+        model.model_changed.connect(self._on_model_changed)
         for source in PARTICIPANT_SOURCES:
             state.hearing_of(source).changed.connect(self._on_hearing)
 
@@ -204,7 +204,14 @@ class SuggestionsService(Service):
     def _read_ahead(self) -> None:
         """While the participant still speaks, the model of this program reads what was said before."""
         if self._listens and self._model.embedded:
-            self._model.warm_up(self._question(Round("", 0, "", 0)).messages, "replies")
+            self._model.warm_up(self._said_before(), "replies")
+
+    def _on_model_changed(self) -> None:
+        if self._model.embedded:
+            self._model.warm_up_soon(lambda: self._said_before() if self._listens else (), "replies")
+
+    def _said_before(self) -> Sequence[ChatMessage]:
+        return self._question(Round("", 0, "", 0)).messages
 
     def drop(self, why: str) -> None:
         """Rounds: nobody waits for these replies any more."""

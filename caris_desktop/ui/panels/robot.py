@@ -1,5 +1,7 @@
 """Robot: the buttons, toggles, sliders, choices, texts and readouts that the profile and the scenario bind to it."""
 
+from collections import deque
+
 from PySide6.QtCore import QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QScrollArea, QSizePolicy, QStackedLayout, QVBoxLayout, QWidget
@@ -11,7 +13,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ControlStatus, DriveStatus, LinkStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.control_words import question_for
-from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.control_faces import face_for, row_direction
@@ -21,6 +23,7 @@ ASKING_ENDS_AFTER_MS = 10_000
 _DONE_SHOWN_MS = 1500
 _NARROW_PX = 340
 _WIDEST_HEADING_PX = 110
+_AT_ONCE = 3
 _COMPACT = ("button", "toggle", "readout")
 _NOT_USABLE = {
     "connecting": QT_TR_NOOP("Still connecting to the robot."),
@@ -41,6 +44,9 @@ class RobotPanel(Panel):
         self.setObjectName("robot_panel")
         self._entries: dict[str, ControlEntry] = {}
         self._groups: list[_Group] = []
+        self._to_come: deque[tuple[_Group, RobotControl]] = deque()
+        self._adding = QTimer(self, singleShot=True, interval=PAUSE_MS)
+        self._adding.timeout.connect(self._add_some)
         self._held: bool = self.state.drive.value.emergency_stop
         self._empty = QLabel()
         self._empty.setObjectName("robot_empty")
@@ -94,10 +100,12 @@ class RobotPanel(Panel):
             block.set_narrow(self.width() < _NARROW_PX)
 
     def entry(self, control_id: str) -> "ControlEntry | None":
+        self.complete()
         return self._entries.get(control_id)
 
     def _on_controls_changed(self, controls: tuple[RobotControl, ...]) -> None:
         self._entries = {}
+        self._to_come.clear()
         body = QWidget()
         column = QVBoxLayout(body)
         column.setContentsMargins(12, 10, 12, 12)
@@ -109,22 +117,33 @@ class RobotPanel(Panel):
         self._groups = []
         for group, members in groups.items():
             block = _Group(self.theme, group, heading_px=min(_WIDEST_HEADING_PX, heading_px))
-            for control in members:
-                entry = ControlEntry(self.theme, control)
-                entry.used.connect(lambda control_id, value: self.console.do(intents.UseControl(control_id, value)))
-                self._entries[control.id] = entry
-                block.add(entry)
+            self._to_come.extend((block, control) for control in members)
             self._groups.append(block)
             column.addWidget(block)
-        self._fold()
         column.addStretch(1)
         old = self._scroll.takeWidget()
         if old is not None:
             old.deleteLater()
         self._scroll.setWidget(body)
+        self._add_some()
+
+    def _add_some(self) -> None:
+        """A few controls, and then a few more: a robot may have any number, and a key is not to wait for all."""
+        for _ in range(min(_AT_ONCE, len(self._to_come))):
+            block, control = self._to_come.popleft()
+            entry = ControlEntry(self.theme, control)
+            entry.used.connect(lambda control_id, value: self.console.do(intents.UseControl(control_id, value)))
+            self._entries[control.id] = entry
+            block.add(entry)
+        self._fold()
         self._on_states_changed(self.state.control_states.value)
         self._on_readings_changed(self.state.readings.value)
-        self._refresh()
+        if self._to_come:
+            self._adding.start()
+
+    def complete(self) -> None:
+        while self._to_come:
+            self._add_some()
 
     def _on_states_changed(self, states: dict[str, ControlStatus]) -> None:
         for control_id, entry in self._entries.items():

@@ -76,6 +76,10 @@ class FakeModel(QObject):
         assert purpose == "replies"
         self.read.append(messages)
 
+    def warm_up_soon(self, messages: Any, purpose: str) -> None:
+        if messages():
+            self.warm_up(messages(), purpose)
+
     def ask(self, messages: Any, **told: Any) -> Question:
         if not self.there:
             raise ToldFailure("The assistant cannot answer now.", "Nothing was asked.", "It is starting.")

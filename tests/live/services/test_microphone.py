@@ -190,11 +190,13 @@ def test_it_is_open_as_long_as_something_permitted_needs_it(qapp: QApplication) 
     assert bench.child.dismissed, "nothing permitted needs its process"
 
 
-def test_without_a_permission_that_needs_it_no_process_is_started(qapp: QApplication) -> None:
+def test_without_a_permission_that_needs_it_no_process_is_started(qtbot: QtBot) -> None:
     bench = Bench(chosen="")
     bench.service.start()
     assert bench.children.started == []
     bench.permit(audio_recording=True)
+    assert bench.children.started == [], "the other scenario is to be seen first"
+    qtbot.waitUntil(lambda: bool(bench.children.started))
     assert bench.child.asked == [], "which there are is all that is found out"
     assert bench.children.of_wizard == []
 

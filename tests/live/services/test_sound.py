@@ -68,6 +68,10 @@ class FakeChildren:
         self.told[body.name] = told
         return self.started.setdefault(body.name, FakeChild(body))
 
+    def dismiss(self, child: FakeChild, *, grace_s: float) -> None:
+        assert grace_s > 0.0
+        del self.started[child.body.name]
+
     def tell(self, take: Callable[[Any], None], value: Any) -> None:
         take(value)
 
@@ -317,3 +321,4 @@ def test_another_scenario_ends_what_it_does_not_permit(bench: Bench) -> None:
     bench.do(PushToTalk(on=True))
     bench.service.use_scenario(replace(bench.scenario, permissions=Permissions()))
     assert bench.state.sound.value.talking == ""
+    assert not bench.children.started
