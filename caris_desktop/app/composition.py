@@ -19,6 +19,7 @@ from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.domain import clock
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
@@ -152,7 +153,7 @@ def parts(
         robots=RobotParts(
             choices=_robots,
             connect_to=functools.partial(_connect_to, address_of=address_of),
-            simulated=lambda _actor: _no_robot_to_practise_on(),
+            simulated=_no_robot_to_practise_on,
         ),
         session=SessionParts(
             suggested_details=lambda: following(load_last_details(study)),
@@ -428,7 +429,7 @@ def _connect_to(name: str, *, address_of: Callable[[str], str | None]) -> RobotC
         ) from refusal
 
 
-def _no_robot_to_practise_on() -> None:
+def _no_robot_to_practise_on(_actor: Actor) -> None:
     raise ToldFailure(
         tr("There is no simulated robot here to practise on."),
         tr("Nothing was changed."),

@@ -21,7 +21,7 @@ from caris_desktop.app.kept_settings import KeptSettings
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import OwnLayoutFiles
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
-from caris_desktop.domain.actor import WIZARD, Actor
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sound import Role
@@ -184,7 +184,7 @@ class ConsoleRun:
                 str(refusal), tr("No robot is connected."), tr("Start again with another --robot.")
             ) from refusal
 
-    def _use_simulated_robot(self, actor: Actor = WIZARD) -> None:
+    def _use_simulated_robot(self, actor: Actor) -> None:
         """It is connected, now or as soon as it is ready."""
         if self.demo_robot is None:
             self.demo_robot = DemoRobot(self.console, actor=actor)

@@ -62,6 +62,10 @@ class Bus(QObject):
         """How often the panels and the picture get new state at most; 0 for as often as they can take it."""
         self._pace.at_most_every(panels_s=panels_s, picture_s=picture_s)
 
+    def hold_back(self, for_s: float) -> None:
+        """Panels and picture get nothing new in this time; events go on. GUI thread."""
+        self._pace.hold_back(for_s)
+
     def publish(self, value: Any, raw: bytes | None = None) -> None:
         """Any thread. ``raw`` is the value pickled, where the caller has it already."""
         for take in self._every_tap:

@@ -48,6 +48,11 @@ class PassPace(QObject):
         """No more passes of each than this, whatever they cost; 0 for as many as they allow themselves."""
         self._every_s = {"panels": panels_s, "picture": picture_s}
 
+    def hold_back(self, for_s: float) -> None:
+        """No pass begins in this time: something else is to be seen first."""
+        from_s = time.monotonic() + for_s
+        self._passed_s = {what: from_s - every_s for what, every_s in self._every_s.items()}
+
     def may_begin(self, waiting: Collection[ShownAs] = ("panels", "picture")) -> frozenset[ShownAs]:
         """What of this is passed on now; for the rest ``due`` follows."""
         if not waiting or self._ended:

@@ -275,7 +275,11 @@ def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotP
     by_itself = goal is not None and goal.state in UNDER_WAY
     if goal is None or not by_itself:
         return drive_line(drive)
-    going = tr("Going to {place}").format(place=goal.place) if goal.place else tr("Going to the chosen point")
+    if goal.state == "requested":  # the robot has not answered yet
+        going = tr("Asked to go to {place}") if goal.place else tr("Asked to go to the chosen point")
+    else:
+        going = tr("Going to {place}") if goal.place else tr("Going to the chosen point")
+    going = going.format(place=goal.place)
     if goal.distance_left_m is not None:
         going = tr("{going}, {distance} m left").format(going=going, distance=f"{goal.distance_left_m:.1f}")
     speed, _as_drive_says = goal_speed(robot, drive)

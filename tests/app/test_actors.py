@@ -383,7 +383,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
                 conflicts=lambda _path: (),
                 layouts=SavedElsewhere(),
             ),
-            practice=PracticeParts(scenario.path, lambda: None, lambda _seconds: None),
+            practice=PracticeParts(scenario.path, lambda _actor: None, lambda _seconds: None),
             robots=replace(
                 parts.robots,
                 connect_to=lambda name: composition.robot_connection(str(folder / f"{name}.yaml")),

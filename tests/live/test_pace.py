@@ -50,6 +50,17 @@ def test_the_panels_are_held_back_before_the_picture(qtbot: QtBot) -> None:
     assert time.monotonic() - begun_s >= 0.14
 
 
+def test_both_are_held_back_for_a_time_and_come_then(qtbot: QtBot) -> None:
+    pace, due = PassPace(), []
+    pace.due.connect(lambda: due.append(time.monotonic()) if pace.may_begin() else None)
+    pace.at_most_every(panels_s=0.05, picture_s=0.0)
+    began_s = time.monotonic()
+    pace.hold_back(0.15)
+    assert not pace.may_begin()
+    qtbot.waitUntil(lambda: bool(due), timeout=5000)
+    assert due[0] - began_s >= 0.15
+
+
 def test_no_pass_begins_once_it_has_ended(qtbot: QtBot) -> None:
     pace, due = PassPace(), []
     pace.due.connect(lambda: due.append("due"))

@@ -134,7 +134,7 @@ def test_who_said_it_and_whether_that_is_sure(shown_theme: Theme) -> None:
     assert_words_differ({name: row.spoken for name, row in rows.items()})
     painter_of_rows, images = RowPainter(shown_theme), {}
     rect = QRect(0, 0, 420, painter_of_rows.height(heard, 420))
-    for name, row in rows.items():
+    for name, row in {**rows, "found": heard}.items():
         image = QImage(rect.size(), QImage.Format.Format_RGB32)
         image.fill(shown_theme.color("panel"))
         painter = QPainter(image)
@@ -142,7 +142,14 @@ def test_who_said_it_and_whether_that_is_sure(shown_theme: Theme) -> None:
             painter,
             rect,
             row,
-            RowLook(raised=False, focused=False, ahead=False, words_hidden=False, found=(), buttons=()),
+            RowLook(
+                raised=False,
+                focused=False,
+                ahead=False,
+                words_hidden=False,
+                buttons=(),
+                found=("where",) if name == "found" else (),
+            ),
         )
         painter.end()
         images[name] = image
@@ -219,11 +226,11 @@ def test_how_old_a_stream_is(window: MainWindow) -> None:
 def test_how_a_goal_stands_on_the_map(window: MainWindow, console: FakeConsole) -> None:
     panel = window.findChild(MapPanel)
     assert panel is not None
-    said, states = {}, ("active", "reached", "cancelled", "failed")
+    said, states = {}, ("requested", "active", "reached", "cancelled", "failed")
     target = Pose2D(6.2, 6.4, 0)
     for state in states:
         reached: GoalState = state  # type: ignore[assignment]
-        begun = GoalChanged(clock.now_ns(), state, "active", target, place="Kitchen")
+        begun = GoalChanged(clock.now_ns(), state, "requested", target, place="Kitchen")
         ended = replace(begun, state=reached, detail="The way is blocked." if state == "failed" else "")
         for goal in (begun, ended):
             console.state.take(goal)

@@ -45,12 +45,12 @@ _WATCHED = (
 
 @dataclass(frozen=True, slots=True)
 class PracticeParts:
-    """``robot`` has the simulated robot connected, now or as soon as it is ready, and raises ToldFailure; ``cut_link``
-    has it lose the link for so many seconds.
+    """``robot`` has the simulated robot connected for whoever asked, now or as soon as it is ready, and raises
+    ToldFailure; ``cut_link`` has it lose the link for so many seconds.
     """
 
     scenario: Path
-    robot: Callable[[], None]
+    robot: Callable[[Actor], None]
     cut_link: Callable[[float], None]
 
 
@@ -106,7 +106,7 @@ class PracticeService(Service):
                 tr("It goes on."),
                 tr("Stop the recording first."),
             )
-        self._parts.robot()
+        self._parts.robot(asked.actor)
         scenario = self._state.scenario.value
         if scenario is None or scenario.path is None or scenario.path.absolute() != self._parts.scenario.absolute():
             self._do(intents.OpenScenario(self._parts.scenario, actor=asked.actor))

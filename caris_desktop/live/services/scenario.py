@@ -23,6 +23,11 @@ from caris_desktop.live.status import SavedScenario
 from caris_desktop.scenario.bundle import ImportQuestion, NameConflict
 from caris_desktop.scenario.model import Place, Scenario
 
+_SEEN_WITHIN_S = 0.25
+"""So long the picture and what panels show stand still, while those of another scenario are made. Who
+drives by hand has been stopped by the change.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Imported:
@@ -302,6 +307,7 @@ class ScenarioService(Service):
         if self._closed:
             return
         self._layout = None
+        self._bus.hold_back(_SEEN_WITHIN_S)
         self._apply(self.current)
         # Opened anew it has the arrangement of its file again.
         self._state.scenario.set_anew(self.current)

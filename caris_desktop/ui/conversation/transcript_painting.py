@@ -131,6 +131,7 @@ class RowPainter:
                 marked = _format(at, len(word))
                 marked.format.setBackground(self._theme.color("amber_soft"))
                 marked.format.setForeground(self._theme.color("amber"))
+                marked.format.setFontUnderline(True)  # seen without colours too
                 formats.append(marked)
                 at = plain.find(word, at + len(word))
         return formats

@@ -465,7 +465,9 @@ class MapPanel(Panel):
                 text, role = tr("no LIDAR yet") if state.present.live else tr("no LIDAR"), "dim"
         goal: GoalChanged | None = state.goal.value
         if goal is not None and goal.state in words.UNDER_WAY:
-            text, role = tr("going to {place}").format(place=goal.place or tr("a point")), "green"
+            # Until the robot answers it is only asked for.
+            going = tr("going to {place}") if goal.state == "active" else tr("asked to go to {place}")
+            text, role = going.format(place=goal.place or tr("a point")), "green"
             if goal.distance_left_m is not None:
                 text = " · ".join((text, tr("{left:.1f} m left").format(left=goal.distance_left_m)))
         elif self.view.follow:

@@ -9,6 +9,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Marked, PhotoTaken, PracticeEnded, PracticeStepEnded, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.bus import Bus
@@ -19,6 +20,8 @@ from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.library import find_scenario
 from caris_desktop.scenario.model import Scenario
 
+OTHER: Actor = "wizard:other"
+
 
 class Stage:
     """The exercise with a robot that is there at once, and what it asks of the console."""
@@ -28,7 +31,7 @@ class Stage:
         self.told: list[Any] = []
         self.asked: list[intents.Intent] = []
         self.cut_s: list[float] = []
-        self.robots = 0
+        self.robots: list[str] = []
         bus = Bus(self.state, self.state)
         bus.tap(lambda value, _raw: self.told.append(value), (PracticeStepEnded, PracticeEnded, UtteranceChanged))
         self.scenario = load_scenario(find_scenario("tour-guide"))
@@ -36,8 +39,8 @@ class Stage:
         parts = PracticeParts(self.scenario.path, self._robot, self.cut_s.append)
         self.service = PracticeService(self.state, bus, parts, do=self.do, parent=self.state)
 
-    def _robot(self) -> None:
-        self.robots += 1
+    def _robot(self, actor: Actor) -> None:
+        self.robots.append(actor)
 
     def do(self, intent: intents.Intent) -> str:
         self.asked.append(intent)
@@ -80,8 +83,8 @@ def stage(qapp: QApplication) -> Iterator[Stage]:
 
 def test_it_begins_once_the_stage_is_set(stage: Stage) -> None:
     stage.open(replace(stage.scenario, path=Path("another.yaml")))
-    stage.ask(intents.BeginPractice("Ana"))
-    assert stage.robots == 1 and isinstance(stage.asked[0], intents.OpenScenario)
+    stage.ask(intents.BeginPractice("Ana", actor=OTHER))
+    assert stage.robots == [OTHER] and isinstance(stage.asked[0], intents.OpenScenario)
     stage.service._begin_when_ready()
     assert stage.state.practice.value.state == "preparing", "the robot is not there yet"
     stage.state.drive.set(replace(stage.state.drive.value, allowed=True))
@@ -99,7 +102,7 @@ def test_it_does_not_begin_in_a_recording(stage: Stage) -> None:
     stage.state.recording.set(replace(stage.state.recording.value, state="recording"))
     with pytest.raises(ToldFailure):
         stage.ask(intents.BeginPractice())
-    assert stage.asked == [] and stage.robots == 0
+    assert stage.asked == [] and stage.robots == []
 
 
 def test_what_happens_ends_steps_and_is_told(stage: Stage) -> None:
