@@ -35,6 +35,7 @@ def measure(rounds: int, between_s: float) -> dict[str, object]:
     load.let_qt_run(5.0)  # what is imported late is there by then
     meter = LatenessMeter()
     took_ms, computed_ms, slices_ms, followed_ms = [], [], [], []
+    of_each_ms: dict[str, list[float]] = {path.stem: [] for path in PATHS}
     apply = console._apply
 
     def timed(scenario: object) -> None:
@@ -54,6 +55,7 @@ def measure(rounds: int, between_s: float) -> dict[str, object]:
             30.0,
         )
         took_ms.append((time.perf_counter() - began_s) * 1e3)
+        of_each_ms[path.stem].append(round(took_ms[-1]))
         computed_ms.append((time.thread_time() - began_computing_s) * 1e3)
         load.let_qt_run(0.3)
         slices_ms.append(max(meter.late_ms))
@@ -62,6 +64,7 @@ def measure(rounds: int, between_s: float) -> dict[str, object]:
         "benchmark": "scenario_switch",
         "switches": len(took_ms),
         "complete_ms": percentiles(took_ms),
+        "complete_ms_of_each": of_each_ms,
         "gui_thread_computed_ms": percentiles(computed_ms),
         "longest_slice_ms": percentiles(slices_ms),
         "services_computed_ms": percentiles(followed_ms),
