@@ -24,8 +24,8 @@ from caris_desktop.scenario.bundle import ImportQuestion, NameConflict
 from caris_desktop.scenario.model import Place, Scenario
 
 _SEEN_WITHIN_S = 0.25
-"""So long the picture and what panels show stand still, while those of another scenario are made. Who
-drives by hand has been stopped by the change.
+"""So long the picture and what panels show stand still while those of another scenario are made, which ends driving by
+hand. A scenario that is only edited changes little, and nobody is stopped by it.
 """
 
 
@@ -301,13 +301,15 @@ class ScenarioService(Service):
         return self._filed, self._parts.text(self._filed)
 
     def _use(self, filed: Filed, actor: Actor) -> None:
+        before = self.current.path
         self.current, self._text = filed
         self._watch.use(self.current.path, self.current.sha256)
         self._opened_by = actor
         if self._closed:
             return
         self._layout = None
-        self._bus.hold_back(_SEEN_WITHIN_S)
+        if self.current.path != before:
+            self._bus.hold_back(_SEEN_WITHIN_S)
         self._apply(self.current)
         # Opened anew it has the arrangement of its file again.
         self._state.scenario.set_anew(self.current)

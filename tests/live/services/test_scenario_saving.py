@@ -84,6 +84,21 @@ def test_the_scenario_in_force_is_so_as_it_was_saved(bench: Bench, qtbot: QtBot)
     assert bench.state.scenario.value.title == "Edited"
 
 
+def test_the_picture_waits_for_the_panels_of_another_scenario_and_not_for_an_edited_one(
+    bench: Bench, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held_s: list[float] = []
+    monkeypatch.setattr(bench.bus, "hold_back", held_s.append)
+    bench.save(qtbot, "Edited", OPEN.path, OPEN.path)
+    assert held_s == [], "somebody may drive"
+    other = Path("/scenarios/other.yaml")
+    bench.files[other] = "Other"
+    with qtbot.waitSignal(bench.state.scenario.changed):
+        bench.service.handlers()[intents.OpenScenario](intents.OpenScenario(other))
+    assert len(held_s) == 1 and 0.0 < held_s[0] <= 0.3
+    assert bench.applied == ["Edited", "Other"]
+
+
 def test_a_copy_of_the_one_in_force_takes_its_place(bench: Bench, qtbot: QtBot) -> None:
     copy = Path("/scenarios/copy.yaml")
     bench.save(qtbot, "Copy", copy, OPEN.path)
