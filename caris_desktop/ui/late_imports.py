@@ -44,7 +44,9 @@ class LateImports(QObject):
         *,
         first: Sequence[Callable[[], object]] = (),
     ) -> None:
-        """``first`` are called before anything is imported: they have read what menus will show."""
+        """``first`` are called before anything is imported: they have read what menus will show, and open what was open
+        beside the window.
+        """
         super().__init__(parent)
         self._first = tuple(first)
         self._busy = busy

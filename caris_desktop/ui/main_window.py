@@ -159,7 +159,9 @@ class MainWindow(TabAsRead, QWidget):
         self.first_use.hint.practise_wanted.connect(self.practice.begin)
         self.gamepad = GamepadWindow(self.theme, console, self.hold, self)
         self.faces = FaceWindows(self.theme, console, self)
-        self.observers = ObserverWindows(self.theme, console, self.hold, self)
+        self.observers = ObserverWindows(
+            self.theme, console, self.hold, self, settings if console.state.present.live else None
+        )
         self.editor = ScenarioEditorWindow(self.theme, console, self)
         self._scenarios = Remembered(console, scenarios, self)
         overlays = (self._palette_overlay, self._sheet, self._connection, self._preflight, self._alarms)
@@ -182,8 +184,8 @@ class MainWindow(TabAsRead, QWidget):
         ActionConditions(self.actions_table, console.state)
         self.show_scenario(console.scenario)
         app.installEventFilter(self.hold)
-        menus_show = self._scenarios.renew, self.robots.choices.renew
-        self._late = LateImports(lambda: self.hold.motion.moving, self, first=menus_show)
+        soon = self._scenarios.renew, self.robots.choices.renew, self.observers.restore
+        self._late = LateImports(lambda: self.hold.motion.moving, self, first=soon)
         self._place = WindowPlace(self, settings)
         self._place.restore()
 
@@ -455,7 +457,7 @@ class MainWindow(TabAsRead, QWidget):
         self._late.end()
         self.sessions.close()
         self.faces.close()
-        self.observers.close()
+        self.observers.end()
         self.editor.close()
         self.talking.let_go()
         self.hold.close()

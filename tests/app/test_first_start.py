@@ -1,6 +1,7 @@
 """What somebody sees who starts the program for the first time."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +9,11 @@ import pytest
 from PySide6.QtCore import QSettings
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.app import composition
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.live.console import Console
+from caris_desktop.live.services.robot import RobotConnection
 from caris_desktop.ui.first_use.first_use import SET_UP_KEY
 from caris_desktop.ui.first_use.set_up_page import SetUpPage
 
@@ -58,3 +62,23 @@ def test_no_page_stands_in_the_way_of_a_demonstration(start: Start) -> None:
     run = start(demo=True)
     assert run.window.findChild(SetUpPage) is None
     assert run.window.first_use.hint.isVisible()
+
+
+@pytest.mark.parametrize(
+    ("named", "last", "connected"),
+    [(None, "turtlebot3", "turtlebot3"), (None, "no-more", "simulated"), ("pepper", "turtlebot3", "pepper")],
+    ids=["there", "gone", "another is named"],
+)
+def test_the_robot_of_last_time_is_connected_unless_it_is_gone_or_another_is_named(
+    start: Start, monkeypatch: pytest.MonkeyPatch, named: str | None, last: str, connected: str
+) -> None:
+    asked: list[Callable[[], RobotConnection]] = []
+    monkeypatch.setattr(Console, "start", lambda _console: None)
+    monkeypatch.setattr(Console, "use_robot", lambda _console, find, **_told: asked.append(find))
+    before = start(scenario="tour-guide")
+    assert before.console.scenario.robot == "simulated"
+    profile = composition.robot_connection("turtlebot3").profile
+    before.console.state.robot.set(replace(profile, name=last))
+    run = start(scenario="tour-guide", robot=named)
+    run._start_rest()
+    assert asked[0]().profile.name == connected

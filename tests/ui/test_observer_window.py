@@ -7,13 +7,15 @@ from PySide6.QtCore import QPoint, QRect, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
+from pytestqt.qtbot import QtBot
 
 from caris_desktop.ui.conversation.transcript import TranscriptView
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import ObserverWindow, Sees
+from caris_desktop.ui.theme import Theme
 from tests.support.window_check import painted_texts
 from tests.ui import samples
-from tests.ui.conftest import freshen
+from tests.ui.conftest import MemorySettings, freshen, open_window
 from tests.ui.fake_console import FakeConsole
 
 
@@ -88,3 +90,50 @@ def test_it_opens_on_the_other_screen_where_there_is_one(
     here.close()
     monkeypatch.setattr(QGuiApplication, "screens", lambda: [own, _OtherScreen()])
     assert _opened(window, console, "everything").geometry() == QRect(1920, 0, 1600, 900)
+
+
+@pytest.mark.parametrize("sees", ["everything", "no_names"])
+def test_one_that_was_open_as_the_program_ended_is_there_again_for_the_same_eyes(
+    qtbot: QtBot, console: FakeConsole, theme: Theme, sees: Sees
+) -> None:
+    settings = MemorySettings()
+    window = open_window(qtbot, console, settings, theme)
+    observer = _opened(window, console, sees)
+    observer.setGeometry(40, 50, 700, 500)
+    window.close()
+    again = open_window(qtbot, FakeConsole(samples.TOUR), settings, theme)
+    assert again.observers.shown is None, "not before the window stands"
+    again.observers.restore()
+    shown = again.observers.shown
+    assert shown is not None and (shown.sees, shown.geometry()) == (sees, QRect(40, 50, 700, 500))
+    shown.close()
+    again.close()
+    third = open_window(qtbot, FakeConsole(samples.TOUR), settings, theme)
+    third.observers.restore()
+    assert third.observers.shown is None, "the wizard had closed it"
+    third.close()
+
+
+def test_after_a_kill_it_is_there_again_too(qtbot: QtBot, console: FakeConsole, theme: Theme) -> None:
+    settings = MemorySettings()
+    window = open_window(qtbot, console, settings, theme)
+    _opened(window, console, "no_names")
+    killed = MemorySettings()
+    killed.values.update(settings.values)
+    window.close()
+    again = open_window(qtbot, FakeConsole(samples.TOUR), killed, theme)
+    again.observers.restore()
+    assert again.observers.shown is not None and again.observers.shown.sees == "no_names"
+    again.close()
+
+
+@pytest.mark.parametrize("kept", ["the participant", None, 7, ["everything"]])
+def test_what_no_observer_window_ever_kept_opens_none(
+    qtbot: QtBot, console: FakeConsole, theme: Theme, kept: object
+) -> None:
+    settings = MemorySettings()
+    settings.values.update({"observer/sees": kept, "observer/geometry": "nowhere"})
+    window = open_window(qtbot, console, settings, theme)
+    window.observers.restore()
+    assert window.observers.shown is None
+    window.close()

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Literal
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QByteArray, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
@@ -19,6 +19,7 @@ from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
 from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_place import Settings
 
 Sees = Literal["everything", "no_names"]
 """``no_names``: neither names nor suggestions, tags, notes and log, as where a participant can look on."""
@@ -31,6 +32,7 @@ _COLUMNS: dict[Sees, tuple[tuple[PanelName, ...], tuple[PanelName, ...]]] = {
     "everything": (("video", "map"), ("conversation", "session")),
     "no_names": (("video",), ("conversation",)),
 }
+_SEES_KEY, _GEOMETRY_KEY = "observer/sees", "observer/geometry"
 _SIZE_PX = (1100, 700)
 _LEAST_PX, _BOTH_FROM_PX = (480, 280), 480
 
@@ -115,20 +117,49 @@ class ObserverWindow(TabAsRead, QWidget):
 
 
 class ObserverWindows:
-    """At most one, made anew with another scenario: what that forbids is gone from it too."""
+    """At most one, made anew with another scenario: what that forbids is gone from it too. One that was open when the
+    program ended, however it did, is open again with the next.
+    """
 
-    def __init__(self, theme: Theme, console: WizardConsole, hold: HoldToDrive, window: QWidget) -> None:
+    def __init__(
+        self, theme: Theme, console: WizardConsole, hold: HoldToDrive, window: QWidget, settings: Settings | None
+    ) -> None:
+        self._settings = settings
         self._theme = theme
         self._console = console
         self._hold = hold
         self._window = window
         self.shown: ObserverWindow | None = None
 
-    def open(self, sees: Sees) -> None:
+    def open(self, sees: Sees, geometry: QByteArray | None = None) -> None:
+        """Where it was with that ``geometry``; else on another screen, where there is one."""
         self.close()
         self.shown = ObserverWindow(self._theme, self._console, self._hold, self._window, sees)
+        if geometry is not None:
+            self.shown.restoreGeometry(geometry)
         self.shown.closed.connect(self._on_closed)
+        self._keep(sees)
         self.shown.show()
+
+    def restore(self) -> None:
+        """As it was last time, for the same eyes."""
+        if self._settings is None or self.shown is not None:
+            return
+        kept, geometry = self._settings.value(_SEES_KEY), self._settings.value(_GEOMETRY_KEY)
+        for sees in SEES_WORDS:
+            if sees == kept:
+                self.open(sees, geometry if isinstance(geometry, QByteArray) else None)
+
+    def end(self) -> None:
+        """The program ends: it is closed, and comes back."""
+        if self.shown is not None:
+            sees = self.shown.sees
+            self.close()
+            self._keep(sees)
+
+    def _keep(self, sees: Sees | Literal[""]) -> None:
+        if self._settings is not None:
+            self._settings.setValue(_SEES_KEY, sees)
 
     def opener(self, sees: Sees) -> Callable[[], None]:
         return lambda: self.open(sees)
@@ -139,9 +170,12 @@ class ObserverWindows:
 
     def renew(self) -> None:
         if self.shown is not None:
-            self.open(self.shown.sees)
+            self.open(self.shown.sees, self.shown.saveGeometry())
 
     def _on_closed(self) -> None:
         if self.shown is not None:
+            if self._settings is not None:
+                self._settings.setValue(_GEOMETRY_KEY, self.shown.saveGeometry())
+            self._keep("")
             self.shown.deleteLater()
             self.shown = None
