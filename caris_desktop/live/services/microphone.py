@@ -125,7 +125,7 @@ class MicrophoneService(Service):
             self.wait_no_longer()
             self._try_no_longer()
             self.close()
-        elif self._state.recording.value.state in ("starting", "recording"):
+        elif self._is_to_record(scenario) and not (self._started and self._is_to_be_started):
             self.open()
         if self._started:
             self._begin_with(scenario)
@@ -146,10 +146,23 @@ class MicrophoneService(Service):
         self._need("transcription", scenario.permissions.transcription)
 
     def _get_ready(self) -> None:
-        if self._scenario is not None and self._participant_may_be_heard(self._scenario):
+        if self._scenario is None:
+            return
+        if self._is_to_record(self._scenario):
+            self.open()
+        if self._participant_may_be_heard(self._scenario):
             self._participant.get_ready()
-        if self._scenario is not None and _wizard_may_be_heard(self._scenario):
+        if _wizard_may_be_heard(self._scenario):
             self._wizard.get_ready()
+
+    def _is_to_record(self, scenario: Scenario) -> bool:
+        recording = self._state.recording.value.state
+        return scenario.permissions.audio_recording and recording in ("starting", "recording")
+
+    @property
+    def _is_to_be_started(self) -> bool:
+        """Whether sound needs a process that is not there yet, which takes longer to start than another scenario."""
+        return self.ear == "computer" and self._participant.child is None
 
     def _participant_may_be_heard(self, scenario: Scenario) -> bool:
         permissions = scenario.permissions

@@ -225,6 +225,23 @@ def test_another_scenario_opens_it_for_a_recording_that_runs_but_not_in_a_pause(
     assert bench.child.asked == [OpenMicrophone("")]
 
 
+def test_a_process_for_it_is_started_once_another_scenario_is_seen(qtbot: QtBot) -> None:
+    bench = Bench(chosen="")
+    bench.service.start()
+    bench.state.recording.set(RecordingStatus("recording"))
+    bench.permit(audio_recording=True)
+    assert bench.children.started == []
+    qtbot.waitUntil(lambda: bool(bench.children.started))
+    assert bench.child.asked == [OpenMicrophone("")]
+    bench.service.close()
+    bench.permit(audio_recording=True)
+    assert bench.child.asked == [OpenMicrophone(""), CloseMicrophone(), OpenMicrophone("")], "it is there: at once"
+    bench.service.close()
+    bench.state.recording.set(RecordingStatus("idle"))
+    bench.service._soon.timeout.emit()
+    assert bench.child.asked[-1] == CloseMicrophone(), "nothing is recorded any more"
+
+
 def test_each_role_has_a_choice_of_its_own_that_is_kept(bench: Bench) -> None:
     use = bench.service.handlers()[UseMicrophone]
     use(UseMicrophone("Desk", "participant"))
