@@ -14,6 +14,7 @@ from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.app.replay_command import ReplayRun
 from caris_desktop.app.user_settings import VERSION
+from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import use_translator
@@ -69,7 +70,7 @@ def parts(tmp_path: Path) -> Parts:
         lambda parts, folder: parts.scenario.load(folder / "broken.yaml"),
         lambda parts, folder: parts.scenario.save_text(BROKEN, folder / "new.yaml", None, ""),
         lambda parts, _folder: parts.robots.connect_to("nobody"),
-        lambda parts, _folder: parts.practice.robot(),
+        lambda parts, _folder: parts.practice.robot(WIZARD),
     ],
     ids=["scenario not opened", "scenario not saved", "robot not known", "nothing to practise on"],
 )
