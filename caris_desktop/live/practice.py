@@ -110,7 +110,7 @@ class Practice:
         self.began_s = now_s
         self.ended: list[EndedStep] = []
         self._since_s = now_s
-        self._moving = self._lost = self._latched = False
+        self._moving = self._moved = self._lost = self._latched = False
         self._driven_m = 0.0
         self._at: tuple[float, float] | None = None
         self._happened: Mapping[str, Callable[[Any], bool]] = {
@@ -153,6 +153,7 @@ class Practice:
         """Something happened, or the robot moved; gives the step that came about by it."""
         if isinstance(value, CommandSent):
             self._moving = value.twist.moving
+            self._moved = self._moved or self._moving
         elif isinstance(value, Odometry):
             self._drove(value)
         elif isinstance(value, LinkChanged) and value.link == "control":
@@ -177,11 +178,14 @@ class Practice:
         return ended
 
     def _drove(self, odometry: Odometry) -> None:
-        """Only what somebody drove counts, not where a goal or a hand took the robot."""
+        """Only what somebody drove counts, not where a goal or a hand took the robot. On a busy computer it is told
+        less often than what is sent to the robot: the last of the way when the key has gone up already.
+        """
         pose = odometry.pose_in_odom
         before, self._at = self._at, (pose.x_m, pose.y_m)
-        if before is not None and self._moving:
+        if before is not None and self._moved:
             self._driven_m += math.dist(before, self._at)
+        self._moved = self._moving
 
     def _typed_while_driving(self, event: Any) -> bool:
         return self._moving and isinstance(event, UtteranceChanged) and event.origin == "typed"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QSettings
-from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from tests.app.newcomer import Newcomer, drives_a_metre, practises
@@ -41,11 +41,12 @@ class Sitting:
 
 
 @pytest.fixture
-def sitting(qapp: QApplication, tmp_path: Path) -> Iterator[Callable[[], Sitting]]:
+def sitting(qtbot: QtBot, tmp_path: Path) -> Iterator[Callable[[], Sitting]]:
     begun: list[Sitting] = []
 
     def begin() -> Sitting:
         begun.append(Sitting(tmp_path))
+        qtbot.addWidget(begun[-1].run.window)
         return begun[-1]
 
     yield begin

@@ -19,7 +19,7 @@ from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.live.practice import STEPS, Practice
 
-FORWARD = Twist2D(0.4, 0.0, 0.0)
+FORWARD, STILL = Twist2D(0.4, 0.0, 0.0), Twist2D(0.0, 0.0, 0.0)
 
 
 def _moves(twist: Twist2D = FORWARD) -> CommandSent:
@@ -121,6 +121,22 @@ def test_slow_steps_have_fewer_points_and_skipped_ones_none() -> None:
     for value in DOES["drive"]:
         slow.take(value, 100 * usual_s)
     assert slow.score == 5
+
+
+def test_the_last_of_the_way_counts_though_it_is_told_when_the_key_is_up_again() -> None:
+    practice = _at_step("drive")
+    assert practice.take(_at(0.0), 0.0) is None
+    assert practice.take(_moves(), 0.0) is None
+    assert practice.take(_moves(STILL), 3.0) is None
+    ended = practice.take(_at(1.1), 3.5)
+    assert ended is not None and ended.done
+
+
+def test_where_a_hand_takes_the_robot_after_that_does_not_count() -> None:
+    practice = _at_step("drive")
+    for value in (_at(0.0), _moves(), _at(0.5), _moves(STILL), _at(0.6)):
+        assert practice.take(value, 1.0) is None
+    assert practice.take(_at(2.0), 2.0) is None
 
 
 def test_what_happened_before_a_step_does_not_count_for_it() -> None:
