@@ -145,7 +145,10 @@ class SoundStatus:
 
 @dataclass(frozen=True, slots=True)
 class RecordingStatus:
-    """``room_s`` is how long the disk lasts at ``bytes_per_s``; ``dropped`` counts what is missing, by stream."""
+    """``room_s`` is how long the disk lasts at ``bytes_per_s``; ``dropped`` counts what is missing, by stream.
+
+    ``covered_whole`` are the cameras of whose pictures nothing is to be seen in the recording, where people are covered.
+    """
 
     state: Literal["idle", "starting", "recording", "paused", "stopping", "failed"] = "idle"
     folder: Path | None = None
@@ -156,6 +159,7 @@ class RecordingStatus:
     bytes_per_s: float = 0.0
     room_s: float | None = None
     dropped: dict[str, int] = field(default_factory=dict)
+    covered_whole: tuple[str, ...] = ()
 
 
 IN_SESSION = ("starting", "recording", "paused", "stopping")

@@ -125,6 +125,15 @@ def endings(state: LiveState) -> frozenset[ProblemEnd]:
 
 def conditions(state: LiveState, standing: frozenset[str]) -> Iterator[Condition]:
     """What the state shows to be wrong, told or not. ``standing`` are the causes of the present alarms."""
+    recording = state.recording.value
+    if recording.state == "recording" and recording.covered_whole:
+        yield Condition(
+            "covered_whole", "warning",
+            tr("The whole picture of {camera} is pixelated.").format(camera=recording.covered_whole[0]),
+            tr("People have to be covered in what is kept, and where they are is not known in time. The recording "
+               "goes on, and shows everything again but them as soon as they are found in time."),
+            tr("See what Diagnostics says about people; close other programs if this computer is busy."),
+        )  # fmt: skip
     link = state.link.value
     if link.state == "lost" or ("link" in standing and link.state in ("connecting", "trouble")):
         yield Condition(

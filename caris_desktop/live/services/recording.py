@@ -287,6 +287,7 @@ class RecordingService(Service):
                 bytes_per_s=report.bytes_per_s,
                 room_s=report.room_s,
                 dropped=report.dropped,
+                covered_whole=report.covered_whole,
             )
         )
         if report.state in ("idle", "failed"):

@@ -95,6 +95,8 @@ class Blurring:
         if demand != self._demand:
             self.flush()
             self._demand = demand
+            for line in self._lines.values():
+                line.whole_since_ns = None
 
     def use_consents(self, consents: UseConsents) -> None:
         """In whatever waits too: who takes a consent back is covered from now on."""
@@ -135,11 +137,11 @@ class Blurring:
                 self._pass_on(line)
 
     def covered_whole_s(self, now_ns: int) -> dict[str, float]:
-        """The cameras whose pictures are covered whole now, and for how long they have been."""
+        """The cameras whose pictures are covered whole now, and for how long they have been: none that sends nothing."""
         return {
             camera: (now_ns - line.whole_since_ns) / 1e9
             for camera, line in self._lines.items()
-            if line.whole_since_ns is not None
+            if line.whole_since_ns is not None and now_ns - line.whole_at_ns <= _SILENT_AFTER_NS
         }
 
     def _line(self, camera: str) -> "_Line":
@@ -161,6 +163,7 @@ class Blurring:
         if parts is None:
             self._covering.cover_all(waiting.image_bgr)
             line.whole_since_ns = waiting.since_ns if line.whole_since_ns is None else line.whole_since_ns
+            line.whole_at_ns = waiting.since_ns
         else:
             self._covering.cover(waiting.image_bgr, parts, self._demand.what)
             line.whole_since_ns = None
@@ -173,6 +176,7 @@ class _Line:
     def __init__(self) -> None:
         self.waiting: deque[_Waiting] = deque()
         self.whole_since_ns: int | None = None
+        self.whole_at_ns = 0
         self._looks: list[People] = []
         self._heard_ns: int | None = None
 

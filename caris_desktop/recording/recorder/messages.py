@@ -142,6 +142,7 @@ class RecorderReport:
 
     ``dropped`` counts what is missing for each stream. ``bytes_per_s`` is how fast the session grew lately and
     ``room_s`` how long the disk lasts at that rate. ``detail`` says in words what is wrong, if anything.
+    ``covered_whole`` are the cameras of which nothing is to be seen, since who is where is not known in time.
     """
 
     stamp_ns: int
@@ -154,3 +155,4 @@ class RecorderReport:
     detail: str = ""
     bytes_per_s: float = 0.0
     room_s: float | None = None
+    covered_whole: tuple[str, ...] = ()

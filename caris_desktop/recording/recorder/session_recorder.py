@@ -111,7 +111,6 @@ class SessionRecorder:
         self._header = start.header
         self._frames = frames
         self._blurring = blurring
-        self._told_covered_whole = False
         self._report = report
         self._offer = offer
         self._limits = limits
@@ -328,7 +327,6 @@ class SessionRecorder:
             self._watch_disk(now_ns)
         if now_ns - self._housekept_ns >= _SECOND_NS:
             self._housekept_ns = now_ns
-            self._tell_covered_whole()
             self._put_held(older_than_ns=now_ns)
             self._tell_missed()
             self._guarded(self._plain.write_people)
@@ -348,6 +346,7 @@ class SessionRecorder:
             detail="; ".join(self._troubles()),
             bytes_per_s=disk.bytes_per_s,
             room_s=disk.room_s,
+            covered_whole=self._covered_whole(),
         )
 
     def close(self, reason: str, actor: Actor = CONSOLE) -> None:
@@ -609,25 +608,12 @@ class SessionRecorder:
                 cause="busy",
             )
 
-    def _tell_covered_whole(self) -> None:
-        """Once a session: which frames these are can be seen."""
-        if self._blurring is None or self._told_covered_whole or self.paused:
-            return
+    def _covered_whole(self) -> tuple[str, ...]:
+        """The cameras whose pictures show nobody and nothing, and not just for a moment."""
+        if self._blurring is None or self.paused:
+            return ()
         whole_s = self._blurring.covered_whole_s(clock.now_ns())
-        camera = next((camera for camera, seconds in whole_s.items() if seconds > _COVERED_WHOLE_TOLD_S), None)
-        if camera is not None:
-            self._told_covered_whole = True
-            self.problem(
-                "warning",
-                filled(QT_TR_NOOP("The whole picture of {camera} is pixelated."), camera=camera),
-                QT_TR_NOOP(
-                    "People have to be covered in what is kept, and where they are is not known in time. The recording "
-                    "goes on, and shows everything again but them as soon as they are found in time."
-                ),
-                QT_TR_NOOP("See what Diagnostics says about people; close other programs if this computer is busy."),
-                until="quiet",
-                cause="busy",
-            )
+        return tuple(camera for camera, seconds in whole_s.items() if seconds > _COVERED_WHOLE_TOLD_S)
 
     # The disk
 

@@ -12,7 +12,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import BatteryState, FrameRef
 from caris_desktop.live.services.alarms import AlarmsService
 from caris_desktop.live.state import LiveState, PresentClock
-from caris_desktop.live.status import LinkStatus
+from caris_desktop.live.status import LinkStatus, RecordingStatus
 
 S = 1_000_000_000
 FRAME = FrameRef(0, None, "front", "ring", 0, 1, 640, 480)
@@ -75,6 +75,19 @@ def test_with_the_link_its_silent_streams_are_no_alarms(desk: Desk) -> None:
     desk.state.link.set(LinkStatus("connected"))
     desk.wait(2.5)
     assert "link" not in desk.alarms
+
+
+def test_a_picture_of_which_nothing_is_kept_is_an_alarm_as_long_as_it_is_so(desk: Desk) -> None:
+    desk.state.recording.set(RecordingStatus("recording", covered_whole=("front",)))
+    assert desk.alarms == ["covered_whole"]
+    desk.wait(600)
+    assert desk.alarms == ["covered_whole"]
+    desk.state.recording.set(RecordingStatus("recording"))  # another scenario, which covers nobody, or they are found
+    assert desk.alarms == []
+    desk.state.recording.set(RecordingStatus("recording", covered_whole=("front",)))
+    desk.state.recording.set(RecordingStatus("stopping", covered_whole=("front",)))
+    desk.wait(60)
+    assert desk.alarms == []
 
 
 def test_a_low_battery_is_told_once_until_it_was_charged(desk: Desk) -> None:

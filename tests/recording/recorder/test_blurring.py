@@ -341,23 +341,34 @@ def test_only_who_agreed_to_photos_is_seen_in_one(recorded: Session) -> None:
     assert contrast(photo, BEN) < 0.2 * contrast(CHECKS, BEN), "to be filmed is another thing"
 
 
-@pytest.mark.logs(r"session_recorder: The whole picture", r"video_encoders: ")
-def test_the_wizard_is_told_once_where_all_is_covered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.logs(r"video_encoders: ")
+def test_the_report_says_of_which_cameras_nothing_is_to_be_seen_as_long_as_it_is_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     now_ns = clock.now_ns()
     monkeypatch.setattr(clock, "now_ns", lambda: now_ns)
-    told: list[Any] = []
+    blurring = Blurring(blur)
     session = SessionRecorder(
         StartRecording(tmp_path / "s", header(), blur=BlurDemand("everybody")),
-        frames=Checks(), report=told.append, limits=DiskLimits(), blurring=Blurring(blur),
+        frames=Checks(), report=lambda _event: None, limits=DiskLimits(), blurring=blurring,
     )  # fmt: skip
-    for number in range(10):
-        session._housekept_ns = 0
-        session.write(FrameRef(now_ns, None, "front", "", 0, number, WIDTH_PX, HEIGHT_PX))
-        session.tick()
-        now_ns += SECOND_NS
+
+    def after_s(seconds: int, *, pictures: bool = True) -> tuple[str, ...]:
+        nonlocal now_ns
+        for _second in range(seconds):
+            if pictures:
+                session.write(FrameRef(now_ns, None, "front", "", 0, now_ns % 1000, WIDTH_PX, HEIGHT_PX))
+            session.tick()
+            now_ns += SECOND_NS
+        return session.status().covered_whole
+
+    assert after_s(3) == ()
+    assert after_s(6) == ("front",)
+    assert after_s(5, pictures=False) == (), "a camera that sends nothing is another trouble"
+    assert after_s(2) == ("front",)
+    blurring.use_demand(BlurDemand())
+    assert after_s(2) == (), "nobody has to be covered"
     session.close("wizard", WIZARD)
-    problems = [each.what for each in told if isinstance(each, Problem)]
-    assert problems == ["The whole picture of front is pixelated."]
 
 
 def test_without_a_session_a_photo_waits_for_who_is_in_it(tmp_path: Path) -> None:
