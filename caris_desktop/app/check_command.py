@@ -3,7 +3,7 @@
 import argparse
 import shutil
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_console_arguments
@@ -13,6 +13,7 @@ from caris_desktop.conversation.listening.recogniser_files import find_recognise
 from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.preflight import probe_language_model, probe_sound
 from caris_desktop.domain.pictures import PictureError, fitted
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends.remote import RemoteDetector
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera

@@ -6,7 +6,7 @@ import re
 import shutil
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from caris_desktop import __version__
@@ -16,6 +16,7 @@ from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.inference import person_box
 from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, Look
 from caris_desktop.perception.inference_settings import TRACKERS, default_threads

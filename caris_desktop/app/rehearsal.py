@@ -8,7 +8,6 @@ import json
 import logging
 import math
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QPoint, Qt, QTimer, Signal
@@ -20,6 +19,7 @@ from caris_desktop.app.rehearsed_participant import RehearsedParticipant
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.console import Console
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui.main_window import MainWindow

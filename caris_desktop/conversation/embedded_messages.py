@@ -1,8 +1,7 @@
 """What the console and the process of the embedded language model tell each other."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.value_class import dataclass
 
 SLOTS = 3
 """So many are answered beside one another, and each finds what it began with last time still read: of 350 tokens read

@@ -1,8 +1,7 @@
 """What the console and a microphone's process tell each other."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,9 +2,9 @@
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 from caris_desktop.domain import person_marks
+from caris_desktop.domain.value_class import dataclass
 
 NAME, PLACE = "name", "place"
 """What the console can fill in by itself."""

@@ -5,7 +5,6 @@ import logging
 import queue
 import time
 from contextlib import aclosing
-from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.conversation.embedded_messages import SLOTS
@@ -16,6 +15,7 @@ from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.conversation.voices.engine_process import VoiceEngine
 from caris_desktop.domain.events import ChatMessage
+from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 

@@ -8,11 +8,11 @@ as a server that keeps what it has read answers sooner.
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
 from caris_desktop.conversation.transcript import Turn
 from caris_desktop.domain import person_marks
 from caris_desktop.domain.events import ChatMessage
+from caris_desktop.domain.value_class import dataclass
 
 MAX_SYSTEM_CHARACTERS = 3000
 MAX_QUESTION_CHARACTERS = 1500

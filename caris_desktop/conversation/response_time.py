@@ -1,7 +1,7 @@
 """How long the participant waits for the robot, from what is said and heard."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from caris_desktop.conversation.transcript import Turn, UtteranceReport
@@ -14,6 +14,7 @@ from caris_desktop.domain.events import (
     UtteranceOrigin,
 )
 from caris_desktop.domain.sound import Hearing
+from caris_desktop.domain.value_class import dataclass
 
 LATE_S = 1.0
 """From here on a pause is noticed. People leave a fifth of a second between turns."""

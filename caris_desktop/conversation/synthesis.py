@@ -6,7 +6,6 @@ import threading
 import unicodedata
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Literal
 
@@ -33,6 +32,7 @@ from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceStat
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_VOICE, PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 

@@ -1,9 +1,10 @@
 """What the console and the process that makes speech say to one another."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Problem, UtteranceOrigin
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,11 @@
 """What was said, turn by turn, from the events that report on it and correct it."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from caris_desktop.domain.corrections import Correction, Corrections, WhoSpoke
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected, UtteranceOrigin, UtteranceState
+from caris_desktop.domain.value_class import dataclass
 
 _ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
 

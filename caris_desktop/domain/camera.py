@@ -1,9 +1,10 @@
 """Where a camera looks: from pixels to the floor and back, by the pinhole model."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,13 @@
 """Cameras and poses as people write them in a file: from a data sheet, in degrees or radians."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any
 
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 
 _FOV_DEG = (5.0, 170.0)
 

@@ -5,7 +5,8 @@ different child processes can be compared without translation.
 """
 
 import time
-from dataclasses import dataclass
+
+from caris_desktop.domain.value_class import dataclass
 
 now_ns = time.monotonic_ns
 

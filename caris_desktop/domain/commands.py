@@ -4,8 +4,6 @@ None of these is ever queued while the link is down: what cannot be sent now is 
 asked for it; the events that tell what became of it carry it back.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +11,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import CommandSource, MapOperation, UtteranceOrigin
 from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

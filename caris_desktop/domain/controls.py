@@ -4,11 +4,12 @@ Plain data: ``$value`` in a template stands for what the wizard chose, and nothi
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any, Literal
 
 from caris_desktop.domain.declared import Elsewhere, Rule, Spread
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 
 ControlKind = Literal["button", "toggle", "slider", "choice", "text", "readout"]
 ControlValue = bool | float | str

@@ -1,10 +1,10 @@
 """What is said to be different about utterances, put together: whoever shows, sends or exports them uses it."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import UtteranceCorrected
+from caris_desktop.domain.value_class import dataclass
 
 WhoSpoke = Literal["", "robot", "participant", "wizard"]
 

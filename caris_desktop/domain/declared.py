@@ -15,10 +15,11 @@ import math
 import types
 import typing
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.value_class import dataclass
 
 # A frozen dataclass that says which keys stand together.
 Group: TypeAlias = Any

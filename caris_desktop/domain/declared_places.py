@@ -3,7 +3,7 @@
 import copy
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING
 from typing import Any
 
 from caris_desktop.domain.declared import (
@@ -25,6 +25,7 @@ from caris_desktop.domain.declared import (
 )
 from caris_desktop.domain.declared_words import title_of
 from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.value_class import dataclass
 
 ABSENT = MISSING
 """Stands for what a file does not say."""

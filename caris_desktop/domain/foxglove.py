@@ -12,7 +12,6 @@ infinitely far, as they are, and draw nothing there.
 import base64
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, TypedDict
 
 import numpy as np
@@ -22,6 +21,7 @@ from caris_desktop.domain import events, sensing
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import PLAIN_BYTES, Base64, in_few_digits
+from caris_desktop.domain.value_class import dataclass
 
 MAP, BASE = "map", "base_link"  # REP 105
 INFINITE, INVALID = 1e39, 2e39

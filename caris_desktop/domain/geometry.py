@@ -1,7 +1,8 @@
 """Poses and velocities on the floor plane (REP 103: x forward, y left, counter-clockwise positive)."""
 
 import math
-from dataclasses import dataclass
+
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

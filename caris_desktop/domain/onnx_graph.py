@@ -7,13 +7,14 @@ what is declared here and carries all else along unread. ``onnx.utils`` gives th
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
+
+from caris_desktop.domain.value_class import dataclass
 
 _FLOAT = 1
 # What is cut, or says where: field names, numbers and types as in onnx.proto of https://github.com/onnx/onnx.

@@ -3,11 +3,12 @@
 Never recorded and in no table of streams: it goes from perception to the people of the study, and nowhere else.
 """
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 LooksKind = Literal["clothing", "face"]
 """Clothing tells people apart on one day, a face across days. A face is looked at only with consent."""

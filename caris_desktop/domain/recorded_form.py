@@ -15,9 +15,10 @@ from caris_desktop.domain.foxglove import FrameTransforms, Time, time_of, transf
 from caris_desktop.domain.schema import from_jsonable, json_schema, shape_schema, to_jsonable
 from caris_desktop.domain.sensing import CameraLens, RobotPose
 from caris_desktop.domain.streams import StreamSpec, spec_of_topic
+from caris_desktop.domain.value_class import dataclass
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class DerivedChannel:
     """What is written beside values, for other programs only: a reader of ours has it from the values themselves.
 

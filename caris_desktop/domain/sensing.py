@@ -6,7 +6,7 @@ robot's own stamp (nanoseconds of its clock), where it sent one.
 
 import math
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,10 +1,12 @@
 """Sound: whose it is, what of it is played, and what is made out in it."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 MICROPHONE = "microphone"
 """A microphone of this computer that hears the participant, as in a laboratory with the wizard behind the wall."""

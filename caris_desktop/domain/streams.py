@@ -5,12 +5,12 @@ added here (and nowhere else) to be conflated, recorded, replayed and exported.
 """
 
 import re
-from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, get_args
 
 from caris_desktop.domain import events, foxglove, sensing, sound
 from caris_desktop.domain.foxglove import WellKnown
+from caris_desktop.domain.value_class import dataclass
 
 
 class Delivery(Enum):

@@ -1,6 +1,6 @@
 """Who takes part in what: the details that head a session."""
 
-from dataclasses import dataclass
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import yaml
@@ -10,6 +10,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 
 MAX_DEPTH = 40
 

@@ -1,10 +1,11 @@
 """What is wrong now: problems with one cause are one alarm, which ends by itself. Plain values, given the time."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ANSWER, AlarmChanged, AlarmState, Problem, ProblemEnd, Severity
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import Alarm
 
 FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {

@@ -15,11 +15,11 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any, Literal
 
 from caris_desktop.domain.process_title import title_process
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.logs import configure_child_logging
 

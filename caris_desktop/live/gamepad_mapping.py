@@ -10,11 +10,12 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import reduce
 from typing import Any, Final, Literal, get_args
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.motion_wish import MotionWish
 
 MAPPINGS_VERSION: Final = 1

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import MODEL
 from caris_desktop.domain.events import ProblemEnd, Severity
 from caris_desktop.domain.intents import INTENTS, AsBefore, Intent, IntentSpec, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Permissions
 

@@ -1,7 +1,7 @@
 """One microphone of this computer: its process, which input it is, and whether it is listened to. GUI thread."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer
@@ -17,6 +17,7 @@ from caris_desktop.conversation.microphone_messages import (
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children, told_here

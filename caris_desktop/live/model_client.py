@@ -8,7 +8,7 @@ import logging
 import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal, Protocol
 
 from PySide6.QtCore import QObject, QTimer, Signal
@@ -24,6 +24,7 @@ from caris_desktop.domain.events import ChatMessage, LlmExchange, LlmOutcome
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.service import PANELS_FIRST_MS
 

@@ -1,7 +1,9 @@
 """What is asked of base and head now, and how several sources of it become one. Plain functions."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

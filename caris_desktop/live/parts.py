@@ -1,10 +1,10 @@
 """What a run is put together from: the concrete adapters that ``app`` chooses."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.services.assistant import AssistantParts
 from caris_desktop.live.services.cameras import WantedCameras

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.domain.events import (
@@ -18,6 +17,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 _DRIVEN_M, _DRIVEN_AGAIN_M = 1.0, 0.3
 _MOST_POINTS, _FEWEST_POINTS = 10.0, 5.0

@@ -5,12 +5,13 @@ difference, since each change is recorded.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import PreflightState
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,

@@ -7,7 +7,7 @@ GUI thread, except where a method says otherwise.
 import bisect
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -21,6 +21,7 @@ from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, Sce
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.coding_desk import CodingDesk
 from caris_desktop.live.gate import Gate, Refusal

@@ -4,7 +4,7 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 from caris_desktop.domain.events import (
@@ -18,6 +18,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.sensing import FrameRef, People, PeopleInMap
 from caris_desktop.domain.streams import BY_TYPE, EVENT_STREAMS
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import streams_lost_with
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.session_reader import Session

@@ -1,13 +1,13 @@
 """What every part of the running console is."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.child_process import ChildProcess, Health
 from caris_desktop.scenario.model import Scenario
 

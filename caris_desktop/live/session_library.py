@@ -14,7 +14,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -24,6 +24,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from caris_desktop.domain.events import Severity
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveValue

@@ -4,7 +4,7 @@ import secrets
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 from PySide6.QtCore import QObject, Qt, Signal
@@ -15,6 +15,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, VoiceOutput
 from caris_desktop.domain.sound import PlayedSound
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.voice import estimated_duration_s

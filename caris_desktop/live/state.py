@@ -1,7 +1,7 @@
 """LiveState: the current value of every stream and its age. Lives in the GUI thread; panels read only this."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
@@ -19,6 +19,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.sensing import CameraState, FrameRef, People, PeopleInMap, PersonPlace
 from caris_desktop.domain.sound import Hearing
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import (
     AssistantSetup,

@@ -1,6 +1,6 @@
 """What the console knows of itself, as panels read it from LiveState. Plain frozen values."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +23,7 @@ from caris_desktop.domain.intents import AsBefore
 from caris_desktop.domain.sound import Role
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.store import HistoryEntry
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.assistant import NamedText
@@ -145,9 +146,8 @@ class SoundStatus:
 
 @dataclass(frozen=True, slots=True)
 class RecordingStatus:
-    """``room_s`` is how long the disk lasts at ``bytes_per_s``; ``dropped`` counts what is missing, by stream.
-
-    ``covered_whole`` are the cameras of whose pictures nothing is to be seen in the recording, where people are covered.
+    """``room_s`` is how long the disk lasts at ``bytes_per_s``; ``dropped`` counts what is missing, by stream; of
+    the cameras ``covered_whole`` nothing is to be seen in the record.
     """
 
     state: Literal["idle", "starting", "recording", "paused", "stopping", "failed"] = "idle"
@@ -590,10 +590,7 @@ class ExportStatus:
 
 @dataclass(frozen=True, slots=True)
 class LibraryStatus:
-    """The sessions of the study that match ``query``, newest first, and where its text was found.
-
-    ``updating`` while the index is brought up to date.
-    """
+    """The sessions of the study that match ``query``, newest first; ``updating`` while the index is brought to date."""
 
     query: SessionQuery = field(default_factory=SessionQuery)
     sessions: tuple[SessionEntry, ...] = ()

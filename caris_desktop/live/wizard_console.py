@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
 
@@ -13,6 +13,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.scenario.model import Scenario
 

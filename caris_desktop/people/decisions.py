@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import CONSOLE, Actor
@@ -26,6 +26,7 @@ from caris_desktop.domain.events import (
     Problem,
 )
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.identities import UNDECIDED
 from caris_desktop.people.known import KnownPeople, Undo, merged

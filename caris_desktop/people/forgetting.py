@@ -3,12 +3,13 @@
 import shutil
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import field
 from datetime import UTC, datetime
 from pathlib import Path
 
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.store import PeopleStore, StoredPerson
 

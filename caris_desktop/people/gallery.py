@@ -1,10 +1,11 @@
 """How known people look: a mean and a few views of each, and how much somebody resembles each of them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 Vectors = NDArray[np.float32]
 

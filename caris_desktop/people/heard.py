@@ -1,10 +1,10 @@
 """What participants said in their histories, also where it turns out that it was somebody else, or something else."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from caris_desktop.domain.corrections import Corrections
 from caris_desktop.domain.events import UtteranceCorrected
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.known import KnownPeople
 
 _KEPT = 200

@@ -8,12 +8,13 @@ while, that nobody else comes near.
 import math
 from collections import deque
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 
 from caris_desktop.domain.people import LooksKind, PersonLooks
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.gallery import GOOD_QUALITY, Gallery, Vectors, Views
 
 SUGGEST_FROM = 0.08

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime, time, timedelta
 from typing import TypeVar
 
@@ -10,6 +10,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ConsentKind, Event, Problem
 from caris_desktop.domain.people import LooksKind
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.identities import Identities
 from caris_desktop.people.sealing import About

@@ -4,7 +4,7 @@ import itertools
 import math
 import re
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 from caris_desktop.domain.actor import CONSOLE
@@ -24,6 +24,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.sensing import People, PeopleInMap
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.decisions import Decisions, PeopleIntent
 from caris_desktop.people.heard import HeardHistory
 from caris_desktop.people.known import KnownPeople
@@ -48,7 +49,6 @@ _STRANGER_FROM = 0.7
 _MOVED_M, _TURNED_RAD, _MOVED_EVERY_NS = 0.2, 0.15, 500_000_000
 
 Recognise = Literal["nobody", "clothing", "faces"]
-
 
 HistoryEvent = UtteranceChanged | UtteranceCorrected | PhotoTaken | SessionStarted | SessionEnded
 

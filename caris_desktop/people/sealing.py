@@ -4,10 +4,12 @@ import json
 import logging
 import secrets
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+
+from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 _NONCE_BYTES = 12

@@ -9,7 +9,7 @@ their keys with their rows.
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from heapq import merge
 from itertools import islice
 from pathlib import Path
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ConsentKind
 from caris_desktop.domain.people import LooksKind
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.database import PeopleDatabase
 from caris_desktop.people.sealing import About, about_bytes, about_of, new_key, seal, unseal
 

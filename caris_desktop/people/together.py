@@ -8,13 +8,14 @@ two: a row too many is seen at once, and two people in one row are not.
 import math
 from bisect import bisect_left
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.people import PersonLooks
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.visits import Track
 
 Verdict = Literal["same", "different", "unknown"]

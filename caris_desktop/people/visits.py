@@ -1,8 +1,9 @@
 """Who is here and who was: each visit with the tracks that it was seen as."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.identities import UNDECIDED, Judgement
 
 MOST_LEFT = 200

@@ -7,10 +7,11 @@ differ: time is counted in seconds, as in all of this program, and without a net
 import itertools
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.following import AppearanceOf, Followed
 from caris_desktop.perception.motion import Floats, Motion, assigned, corners_of, first_seen, overlaps
 

@@ -1,12 +1,12 @@
 """What finds things in one picture: the interface of all detectors, which ``backends`` opens."""
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.weights import Weights, WeightsError
 
 _COCO_CLASS_COUNT = 80

@@ -6,7 +6,6 @@ Where it tells none, the middle of the head's part of the box has to do: that is
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.checked_file import WrongChecksum, read_checked
 from caris_desktop.perception.inference_messages import Look
 from caris_desktop.perception.tracker import TrackedBox

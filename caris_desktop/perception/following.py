@@ -9,10 +9,11 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.motion import Floats, Motion, assigned, corners_of, first_seen, overlaps
 
 # Confidences: who is surely somebody, who may be somebody followed already, and who may be somebody new.

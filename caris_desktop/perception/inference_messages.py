@@ -1,10 +1,9 @@
 """What the console and the process of inference tell each other, besides values of the stream table."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.people import LooksKind
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.value_class import dataclass
 
 USUAL_FOCAL_PER_WIDTH = 0.87
 """Of a camera that sees 60 degrees."""

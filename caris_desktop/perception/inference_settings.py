@@ -1,10 +1,11 @@
 """What a run of inference is told, in words that bring no library along."""
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Literal, get_args
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.weights import ModelChoice
 
 Device = Literal["auto", "cpu", "cuda", "mps"]

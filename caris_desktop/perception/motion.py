@@ -1,10 +1,11 @@
 """How a box moves through the pictures, in seconds: what all trackers of ours share."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 Floats = NDArray[np.float64]
 

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.model_files import models_dirs
 from caris_desktop.domain.people import PersonPortrait
 from caris_desktop.domain.sensing import PersonBox, ThingBox
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.appearance import AppearanceError, AppearanceModel, find_appearance
 from caris_desktop.perception.backends.chosen import Chosen, open_chosen
 from caris_desktop.perception.blur import head_of

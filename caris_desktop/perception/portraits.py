@@ -1,13 +1,12 @@
 """Keeps the best view of each person so far, as a small picture."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.people import PersonPortrait
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.tracker import TrackedBox
 
 _NOT_SOONER_NS = 1_000_000_000

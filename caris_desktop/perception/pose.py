@@ -4,11 +4,13 @@ What one picture shows is judged by plain geometry, in parts of the trunk's leng
 What is told changes only once pictures have shown it for a while: a single bad one changes nothing.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 Posture = Literal["", "standing", "sitting"]
 Points = NDArray[np.float64]

@@ -2,12 +2,13 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.appearance import AppearanceModel
 from caris_desktop.perception.deep_sort import DeepSort
 from caris_desktop.perception.detector import Detections

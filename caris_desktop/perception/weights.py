@@ -4,12 +4,13 @@ import importlib.metadata
 import logging
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, sha256_of
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 
 log = logging.getLogger(__name__)
 

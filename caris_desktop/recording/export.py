@@ -12,7 +12,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -20,6 +20,7 @@ import psutil
 
 from caris_desktop.domain.file_replacement import no_room
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.names import Pseudonyms, pseudonymised, pseudonyms_of
 from caris_desktop.recording.session.session_header import is_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session

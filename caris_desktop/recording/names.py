@@ -8,7 +8,7 @@ import json
 import logging
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -17,6 +17,7 @@ from caris_desktop.domain.actor import OTHER_WIZARD
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.store import annotation_files, load_documents

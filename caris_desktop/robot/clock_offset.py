@@ -8,10 +8,11 @@ minimum delay filter with a hard error bound: a late answer widens its own sampl
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 WINDOW_S = 60.0
 MOST_SAMPLES = 128

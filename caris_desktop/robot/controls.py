@@ -5,7 +5,7 @@ import logging
 import math
 import re
 from collections.abc import Callable, Coroutine, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from caris_desktop.domain.controls import (
 from caris_desktop.domain.events import ControlUsed, RequestState
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, fitted
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError

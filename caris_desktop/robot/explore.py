@@ -12,13 +12,14 @@ import math
 import re
 import time
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.pictures import picture_size
 from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.preflight import (
     LinkProbe,
     NamedTopic,

@@ -6,7 +6,6 @@ What is above or below its plane it does not know.
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from caris_desktop.domain.events import GuardChanged, GuardState
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.footprint import Array, Footprint, moved_by, transformed
 from caris_desktop.robot.profile import RobotProfile
 

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 
 from caris_desktop.domain.events import CommandSource
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import MotionLimits
 
 EXPIRY_S = 0.15

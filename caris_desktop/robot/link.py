@@ -4,10 +4,10 @@ The console imports this module, so everything heavy is imported by the children
 """
 
 import os
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 from caris_desktop.domain.ports import FrameWriter
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import RobotProfile
 
 MOST_PIXELS = 2**24

@@ -5,7 +5,6 @@ import logging
 import math
 import re
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.domain.clock import now_ns
@@ -13,6 +12,7 @@ from caris_desktop.domain.commands import RequestMap, SetInitialPose
 from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapRequestChanged, RequestState
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.preflight import RobotInventory
 from caris_desktop.robot.profile import MapServices, RobotProfile
 from caris_desktop.robot.transport import AnswerTooLargeError, SafeRos, SafeTopic, ServiceCallError

@@ -4,7 +4,7 @@ import asyncio
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.clock import now_ns
@@ -12,6 +12,7 @@ from caris_desktop.domain.commands import GoTo
 from caris_desktop.domain.events import GoalChanged, GoalState
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.profile import NavigationServer
 from caris_desktop.robot.transport import SafeRos

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.domain.address import without_credentials
@@ -10,6 +9,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.controls import CallService, PublishMessage, RobotControl, SendActionGoal
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name

@@ -2,7 +2,7 @@
 
 import re
 import unicodedata
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
@@ -13,6 +13,7 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile_model import (
     AudioInterface,
     CameraTopic,

@@ -7,7 +7,7 @@ the latter two anew. What goes beyond the keys of one group is checked in :mod:`
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
@@ -16,6 +16,7 @@ from caris_desktop.domain.camera_keys import CameraModelKeys, Offset, PoseKeys, 
 from caris_desktop.domain.controls import CONTROL, RosName, RosType
 from caris_desktop.domain.declared import NotInFile, Rule, WrittenAs
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.audio_messages import LEAST_RATE_HZ, MOST_CHANNELS, MOST_RATE_HZ, Coding
 
 DEFAULT_ADDRESS = "ws://127.0.0.1:9090"

@@ -5,10 +5,11 @@ Long because it holds what each thing of a robot is known by.
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import (
     AudioInterface,
     CameraTopic,

@@ -1,10 +1,10 @@
 """What arrives on each topic of one link: how often, how much, how old. Counting only, no sockets."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.clock_offset import OffsetEstimate
 from caris_desktop.ros.dialect import decode_time
 

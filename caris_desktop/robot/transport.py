@@ -40,7 +40,6 @@ import re
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import roslibpy
@@ -50,6 +49,7 @@ from websockets.exceptions import InvalidHandshake, InvalidURI
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import SecuritySettings
 from caris_desktop.robot.real_time import LARGE_BYTES, go_back
 from caris_desktop.robot.security import SecurityError, auth_operation

@@ -3,7 +3,7 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Protocol
 
 from caris_desktop.domain.actor import Actor
@@ -12,6 +12,7 @@ from caris_desktop.domain.commands import Say
 from caris_desktop.domain.controls import filled
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, make_action_client
 from caris_desktop.robot.profile import SpeechAction, SpeechInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic

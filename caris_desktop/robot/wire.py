@@ -15,7 +15,6 @@ import ssl
 import struct
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol, cast
 from urllib.parse import urlsplit
 
@@ -28,6 +27,7 @@ from websockets.uri import parse_uri
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import SecuritySettings
 from caris_desktop.robot.security import SecurityError, explain_tls_failure, no_tls, tls_context
 

@@ -1,9 +1,10 @@
 """Goals of actions as ROS 1 (actionlib) and ROS 2 (through rosbridge) carry them, those of navigation in particular."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
 from caris_desktop.ros.fields import (
     Message,

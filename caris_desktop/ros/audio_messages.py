@@ -1,11 +1,11 @@
 """Sound as rosbridge carries it: audio_common_msgs, of audio_common in ROS 1 and of its branch for ROS 2."""
 
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.fields import Message, MessageError, blob, count, message_of, part, stamp_of, text
 
 MAX_AUDIO_BYTES = 1_000_000

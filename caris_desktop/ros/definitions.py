@@ -1,9 +1,9 @@
 """The fields of ROS messages: as types tell them, and those of the types that robots tell and are commanded with."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import plain_name
 
 INTEGER_RANGES: dict[str, tuple[int, int]] = {

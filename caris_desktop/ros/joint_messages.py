@@ -4,11 +4,11 @@ Encoders and decoders keep the rules of :mod:`caris_desktop.ros.messages`.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
 from caris_desktop.ros.fields import (
     Message,

@@ -7,13 +7,13 @@ yields and raises :class:`MessageError`, and nothing else, for whatever is malfo
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry, RobotPose
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.fields import (
     Message,

@@ -3,13 +3,13 @@
 Encoders and decoders keep the rules of :mod:`caris_desktop.ros.messages`.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
 from caris_desktop.ros.fields import (
     Message,

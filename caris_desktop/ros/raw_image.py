@@ -1,13 +1,13 @@
 """sensor_msgs/Image: pictures as the camera driver has them, row after row, not compressed."""
 
 import sys
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.fields import Message, MessageError, blob, count, message_of, stamp_of, text
 from caris_desktop.ros.messages import MAX_IMAGE_SIDE_PX
 

@@ -1,10 +1,10 @@
 """How much the language model may do by itself."""
 
-from dataclasses import dataclass
 from typing import Annotated, get_args
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.events import AssistanceLevel
+from caris_desktop.domain.value_class import dataclass
 
 
 def levels_up_to(highest: AssistanceLevel) -> tuple[AssistanceLevel, ...]:

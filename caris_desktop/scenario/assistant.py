@@ -1,9 +1,9 @@
 """What a scenario says of the assistant: which language model, and how it is asked."""
 
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.value_class import dataclass
 
 MODEL_PATTERN = "^(embedded|ollama:.+|openai:.+|gemini:.+)$"
 MODEL_ALLOWED = "embedded, ollama:NAME, openai:NAME or gemini:NAME."

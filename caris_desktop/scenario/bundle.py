@@ -10,13 +10,14 @@ import re
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.file import MAX_FILE_BYTES, ScenarioError, parse_scenario, scenario_data
 from caris_desktop.scenario.text_editing import edited
 

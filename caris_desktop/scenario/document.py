@@ -5,7 +5,6 @@ them. A mistake loses nothing: the text holds it, its sentence names line and pl
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +34,7 @@ from caris_desktop.domain.declared_places import (
     without_at,
 )
 from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.yaml_source import LocatedData, YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.scenario.file import mistakes

@@ -1,12 +1,12 @@
 """What the robot does at one key without a word: it nods, looks at somebody, or uses a control of its own."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.own_key import own_key
 
 NOD, LOOK = "nod", "look"

@@ -1,13 +1,13 @@
 """Which scenarios there are: those that come with the program and the user's own."""
 
 import functools
-from dataclasses import dataclass
 from pathlib import Path
 
 import platformdirs
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.file import ScenarioError, load_scenario
 
 SUFFIXES = (".yaml", ".yml")

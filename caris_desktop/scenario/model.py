@@ -6,7 +6,7 @@ and the page of the guide follow from them; ``python -m caris_desktop.app.refere
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -17,6 +17,7 @@ from caris_desktop.domain.declared import NotInFile, Rule, Spread, WrittenAs
 from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Permission
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.assistant import AssistantSettings
 from caris_desktop.scenario.face import FaceSettings

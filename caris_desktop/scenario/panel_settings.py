@@ -1,10 +1,11 @@
 """What a scenario says of how its panels are when a wizard first opens it; what that wizard changes comes back."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Literal
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.intents import Along
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

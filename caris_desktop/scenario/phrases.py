@@ -1,12 +1,12 @@
 """The sentences of a scenario that are one key away: plain, with what goes along with them, or in titled groups."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.own_key import own_key
 
 KEYS_OF_A_GROUP = 8

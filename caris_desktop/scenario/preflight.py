@@ -1,9 +1,9 @@
 """What the wizard looks after by hand before a recording, as a scenario has it."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.value_class import dataclass
 
 CheckTitle = Annotated[str, Rule(shortest=1, longest=80)]
 

@@ -2,13 +2,13 @@
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.declared_check import allowed_words
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 
 MOST_BRANCHES = 9
 """One for each digit."""

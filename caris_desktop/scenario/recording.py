@@ -1,10 +1,10 @@
 """What a scenario says of recordings: labels of marks, kinds of wizard error, who else hears of both."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 ERROR_KEYS = "FGHRUX"
 """They lie beside the hand that drives, or do nothing else: a digit that comes too late would send the robot to a

@@ -1,9 +1,9 @@
 """What a scenario says of sound: which microphone hears the participant, and what the wizard hears and says."""
 
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,9 @@
 """What a scenario says of this computer's voice."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

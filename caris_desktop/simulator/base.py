@@ -1,12 +1,13 @@
 """The base, on two driven wheels or holonomic: acceleration limits, collisions, and a command lease of its own."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D, Twist2D, wrap_angle
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator.floor_plan import SOLID
 from caris_desktop.simulator.ray_casting import corners_of
 

@@ -10,9 +10,9 @@ import ssl
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import wardrobe
 from caris_desktop.simulator.base import STEP_S
 from caris_desktop.simulator.camera import CameraProcess

@@ -3,7 +3,6 @@
 import importlib.util
 import io
 import logging
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -12,6 +11,7 @@ import platformdirs
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.value_class import dataclass
 
 logger = logging.getLogger(__name__)
 

@@ -1,8 +1,8 @@
 """What a dress says of a robot: its topics, services, actions, types and frames, as its makers publish them."""
 
-from dataclasses import dataclass
 from typing import Literal
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator.robot import Body
 

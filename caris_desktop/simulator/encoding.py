@@ -1,10 +1,10 @@
 """ROS messages that only a robot sends: frames in space, and what a camera is like."""
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.fields import encode_header
 

@@ -1,9 +1,10 @@
 """Faults that can be injected while the simulated robot runs, for rehearsal and tests."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 
 MAX_LATENCY_MS = 10_000.0
 MAX_DROP_S = 600.0

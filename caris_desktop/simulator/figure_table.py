@@ -1,7 +1,8 @@
 """Twenty people who are not in the photos: how they are built, and two sets of clothes for each."""
 
-from dataclasses import dataclass
 from typing import Literal
+
+from caris_desktop.domain.value_class import dataclass
 
 Hair = Literal["short", "long", "bun", "bald", "curls"]
 Pattern = Literal["plain", "stripes", "checks", "halves", "print", "dots"]

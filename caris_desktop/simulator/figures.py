@@ -7,12 +7,13 @@ the other. It is coarser than a person: no creases but noise, a face of a few sp
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator.cut_outs import levels_of
 from caris_desktop.simulator.figure_table import FIGURES, Clothes, Figure
 

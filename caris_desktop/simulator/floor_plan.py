@@ -5,9 +5,9 @@ fast way of cutting rays with them.
 """
 
 import math
-from dataclasses import dataclass
 
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 
 Colour = tuple[int, int, int]  # blue, green, red
 Area = tuple[float, float, float, float]  # x0, y0, x1, y1

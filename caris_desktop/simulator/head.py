@@ -1,6 +1,6 @@
 """A head that pans and tilts, at the speed of its motors and within its joints."""
 
-from dataclasses import dataclass
+from caris_desktop.domain.value_class import dataclass
 
 DEFAULT_SPEED_RADPS = 0.8
 

@@ -1,10 +1,11 @@
 """What the robot's microphone hears: the room, whoever speaks before it, and the robot's own voice."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 RATE_HZ = 16_000
 _ROOM_S, _ROOM_DECAYS_S, _ROOM_SHARE = 0.3, 0.07, 0.25

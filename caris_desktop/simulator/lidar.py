@@ -1,13 +1,13 @@
 """A 2D laser scanner with noise, 720 beams all around unless told otherwise; it sees walls, furniture and legs."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator.floor_plan import SOLID
 from caris_desktop.simulator.ray_casting import circle_hits, corners_of, entry_and_exit
 

@@ -1,7 +1,6 @@
 """The map that the robot draws while it explores."""
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, OccupancyGrid
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator.floor_plan import MAP_ORIGIN_M, MAP_SIZE_M
 
 RESOLUTION_M = 0.05

@@ -1,13 +1,13 @@
 """Navigation goals: plan a way, follow it, hold for people, and say how it went."""
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import path_planning
 from caris_desktop.simulator.base import RADIUS_M
 from caris_desktop.simulator.path_planning import Point

@@ -6,12 +6,13 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros import rosbridge
 
 UNBOUNDED_LENGTH = 200

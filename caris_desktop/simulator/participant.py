@@ -12,12 +12,12 @@ import time
 import wave
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import platformdirs
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator.hearing import Microphone, at_rate
 from caris_desktop.simulator.speech import MAX_SENTENCE_CHARS
 

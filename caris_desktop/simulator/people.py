@@ -5,13 +5,13 @@ import math
 import random
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import path_planning
 from caris_desktop.simulator.base import RADIUS_M as ROBOT_RADIUS_M
 from caris_desktop.simulator.base import clearance_m

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import figures, wall_paper
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, MOUNT_HEIGHT_M, WIDTH_PX
 from caris_desktop.simulator.cut_outs import levels_of

@@ -3,13 +3,14 @@
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
 from caris_desktop.domain.sensing import LaserScan, Odometry
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import base, lidar
 from caris_desktop.simulator.base import DIFFERENTIAL, STEP_S, BaseModel, BaseState
 from caris_desktop.simulator.camera_model import MOUNT_HEIGHT_M

@@ -4,10 +4,11 @@ import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros import messages
 from caris_desktop.ros.fields import MessageError, message_of, number, text, truth
 from caris_desktop.ros.navigation_messages import encode_clock

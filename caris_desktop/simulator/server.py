@@ -10,7 +10,7 @@ import ssl
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from http import HTTPStatus
 from typing import Any
 
@@ -19,6 +19,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect, same_type
 from caris_desktop.ros.fields import MessageError, count, message_of, text
 from caris_desktop.ros.fields import field as field_of

@@ -10,11 +10,12 @@ import threading
 import wave
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 logger = logging.getLogger(__name__)
 

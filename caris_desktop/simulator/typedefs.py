@@ -7,11 +7,11 @@ of ROS 1 the name that it has in ROS 2, and takes 0.2 s to load.
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.definitions import DEFINITION_TEXTS
 from caris_desktop.ros.dialect import Dialect, plain_name
 

@@ -1,9 +1,10 @@
 """What all parts of the robot's face on ROS share: the server, the dress, the clock, and how topics are offered."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.simulator.dress import Dress
 from caris_desktop.simulator.faults import Faults

@@ -7,7 +7,7 @@ import shutil
 import tempfile
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from datetime import datetime
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 MIN_FREE_BYTES = 200 * 1024 * 1024

@@ -9,13 +9,13 @@ import json
 import logging
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import psutil
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 _MOST_BYTES = 64 * 1024

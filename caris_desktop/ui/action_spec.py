@@ -1,12 +1,13 @@
 """What a row of the table of actions says."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal, Self, TypeVar
 
 from caris_desktop.domain.events import AssistedFunction
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import PanelName, Scenario
 

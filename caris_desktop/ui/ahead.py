@@ -1,12 +1,12 @@
 """What lies ahead of the robot's base, as far as the LIDAR looks, and whether the picture shows that direction."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import RobotProfile
 
 CLOSE_M = 0.6

@@ -1,12 +1,12 @@
 """What hands ask of the robot now: held keys, arrows and sticks on the screen, and the gamepad, added up."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import CommandSource
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.motion_wish import AT_REST, MotionWish, merged
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, get_args
 from urllib.parse import quote
 
@@ -10,6 +9,7 @@ from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AssistedFunction, VoiceOutput
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import VoiceStatus
 from caris_desktop.live.wizard_console import WizardConsole

@@ -2,11 +2,11 @@
 
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 from PySide6.QtCore import QKeyCombination, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.held_motion import Hold
 from caris_desktop.ui.key_positions import position_codes, position_of

@@ -6,7 +6,7 @@ gives way to what the table says, and somebody is told.
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui.action_rows import say_keyed_phrase
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.key_positions import position_codes

@@ -1,7 +1,7 @@
 """The wizard's working copy of how the panels are arranged: kept, saved, reverted, undone, locked, recorded."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
@@ -9,6 +9,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.layout import layout_text, own_layout
 from caris_desktop.scenario.model import LayoutNode, Scenario

@@ -1,7 +1,5 @@
 """Marks by hand: a tap is a moment, a held key a stretch; wizard errors, notes, and the card that shows them."""
 
-from dataclasses import dataclass
-
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QWidget
 
@@ -9,6 +7,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.recording import ERROR_KEYS

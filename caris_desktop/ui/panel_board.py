@@ -8,7 +8,6 @@ far. Whoever asks for a panel meanwhile gets it: then the rest is made at once.
 import time
 from collections import deque
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui.dock_host import DockHost

@@ -93,7 +93,8 @@ class MappingRow(QWidget):
         self._words = ""
         label = tr(label)
         name = QLabel(label)
-        name.setFixedWidth(150)
+        name.setFixedWidth(170)
+        name.setWordWrap(True)
         self._verdict = QLabel()
         self._verdict.setObjectName("mapping_verdict")
         self._verdict.setTextFormat(Qt.TextFormat.PlainText)

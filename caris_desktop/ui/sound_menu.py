@@ -1,7 +1,7 @@
 """The lines of the window's menu about sound: which microphones are used, and how loud the robot is heard."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from itertools import groupby
 
@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QMenu
 from caris_desktop.domain import intents
 from caris_desktop.domain.sound import Role
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.distant_ear import ear_of
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import words

@@ -1,13 +1,14 @@
 """The dialog before a recording: who takes part in what, and what will be kept. All of it may be left empty."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtWidgets import QBoxLayout, QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
 from caris_desktop.scenario.model import BlurSettings, Permissions

@@ -1,6 +1,6 @@
 """Colours, sizes and type of the whole window. The only file with colours in it."""
 
-from dataclasses import dataclass
+from caris_desktop.domain.value_class import dataclass
 
 GRID_PX = 8
 PANEL_RADIUS_PX = 10

@@ -1,10 +1,10 @@
 """What the menus of the window and its palette offer, part by part."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.appearance import Appearance

@@ -32,7 +32,7 @@ class Room:
         self,
         store: PeopleStore | None = None,
         *,
-        settings: RecognitionSettings = RecognitionSettings(),  # noqa: B008 - frozen
+        settings: RecognitionSettings = RecognitionSettings(),
         morning: datetime = datetime(2026, 11, 23, 9, 0),
         stray: float = 0.25,
     ) -> None:

@@ -145,7 +145,7 @@ def _people(stamp_ns: int, boxes: tuple[PersonBox, ...]) -> People:
 def recognised(
     sights: Iterable[Sight],
     known: Iterable[int],
-    settings: RecognitionSettings = RecognitionSettings(),  # noqa: B008
+    settings: RecognitionSettings = RecognitionSettings(),
 ) -> Outcome:
     """The wizard names the ``known`` at their first visit, and does nothing any more."""
     to_name = set(known)

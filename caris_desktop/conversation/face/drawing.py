@@ -5,11 +5,12 @@ drawn later lies on top.
 """
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, Literal
 
 from caris_desktop.conversation.face.file import Face
 from caris_desktop.conversation.face.motion import Look
+from caris_desktop.domain.value_class import dataclass
 
 _GAZE_SHARE = 0.22
 """How far the eyes move, in their widths."""

@@ -1,7 +1,7 @@
 """Face files: eyes, a mouth and expressions, declared once. Plain data; nothing in one is ever evaluated."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,6 +14,7 @@ from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
 

@@ -2,12 +2,13 @@
 
 import math
 import random
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.face.file import Expression, Face
+from caris_desktop.domain.value_class import dataclass
 
 BLINK_S = 0.16
 _GLIDE_S = 0.12

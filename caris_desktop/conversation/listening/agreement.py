@@ -6,7 +6,9 @@ After LocalAgreement-2 (Liu et al. 2020; Macháček et al. 2023, "Turning Whispe
 import difflib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+
+from caris_desktop.domain.value_class import dataclass
 
 _SENTENCE_END = (".", "?", "!", "。", "？", "！", "…")
 _ALIGN_WORDS = 8

@@ -7,7 +7,6 @@ import itertools
 import secrets
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
@@ -25,6 +24,7 @@ from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected, Ut
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 _WINDOW_NS = WINDOW * 1_000_000_000 // RATE_HZ
 _BEFORE_VOICE_NS = 400_000_000

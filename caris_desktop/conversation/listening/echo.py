@@ -5,7 +5,7 @@ a loudspeaker that is given nothing for a while falls behind in mid-sentence. So
 the sound itself, again and again as long as it is not found or no longer explains what is heard.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from caris_desktop.conversation.listening.room_filter import (
 from caris_desktop.conversation.sound.resampling import Resampler
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import PlayedSound, PlayedSoundEnded
+from caris_desktop.domain.value_class import dataclass
 
 _HOLE_NS = 60_000_000
 _SHORT_HOLE_NS = 1_000_000_000

@@ -1,6 +1,5 @@
 """What turns sound into words: this computer, or a server."""
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -8,6 +7,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.agreement import HeardWord
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.value_class import dataclass
 
 
 class NoEngine(ToldFailure):

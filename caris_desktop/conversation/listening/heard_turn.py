@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from caris_desktop.conversation.listening.engine import HeardText
 from caris_desktop.conversation.listening.plausible import within_voice, without_repetition
 from caris_desktop.conversation.listening.turn_model import SECONDS as JUDGED_S
 from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
+from caris_desktop.domain.value_class import dataclass
 
 _CUT_BEYOND_S, _CUT_ANYWHERE_BEYOND_S, _OVERLAP_S = 12.0, 22.0, 8.0
 _CONTEXT_WORDS = 20

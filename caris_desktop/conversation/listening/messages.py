@@ -4,11 +4,11 @@ The console sends AudioChunk, PlayedSound, PlayedSoundEnded and the robot's Utte
 answers with Hearing, UtteranceChanged and Problem.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,12 @@ import re
 import unicodedata
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from statistics import median
 
 from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.value_class import dataclass
 
 _KEPT = 40
 _NOTHING_BUT_ROBOT = 0.97

@@ -1,12 +1,11 @@
 """What loudspeakers have played and are going to play, as one sound at 16 kHz on the session clock."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.sound.resampling import resampled
 from caris_desktop.domain.sound import PlayedSound, PlayedSoundEnded
+from caris_desktop.domain.value_class import dataclass
 
 RATE_HZ = 16_000
 _CONTINUES_WITHIN_NS = 30_000_000

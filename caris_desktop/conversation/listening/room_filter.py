@@ -6,10 +6,10 @@ observation noise is whatever is not explained: in bins where somebody else spea
 within a few frames, where an adaptive filter with a step for each bin needs seconds, and it knows how well it knows it.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 FRAME, HOP = 1024, 256
 """Samples of a frame at 16 kHz, and from one to the next; they overlap by three quarters, or else what is left of the

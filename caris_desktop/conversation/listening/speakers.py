@@ -8,9 +8,9 @@ is not looked at: pictures of the robot's camera are too few and faces in them t
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from caris_desktop.conversation.listening.own_words import likeness
+from caris_desktop.domain.value_class import dataclass
 
 _KEPT_NS = 120_000_000_000
 _SURE = 0.7

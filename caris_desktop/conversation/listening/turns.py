@@ -3,10 +3,10 @@
 No clock: every moment is that of the sound.
 """
 
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
+from caris_desktop.domain.value_class import dataclass
 
 VOICE_FROM, VOICE_UNTIL = 0.5, 0.35
 """What is like a voice as much as this begins one; less than that ends it."""

@@ -4,11 +4,11 @@ import logging
 import queue
 import threading
 import time
-from dataclasses import dataclass
 
 from caris_desktop.conversation.listening.engine import Engine, EngineAway, HeardText, NoEngine
 from caris_desktop.conversation.listening.heard_turn import Stretch
 from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 _END_WITHIN_S = 0.2

@@ -7,7 +7,7 @@ import random
 import time
 from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import aclosing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from caris_desktop.conversation.models.words import LanguageModelError, without
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 
 if TYPE_CHECKING:
     import httpx

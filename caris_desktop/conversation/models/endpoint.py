@@ -3,13 +3,13 @@
 import os
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 
 Provider = Literal["embedded", "openai", "ollama", "gemini"]
 

@@ -2,12 +2,12 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.failures import nonsense
 from caris_desktop.domain.events import ChatMessage
+from caris_desktop.domain.value_class import dataclass
 
 Schema = dict[str, Any]
 

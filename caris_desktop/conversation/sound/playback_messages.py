@@ -1,9 +1,11 @@
 """What the console and a process that plays sound as it comes tell each other."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,13 +7,14 @@ answer of the model only chooses among them, and whatever else stands in it is r
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.controls import RobotControl
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 
 Range = tuple[float, float]
 ActionName = Literal["go_to", "look", "nod", "use", "photo"]

@@ -7,13 +7,13 @@ sooner, and the question for actions only goes on where the one for replies ende
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.conversation.prompts import quoted
 from caris_desktop.conversation.suggestions.actions import NONE, Offer
 from caris_desktop.conversation.transcript import Turn
 from caris_desktop.domain.events import ChatMessage
+from caris_desktop.domain.value_class import dataclass
 
 MAX_SYSTEM_CHARACTERS = 2000
 MAX_TURN_CHARACTERS = 240

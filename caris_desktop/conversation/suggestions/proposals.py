@@ -1,12 +1,13 @@
 """The one proposal of the language model that stands, and what becomes of it. Time comes from outside."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 from caris_desktop.conversation.suggestions.actions import Proposed
 from caris_desktop.conversation.suggestions.rounds import Round
 from caris_desktop.domain.actor import CONSOLE, MODEL, Actor
 from caris_desktop.domain.events import ProposalChanged, ProposalState
+from caris_desktop.domain.value_class import dataclass
 
 TO_READ_NS = 300_000_000
 LAPSES_NS = 15_000_000_000

@@ -6,7 +6,7 @@ others, or the robot says something: what is written for it after that reaches n
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 from caris_desktop.conversation.suggestions.edit_distance import characters_changed
@@ -15,6 +15,7 @@ from caris_desktop.conversation.suggestions.replies import same_words
 from caris_desktop.domain.actor import CONSOLE, MODEL, Actor
 from caris_desktop.domain.events import SuggestionChanged, SuggestionState, UtteranceChanged
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
+from caris_desktop.domain.value_class import dataclass
 
 MOST_REPLIES = 3
 PAUSE_NS = 200_000_000

@@ -2,7 +2,6 @@
 
 import importlib.util
 import traceback
-from dataclasses import dataclass
 from pathlib import Path
 
 from caris_desktop.conversation.voices.espeak import EspeakVoice, system_voices
@@ -20,6 +19,7 @@ from caris_desktop.conversation.voices.found import (
 from caris_desktop.conversation.voices.piper import PiperVoice
 from caris_desktop.conversation.voices.sound import Voice, words_of
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

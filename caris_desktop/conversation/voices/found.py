@@ -8,11 +8,11 @@ import json
 import logging
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from caris_desktop.domain.model_files import models_dirs
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 

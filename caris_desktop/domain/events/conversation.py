@@ -1,9 +1,9 @@
 """What is said, and what a language model answers."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.value_class import dataclass
 
 Speaker = Literal["robot", "participant", "wizard"]
 UtteranceOrigin = Literal[

@@ -1,9 +1,9 @@
 """Who is here, and what is decided about them."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.value_class import dataclass
 
 IdentifiedBy = Literal["wizard", "console"]
 ConsentKind = Literal["face", "photo", "video", "sound"]

@@ -1,8 +1,7 @@
 """The guided exercise with which a wizard learns the program."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

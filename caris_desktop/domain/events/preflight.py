@@ -1,9 +1,9 @@
 """What was checked before a recording."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.value_class import dataclass
 
 PreflightState = Literal["not checked", "pending", "minor", "major", "passed"]
 """``pending`` is under way; with ``minor`` a recording lacks something, with ``major`` it should not begin."""

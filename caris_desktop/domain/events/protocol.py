@@ -1,9 +1,9 @@
 """Where the wizard is in the protocol of the study, and what was planned."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.value_class import dataclass
 
 LATE_FROM_S = 1.0
 """A step that takes longer than expected by less is called in time."""

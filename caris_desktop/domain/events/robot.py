@@ -1,11 +1,11 @@
 """What the robot and the link to it do."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.value_class import dataclass
 
 LinkState = Literal["connecting", "connected", "trouble", "lost", "closed"]
 CommandSource = Literal["keyboard", "gamepad", "onscreen", "rehearsal", "stop", "lease", "none"]

@@ -1,10 +1,10 @@
 """The session, its photos and marks, and what goes wrong in it."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 
 Severity = Literal["info", "warning", "error"]
 ProblemEnd = Literal[

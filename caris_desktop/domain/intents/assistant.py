@@ -1,10 +1,10 @@
 """What the language model is asked."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 Along = Literal["conversation", "step", "people", "history", "things", "notes"]
 """What goes along with a question unless it is left out: what was said, the present step of the protocol, who is here,

@@ -1,10 +1,11 @@
 """What an intent is, and what a line of the table says of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from caris_desktop.domain.actor import WIZARD, Actor
+from caris_desktop.domain.value_class import dataclass
 
 Permission = Literal[
     "photos",

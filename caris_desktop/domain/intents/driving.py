@@ -1,11 +1,11 @@
 """Moving the robot by hand, stopping it, and its head."""
 
 import math
-from dataclasses import dataclass
 
 from caris_desktop.domain.events import CommandSource
 from caris_desktop.domain.intents.base import Bounds, Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

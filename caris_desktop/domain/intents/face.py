@@ -1,10 +1,10 @@
 """The robot's face."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,11 +2,12 @@
 
 import secrets
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from caris_desktop.domain.events import MarkKind
 from caris_desktop.domain.intents.base import Bounds, Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 
 def new_mark_id() -> str:

@@ -1,10 +1,9 @@
 """Where the robot goes, and the map that it finds its way by."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

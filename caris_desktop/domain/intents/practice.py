@@ -1,9 +1,8 @@
 """The guided exercise with which a wizard learns the program."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

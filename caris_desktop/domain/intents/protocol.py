@@ -1,9 +1,8 @@
 """Going through the protocol of the study, in whatever order the session takes."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,9 @@
 """Which robot, and what else it can do."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,12 @@
 """The session: its recording, its photos, its scenario."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
 from caris_desktop.domain.intents.base import AsBefore, Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,9 @@
 """Microphones, hearing the robot, and the wizard's own voice."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable, Permission
 from caris_desktop.domain.sound import Role, TalkTo
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

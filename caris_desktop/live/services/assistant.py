@@ -1,7 +1,7 @@
 """The language model: which one is asked, what it is told, and the process of the one that comes with the program."""
 
 from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 from PySide6.QtCore import QObject, QTimer
@@ -16,6 +16,7 @@ from caris_desktop.domain.actor import Actor, cancelled_by
 from caris_desktop.domain.events import AssistantChanged, ChatMessage, Marked
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.assistant_context import AssistantContext
 from caris_desktop.live.assistant_setup import MAX_TEXT_CHARACTERS, Setup
 from caris_desktop.live.asyncio_thread import AsyncioThread

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 from PySide6.QtCore import QObject
@@ -12,6 +12,7 @@ from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import CameraState
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.children import Children

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar, get_args
 
@@ -13,6 +13,7 @@ from caris_desktop.domain.events import ConfirmedAsBefore, Event, InitialPoseSet
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.robot import RobotService

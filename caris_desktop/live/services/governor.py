@@ -5,7 +5,6 @@ looking for them does not either. Decided here alone, in steps, and shown.
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from PySide6.QtCore import QObject, Qt, QTimer
 
@@ -13,6 +12,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import ModelClient
 from caris_desktop.live.service import Service

@@ -1,7 +1,6 @@
 """The microphones: which one hears the participant and which one the wizard, and when they are open. GUI thread."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
@@ -12,6 +11,7 @@ from caris_desktop.domain.commands import ListenToRobot
 from caris_desktop.domain.events import LinkChanged
 from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.children import Children

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, get_args
 
 from PySide6.QtCore import QObject, Qt, QThread
@@ -14,6 +14,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import CameraLens, DepthGrid, FrameRef, HeadState, LaserScan, Odometry, RobotPose
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker

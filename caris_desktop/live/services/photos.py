@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken, SessionEnded, SessionStarted
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant import AssistantService

@@ -1,7 +1,7 @@
 """The guided exercise: sets the stage on the simulated robot, watches what happens, and tells how it went."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.practice import STEPS, EndedStep, Practice
 from caris_desktop.live.service import Follows, Handlers, Service

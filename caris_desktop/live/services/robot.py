@@ -8,7 +8,7 @@ import math
 import secrets
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
@@ -45,6 +45,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.ports import TellProblem
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing

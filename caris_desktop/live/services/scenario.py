@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -14,6 +14,7 @@ from caris_desktop.domain.events import ANSWER, Event, LayoutChanged, PlacesChan
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.scenario_watch import ScenarioWatch
 from caris_desktop.live.service import Handlers, Service

@@ -1,7 +1,7 @@
 """A session from start to end: who is told what as its recording begins, pauses and ends."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtCore import QObject
@@ -12,6 +12,7 @@ from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant import AssistantService
 from caris_desktop.live.services.going_on import GoingOnService

@@ -1,6 +1,6 @@
 """Sound for the wizard and from the wizard: hearing the robot's microphone along, and push-to-talk. GUI thread."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from PySide6.QtCore import QObject, QTimer
 
@@ -10,6 +10,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children

@@ -2,7 +2,7 @@
 
 import secrets
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, get_args
 
 from PySide6.QtCore import QObject, Qt, QTimer
@@ -28,6 +28,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.assistant_context import who_is_here
 from caris_desktop.live.bus import Bus

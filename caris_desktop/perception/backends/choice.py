@@ -13,7 +13,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends import openvino
 from caris_desktop.perception.backends.network import NetworkDetector
 from caris_desktop.perception.backends.opening import open_detector

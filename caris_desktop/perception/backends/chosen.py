@@ -1,9 +1,10 @@
 """Opens the detector that a scenario or the user chose, or the usual one: here, or on another machine."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends.choice import open_fastest
 from caris_desktop.perception.detector import Detector, person_classes
 from caris_desktop.perception.inference_settings import DetectorSettings

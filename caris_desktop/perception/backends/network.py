@@ -4,13 +4,13 @@ import ast
 import json
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends.outputs import BINS, Form, form_of, person_groups, reader, suppress
 from caris_desktop.perception.backends.pictures import fit, input_size, pixels_rgb, planes_bgr, planes_rgb
 from caris_desktop.perception.coco import COCO_NAMES

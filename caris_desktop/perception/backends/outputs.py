@@ -1,12 +1,13 @@
 """Reads what detection networks give back, in each of the forms that are in use. Plain arrays, no runtime."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 STRIDES_PX = [8, 16, 32]
 # Ultralytics' own: boxes of one class that overlap more are one thing, and no picture holds more things than that.

@@ -1,10 +1,10 @@
 """Fits pictures into what a network takes, and lays what it found back over the picture."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
 
 STRIDE_PX = 32
 _GREY = 114

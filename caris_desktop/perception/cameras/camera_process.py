@@ -3,7 +3,7 @@
 import contextlib
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Literal
 
@@ -17,6 +17,7 @@ from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.camera_source import (
     SOUND_RATE_HZ,
     CameraError,

@@ -13,10 +13,11 @@ import logging
 import socket
 import time
 import urllib.parse
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import cast
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.newest_frame import NewestFrame
 from caris_desktop.perception.cameras.served_sound import ServedSound
 from caris_desktop.perception.cameras.webrtc_server import WebRtcError, WebRtcServer

@@ -1,7 +1,6 @@
 """What every camera is: an open source that gives one picture after the other, or says in words why it cannot."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 
 OPEN_TIMEOUT_S = 5.0
 SILENCE_S = 3.0

@@ -4,11 +4,12 @@ import os
 import re
 import urllib.parse
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.camera_source import CameraError
 
 Kind = Literal["robot", "simulated", "file", "device", "oak", "stream", "http", "whep", "webrtc"]

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, TypeVar
 
 import cv2
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.pictures import PictureError, fitted
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 

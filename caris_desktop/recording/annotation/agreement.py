@@ -7,8 +7,8 @@ annotation counts once, and one without a counterpart counts as a disagreement.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError, coders_of, tier_of
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 

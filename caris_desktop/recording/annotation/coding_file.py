@@ -1,12 +1,12 @@
 """What the file of one coder says, declared: its check, reading, writing and JSON Schema follow from that."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.declared_schema import schema_text
 from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.model import Named, Text, Vocabulary
 
 FORMAT: Literal["caris-desktop annotations"] = "caris-desktop annotations"

@@ -4,10 +4,10 @@ import csv
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import (
     LONGEST_NAME,
     LONGEST_VALUE,

@@ -7,12 +7,12 @@ import json
 import logging
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element, ParseError
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import (
     LONGEST_NAME,
     LONGEST_VALUE,

@@ -1,9 +1,9 @@
 """Annotations of a session: tiers of labelled stretches of time, as in ELAN. Plain values; editing gives new ones."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.value_class import dataclass
 
 Named = Annotated[str, Rule(shortest=1, longest=200, pattern="\\S", allowed="more than blanks.")]
 Text = Annotated[str, Rule(longest=20_000)]

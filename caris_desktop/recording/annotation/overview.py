@@ -1,11 +1,12 @@
 """What the timeline of a session shows beside the coders' own tiers."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.session.protocol import StepRecord
 

@@ -5,7 +5,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.overview import Moment, SessionOverview, Waveform
 from caris_desktop.recording.annotation.session_tiers import SessionRecord, streams_of_tiers
 from caris_desktop.recording.session.marks import FinalMark

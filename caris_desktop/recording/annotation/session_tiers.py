@@ -9,7 +9,6 @@ import json
 import logging
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any, get_args
 
 from caris_desktop.domain.events import (
@@ -39,6 +38,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, Delivery, StreamSpec
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import LONGEST_VALUE, plain_text
 from caris_desktop.recording.annotation.event_summary import summary_of, type_in_words
 from caris_desktop.recording.annotation.model import (

@@ -4,7 +4,7 @@ import base64
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from html import escape
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import OccupancyGrid
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.session_clock import clock_text
 
 Shape = Literal["bar", "diamond", "triangle", "dot", "shade"]

@@ -12,7 +12,7 @@ import logging
 import re
 import struct
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 
 from caris_desktop.domain.sensing import AudioBlock
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.eaf_import import PROPERTY
 from caris_desktop.recording.annotation.editing import merge_documents, plain_text
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier

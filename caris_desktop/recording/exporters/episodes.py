@@ -5,7 +5,6 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.events import AnswerUsed, CommandSent, GoalChanged, LlmExchange
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry, People, PeopleInMap, RobotPose
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.pictures import camera_file_name, picture_of
 from caris_desktop.recording.exporters.tables import whose_columns
 from caris_desktop.recording.replay.video_reader import VideoReader

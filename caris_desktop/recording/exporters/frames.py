@@ -4,7 +4,7 @@ import csv
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import People, PersonBox
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.episodes import PICTURE_WIDTH_PX, Written, write_dialogue, write_driving
 from caris_desktop.recording.exporters.pictures import Pace, camera_file_name, picture_of

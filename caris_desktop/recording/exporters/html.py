@@ -6,7 +6,6 @@ Long because the report and its drawings come from one template.
 import base64
 import logging
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ from caris_desktop.domain.events import (
     ScenarioOpened,
 )
 from caris_desktop.domain.sensing import OccupancyGrid
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.export import ExportContext

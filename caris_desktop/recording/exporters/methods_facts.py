@@ -3,7 +3,6 @@
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from caris_desktop.domain.events import (
     ScenarioOpened,
 )
 from caris_desktop.domain.streams import spec_of_topic
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.methods_words import distinct
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.preflight import Preflight, preflight_of

@@ -12,7 +12,6 @@ import json
 import statistics
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.domain.actor import WIZARD, in_words
@@ -28,6 +27,7 @@ from caris_desktop.domain.events import (
     StepEntered,
 )
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.drawings import duration_text
 from caris_desktop.recording.exporters.html import distance_text, model_name
 from caris_desktop.recording.exporters.methods_facts import (

@@ -14,7 +14,6 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from fnmatch import fnmatch
 from pathlib import Path
@@ -26,6 +25,7 @@ from caris_desktop.domain.foxglove import INFINITE, INVALID
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, schema_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.store import coding_jsonable, load_coding
 from caris_desktop.recording.disk_file import DiskFile

@@ -12,7 +12,7 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from caris_desktop.domain.sensing import (
     RobotPose,
 )
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.pictures import Pace, info_of, picture_of
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore

@@ -14,7 +14,6 @@ import re
 import types
 import typing
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, get_args, get_origin
 
@@ -24,6 +23,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import StreamSpec
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.session.alarms import alarms_of
 from caris_desktop.recording.session.answers import answer_uses, questions_of

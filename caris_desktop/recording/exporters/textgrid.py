@@ -4,9 +4,9 @@ The long text format of https://www.fon.hum.uva.nl/praat/manual/TextGrid_file_fo
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.tables import plain_text

@@ -5,10 +5,10 @@ A player that opens ``video-NAME.mp4`` takes ``video-NAME.vtt`` beside it for it
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.tables import plain_text
 from caris_desktop.recording.session.frame_times import moments_words

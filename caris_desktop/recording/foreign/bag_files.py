@@ -17,11 +17,12 @@ import struct
 import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path, PurePosixPath
 from typing import IO, Any, NamedTuple, Protocol
 from urllib.parse import quote
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.yaml_source import parse_yaml
 from caris_desktop.recording.session.session_header import is_session
 

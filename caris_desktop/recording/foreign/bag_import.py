@@ -7,7 +7,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from caris_desktop.domain.events import SessionEnded, SessionStarted
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.foreign.bag_files import (
     Bag,

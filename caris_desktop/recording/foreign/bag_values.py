@@ -4,7 +4,7 @@ import json
 import logging
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from caris_desktop.domain.pictures import picture_size
 from caris_desktop.domain.schema import from_jsonable
 from caris_desktop.domain.sensing import AudioBlock, CameraLens, LaserScan, OccupancyGrid, PlannedPath, RobotPose
 from caris_desktop.domain.streams import BY_NAME
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.foreign.bag_files import BagChannel
 from caris_desktop.ros import messages, navigation_messages
 from caris_desktop.ros.dialect import plain_name

@@ -10,13 +10,14 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting.canaries import Canaries, folded
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.mcap_records import MAGIC as MCAP_MAGIC

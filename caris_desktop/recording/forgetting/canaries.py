@@ -6,11 +6,12 @@ import json
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from urllib.parse import quote
 
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.value_class import dataclass
 
 FORGOTTEN, FORGOTTEN_IN_YAML = "[forgotten]", "(forgotten)"
 """What stands where a name was. In YAML a bracket at the beginning of a value means something."""

@@ -5,11 +5,11 @@ import json
 import logging
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.file_replacement import SHOWN_CHARACTERS, bring_to_disk
+from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 FOLDER = "forgotten"

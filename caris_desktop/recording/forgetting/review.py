@@ -2,12 +2,12 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting.canaries import ForgettingStopped
 from caris_desktop.recording.forgetting.texts import Decision, Place
 

@@ -6,10 +6,11 @@ import math
 import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_blocks
 
 _log = logging.getLogger(__name__)

@@ -8,13 +8,14 @@ import contextlib
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting import media, texts
 from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
 from caris_desktop.recording.forgetting.canaries import ForgettingStopped, Words, all_of

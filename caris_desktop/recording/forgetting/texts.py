@@ -3,10 +3,11 @@
 import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Literal
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.canaries import FORGOTTEN, FORGOTTEN_IN_YAML, Words
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts

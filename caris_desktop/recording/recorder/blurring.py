@@ -10,13 +10,13 @@ covered: no pixel of a person is ever written because something was late.
 from bisect import bisect_right, insort
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.recorder.messages import BlurDemand, BlurWhat, UseConsents
 
 Corners = tuple[float, float, float, float]
@@ -137,7 +137,7 @@ class Blurring:
                 self._pass_on(line)
 
     def covered_whole_s(self, now_ns: int) -> dict[str, float]:
-        """The cameras whose pictures are covered whole now, and for how long they have been: none that sends nothing."""
+        """The cameras whose pictures are covered whole, and for how long they have been: none that sends nothing."""
         return {
             camera: (now_ns - line.whole_since_ns) / 1e9
             for camera, line in self._lines.items()

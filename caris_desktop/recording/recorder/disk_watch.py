@@ -2,8 +2,9 @@
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Literal
+
+from caris_desktop.domain.value_class import dataclass
 
 Stage = Literal["ample", "scarce", "low", "out"]
 _STAGES: tuple[Stage, ...] = ("ample", "scarce", "low", "out")

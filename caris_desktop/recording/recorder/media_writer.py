@@ -8,7 +8,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
 from caris_desktop.recording.recorder.messages import TakePhoto

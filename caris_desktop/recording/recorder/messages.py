@@ -10,7 +10,7 @@ What the console sends is pickled. Where the byte ``ARRIVED`` and eight bytes (l
 pickle, these are the moment on the session clock when the value arrived at the console; else it arrives now.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Literal
 
@@ -18,6 +18,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.value_class import dataclass
 
 # Before a pickle, which begins with another byte: eight bytes of the session clock follow.
 ARRIVED = b"T"

@@ -9,7 +9,7 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile, Reserve
 from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.blurring import Blurring

@@ -4,12 +4,13 @@ import io
 import logging
 import os
 import threading
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import psutil
+
+from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 TICKS_PER_S = 90_000

@@ -3,7 +3,6 @@
 import logging
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from types import TracebackType
 from typing import IO, Any, Self
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec, spec_of_topic
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.mcap_blocks import BlockIndex, DamagedBlockError, Message
 from caris_desktop.recording.session.session_header import SessionError

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.frame_times import (
     NO_ROBOT_STAMP,
     UNKNOWN,

@@ -1,10 +1,10 @@
 """What was wrong while a session was recorded: one value for each alarm, from the events that report it."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import AlarmChanged, Severity
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """What whoever writes a session and whoever reads it agree on: its version, and how ``session.json`` tells of media."""
 
-from dataclasses import dataclass
+from caris_desktop.domain.value_class import dataclass
 
 # 1 and 2 had schemas of our own only, null for None, and did not tell who asked; 2 brought the checksums.
 FORMAT, FORMAT_VERSION = "caris-desktop session", 3

@@ -1,7 +1,7 @@
 """The side index of a video: when each of its frames came and was taken, one line each, as the recorder writes it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.session_clock import SessionClock
 
 INDEX_HEAD = "frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence,taken_ns,taken_utc,uncertainty_ms\n"

@@ -1,11 +1,11 @@
 """Where the robot went by itself: one value for each navigation goal, put together from the events that report it."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import GoalChanged, GoalState
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 
 _OVER: tuple[GoalState, ...] = ("reached", "cancelled", "failed")
 

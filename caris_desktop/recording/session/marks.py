@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Marked, MarkKind
+from caris_desktop.domain.value_class import dataclass
 
 if TYPE_CHECKING:
     # The running console folds its own marks, and reads no session.

@@ -9,13 +9,14 @@ import logging
 import struct
 import zlib
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.mcap_records import (
     ATTACHMENT,
     CHANNEL,

@@ -9,9 +9,10 @@ import struct
 import zlib
 from array import array
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_records as records
 from caris_desktop.recording.session.mcap_blocks import compression_of, messages_of

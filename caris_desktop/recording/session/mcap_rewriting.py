@@ -3,10 +3,10 @@
 import json
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import IO
 
 from caris_desktop.domain.recorded_form import recorded_schema
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session import mcap_records as records

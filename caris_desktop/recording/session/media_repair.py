@@ -4,10 +4,11 @@ import logging
 import os
 import struct
 from bisect import bisect_left
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.frame_times import (
     INDEX_HEAD,
     FrameTimes,

@@ -1,9 +1,9 @@
 """What was checked before a recording, from its record."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from caris_desktop.domain.events import PreflightChecked
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

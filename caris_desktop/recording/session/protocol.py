@@ -2,11 +2,12 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import PlannedStep, ProtocolEnded, ProtocolOpened, StepEntered, StepHow, StepTicked
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
 

@@ -8,7 +8,7 @@ import logging
 import os
 import time
 from collections import Counter
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +17,7 @@ from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replac
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message, schema_of, to_message
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_blocks, media_repair
 from caris_desktop.recording.session.folder_lock import FolderHeldError, hold

@@ -2,10 +2,11 @@
 
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import get_args
 
 from caris_desktop.domain.events import RecordingPaused, ReplyMeans, ResponseTimed
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, SpokenUtterance, UtteranceEvent, spoken_of

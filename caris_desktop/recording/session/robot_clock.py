@@ -9,12 +9,12 @@ import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.events import LinkQuality
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.session_reader import Session
 
 # Far above any crystal: what a clock may gain or lose between two estimates without having been set.

@@ -3,11 +3,12 @@
 import logging
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 from caris_desktop.domain.events import ScenarioOpened
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 
 _log = logging.getLogger(__name__)

@@ -1,9 +1,9 @@
 """Session time: nanoseconds of the session clock as seconds of the session, UTC and the wall clock."""
 
-from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

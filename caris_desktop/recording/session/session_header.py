@@ -3,11 +3,11 @@
 import json
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION
 from caris_desktop.recording.session.header_rebuilding import holds_record, rebuilt_header
 from caris_desktop.recording.session.manifest import MANIFEST_NAME

@@ -3,13 +3,14 @@
 import json
 import logging
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.losses import losses_of
 from caris_desktop.recording.session.mcap_blocks import BlockIndex

@@ -1,11 +1,12 @@
 """What became of each suggested reply that was shown in a session: exactly one fate, also where the end is missing."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import RecordingPaused, SuggestionChanged
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.session_reader import Session
 
 Fate = Literal["taken", "edited", "dismissed", "superseded", "expired"]

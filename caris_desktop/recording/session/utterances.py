@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.corrections import Correction, Corrections, WhoSpoke
@@ -13,6 +13,7 @@ from caris_desktop.domain.events import (
     UtteranceOrigin,
     UtteranceState,
 )
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.session_reader import Session
 
 HEARD_FROM_NS = 200_000_000

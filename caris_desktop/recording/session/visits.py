@@ -1,7 +1,6 @@
 """Who was there, and when: one value for each time that somebody came, put together from the events that report it."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import get_args
 
 from caris_desktop.domain.events import (
@@ -15,6 +14,7 @@ from caris_desktop.domain.events import (
     PersonSplit,
 )
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.value_class import dataclass
 
 VisitEvent = (
     PersonAppeared

@@ -11,7 +11,6 @@ import statistics
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -49,6 +48,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.alarms import AlarmRecord, alarms_of
 from caris_desktop.recording.session.answers import answer_uses, questions_of
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals

@@ -1,7 +1,8 @@
 """What can be asked about the sessions of a study, and what is found; light, as the window needs it to begin with."""
 
-from dataclasses import dataclass
 from pathlib import Path
+
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,13 @@ import json
 import logging
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.export import ExportContext, ExportError, export_session
 from caris_desktop.recording.names import pseudonyms_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session

@@ -8,11 +8,11 @@ import re
 import sqlite3
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.session.folder_lock import is_held

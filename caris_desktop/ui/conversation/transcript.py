@@ -3,7 +3,6 @@
 import itertools
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from PySide6.QtCore import QEvent, QPoint, QRect, Qt, QTimer, Signal
@@ -19,6 +18,7 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QAbstractScrollArea, QFrame, QToolTip
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import tokens
 from caris_desktop.ui.conversation.transcript_painting import SIDE_PX, WORDS_PX, RowLook, RowPainter, words_rect
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow

@@ -1,12 +1,12 @@
 """How one turn of the transcript is laid out and painted."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from PySide6.QtCore import QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QFontMetrics, QPainter, QPen, QTextCharFormat, QTextLayout, QTextOption
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import tokens
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
 from caris_desktop.ui.icons import draw_icon

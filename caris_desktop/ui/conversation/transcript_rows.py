@@ -1,13 +1,13 @@
 """What the Conversation panel says of each turn, worked out from the turns without a window."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 from caris_desktop.conversation.transcript import Turn, is_heard
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.corrections import WhoSpoke
 from caris_desktop.domain.sound import Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import words
 
 NOT_SURE = QT_TR_NOOP("somebody")

@@ -1,10 +1,10 @@
 """What is connected one after the other, each shown by the checks that there are before a recording too."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import PreflightCheck
 
 StepName = Literal["robot", "camera", "sound", "model"]

@@ -4,9 +4,10 @@ The tree keeps a place for every panel, also for those that are hidden or in win
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.layout import checked_layout, layout_data, layout_problems
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName
 from caris_desktop.ui.layout.rect import Rect, on_a_screen

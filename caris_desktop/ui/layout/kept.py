@@ -2,10 +2,10 @@
 
 import json
 import logging
-from dataclasses import dataclass
 from typing import Any
 
 from caris_desktop.domain.intents import SizeClass
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.layout import layout_data
 from caris_desktop.scenario.model import LayoutNode
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_data, arrangement_from

@@ -1,9 +1,9 @@
 """Where a tree of panels lies in a rectangle: the groups with their tabs, and the handles between them."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode
 from caris_desktop.ui.layout.rect import Rect
 from caris_desktop.ui.layout.tree import Side, panels_in, path_of, shares, split_at

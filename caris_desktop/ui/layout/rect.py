@@ -1,7 +1,8 @@
 """Rectangles in pixels, and where windows may lie: on a screen that exists."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from caris_desktop.domain.value_class import dataclass
 
 LEAST_WINDOW_PX = (240, 160)
 _TITLE_PX = 40  # a window manager's title bar, above what is ours

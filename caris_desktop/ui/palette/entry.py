@@ -1,7 +1,9 @@
 """What can be found."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,10 @@
 """Which entries a few typed words mean, and in which order."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from difflib import SequenceMatcher
 from itertools import accumulate, chain
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui.palette.entry import Entry
 
 _MEANS_NOTHING = frozenset({"the", "a", "an", "to", "please", "into"})

@@ -2,7 +2,6 @@
 
 import time
 from collections import deque
-from dataclasses import dataclass
 from typing import Any
 
 from PySide6.QtCore import (
@@ -21,6 +20,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
 from caris_desktop.domain.process_title import title_of
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import LinkStatus, PerceptionStatus
 from caris_desktop.ros.dialect import same_type

@@ -3,7 +3,7 @@
 import bisect
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.scenario.panel_settings import PanelSettings

@@ -1,7 +1,6 @@
 """Speak: what the robot says. One large field, phrases one key away, what is being said now and what is said next."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer
 from PySide6.QtGui import QResizeEvent
@@ -12,6 +11,7 @@ from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sound import WIZARD_MICROPHONE, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import AskedGap, SpeechStatus
 from caris_desktop.scenario.phrases import sentences
 from caris_desktop.ui import tokens, words

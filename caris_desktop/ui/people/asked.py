@@ -1,9 +1,8 @@
 """Which suggestion the keys for yes and no answer: one at a time, and never another than the one that was read."""
 
-from dataclasses import dataclass
-
 from PySide6.QtCore import QObject
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
 

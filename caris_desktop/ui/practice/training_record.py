@@ -1,9 +1,10 @@
 """What each wizard's practice came to, kept in their profile."""
 
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from typing import Any
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 _KEY = "practice"

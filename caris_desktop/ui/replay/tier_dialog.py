@@ -1,7 +1,6 @@
 """A new tier, or an existing one changed: whose it is, its name, and which labels it may hold."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QKeyEvent
@@ -18,6 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
 from caris_desktop.ui import tokens

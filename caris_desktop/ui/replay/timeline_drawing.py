@@ -5,7 +5,7 @@ there are; only labels that can be read are drawn one by one.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from PySide6.QtCore import QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QImage, QPainter, QPixmap, QStaticText
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon

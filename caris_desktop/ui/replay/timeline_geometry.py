@@ -1,12 +1,13 @@
 """What lies where on the timeline, and what a drag of the pointer makes of it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.model import Annotation
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, PAD_PX, RULER_PX, Shown
 from caris_desktop.ui.replay.timeline_model import SHORTEST_MS, Track, exact_text, length_text, snapped

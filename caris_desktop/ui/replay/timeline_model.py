@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sound import MICROPHONE, ROBOT_MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier, Vocabulary
 from caris_desktop.recording.annotation.overview import SessionOverview, Waveform
 

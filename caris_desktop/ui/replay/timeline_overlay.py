@@ -1,11 +1,10 @@
 """What moves over the timeline: the selection, a label that goes on, what is dragged, the playhead."""
 
-from dataclasses import dataclass
-
 from PySide6.QtCore import QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPen, QPolygonF
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.model import Annotation
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon

@@ -2,7 +2,6 @@
 
 import difflib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -11,6 +10,7 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QSplitte
 
 from caris_desktop.domain.declared_places import Difference, differences
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import Scenario

@@ -1,11 +1,11 @@
 """What a permission gives the wizard, from the tables of intents, actions and panels: nothing is listed here."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
 from caris_desktop.domain.intents import INTENTS, Intent
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.model import Permissions
 from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.action_spec import ActionSpec

@@ -1,7 +1,7 @@
 """What the widgets of the editor share: the document, told of when it changes, and what the program knows beside it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from PySide6.QtCore import QObject, Signal
@@ -12,6 +12,7 @@ from caris_desktop.domain.declared_words import allowed_by, said_of
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.key_path import KeyPath, name_of
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.document import Mistake, ScenarioDocument, Step
 from caris_desktop.ui.theme import Theme
 

@@ -1,9 +1,9 @@
 """The file of a scenario as the editor opens it. All here waits on files, in another thread."""
 
 import hashlib
-from dataclasses import dataclass
 from pathlib import Path
 
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.yaml_source import YamlSourceError
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.scenario.document import ScenarioDocument

@@ -1,10 +1,9 @@
 """Which part of the form a key of the scenario stands in, and in what order a person looks for them."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.declared import Key, choices_of, keys_of
 from caris_desktop.domain.declared_words import title_of
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.model import Scenario
 
 _ORDER: dict[str, tuple[str, str]] = {

@@ -1,13 +1,13 @@
 """The sheet of all shortcuts, written out from the table, on which each key can be changed."""
 
 from collections import deque
-from dataclasses import dataclass
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QScrollArea, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import tokens
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.actions import Actions

@@ -1,10 +1,9 @@
 """What can be chosen of the voice: who speaks, with which voice, how fast and how loud."""
 
-from dataclasses import dataclass
-
 from caris_desktop.domain.events import VoiceOutput
 from caris_desktop.domain.intents import SetVoice
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import VoiceStatus
 
 _OUTPUTS: tuple[tuple[VoiceOutput, str], ...] = (

@@ -2,7 +2,6 @@
 
 import math
 import time
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -13,6 +12,7 @@ from PySide6.QtWidgets import QAbstractButton, QWidget
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.painted_once import PaintedOnce

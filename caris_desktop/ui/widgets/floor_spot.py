@@ -1,11 +1,11 @@
 """A point of the video on the floor: where it is, how far, and why the robot cannot be sent there."""
 
 import math
-from dataclasses import dataclass
 
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.sensing import FrameRef, HeadState
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import RobotProfile
 
 FARTHEST_M = 8.0

@@ -1,7 +1,7 @@
 """How the map is drawn: trail, scan, goal, places, people and the robot over the grid, and what the pointer aims at."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from typing import Literal
 
@@ -15,6 +15,7 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import PersonPlace
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon

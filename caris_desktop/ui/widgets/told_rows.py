@@ -1,11 +1,12 @@
 """What a self-painted list shows, told to screen readers: each row and each of its buttons, where it is painted."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer
 from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QAbstractButton, QWidget
+
+from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import WIZARD
-from caris_desktop.domain.events import PhotoTaken, Problem
+from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.perception import blur
