@@ -5,6 +5,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
+from caris_desktop.app import quick_start
 from caris_desktop.app.arguments import build_parser
 from caris_desktop.live.logs import configure_logging, log_file
 
@@ -45,6 +46,7 @@ def run(words: Sequence[str]) -> int:
         )
         return 2
     arguments = build_parser().parse_args(list(words))
+    quick_start.begin()
     from caris_desktop.app import console_command
 
     return console_command.run(arguments)

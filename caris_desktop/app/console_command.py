@@ -97,6 +97,7 @@ class ConsoleRun:
             theme=theme,
             gamepads=self.console.gamepads,
             explorer=LiveRobotExplorer(self.console.asyncio_thread, self.console),
+            all_panels=False,
         )
         self.library = LiveSessionLibrary(
             study.path,

@@ -5,9 +5,6 @@ import json
 import logging
 from collections.abc import Mapping, Sequence
 
-from websockets.asyncio.client import connect
-from websockets.exceptions import WebSocketException
-
 _log = logging.getLogger(__name__)
 SAY, PREPARE, FAULT = "/simulator/say", "/simulator/prepare", "/simulator/fault"
 # What is to be said is made first, which on a busy computer takes its time.
@@ -18,6 +15,9 @@ async def call(address: str, service: str, arguments: Sequence[Mapping[str, str]
     """One call of ``service`` for each. A rosbridge forgets what it has not obeyed yet when its client leaves, so each
     call waits for its answer. What fails is for whoever waits for the outcome to notice, and in the log.
     """
+    from websockets.asyncio.client import connect
+    from websockets.exceptions import WebSocketException
+
     try:
         async with asyncio.timeout(_TOLD_WITHIN_S), connect(address) as robot:
             for number, told in enumerate(arguments):

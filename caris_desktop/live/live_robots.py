@@ -13,7 +13,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
-import psutil
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtNetwork import QLocalServer, QLocalSocket
 
@@ -55,7 +54,7 @@ def _own_place(folder: Path) -> Path | None:
     try:
         folder = _meeting_place(folder)
         for left in folder.iterdir():
-            if left.name.isdecimal() and not psutil.pid_exists(int(left.name)):
+            if left.name.isdecimal() and not _runs(left.name):
                 left.unlink(missing_ok=True)  # of a console that was killed
         own = folder / str(os.getpid())
         own.unlink(missing_ok=True)
@@ -65,6 +64,12 @@ def _own_place(folder: Path) -> Path | None:
     return own
 
 
+def _runs(pid: str) -> bool:
+    import psutil  # the first window does without
+
+    return bool(psutil.pid_exists(int(pid)))
+
+
 def _found_consoles(folder: Path) -> list[Path]:
     """Where consoles listen that run. Waits on files."""
     try:
@@ -72,7 +77,7 @@ def _found_consoles(folder: Path) -> list[Path]:
     except OSError:
         _log.debug("no live console can be found", exc_info=True)
         return []
-    return [path for path in found if psutil.pid_exists(int(path.name))]
+    return [path for path in found if _runs(path.name)]
 
 
 class LiveRobotHost(QObject):

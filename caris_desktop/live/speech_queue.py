@@ -18,7 +18,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
-from caris_desktop.robot.voice import estimated_duration_s
+from caris_desktop.robot.speaking_time import estimated_duration_s
 
 VoiceKind = VoiceOutput
 NO_VOICE: dict[VoiceKind, str] = {

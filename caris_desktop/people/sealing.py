@@ -5,14 +5,16 @@ import logging
 import secrets
 from collections.abc import Iterable
 from dataclasses import fields
-
-from cryptography.exceptions import InvalidTag
-from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+from typing import TYPE_CHECKING
 
 from caris_desktop.domain.value_class import dataclass
 
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+
 _log = logging.getLogger(__name__)
 _NONCE_BYTES = 12
+_KEY_BITS = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,22 +28,31 @@ class About:
 
 
 def new_key() -> bytes:
-    return AESGCM.generate_key(256)
+    return _cipher().generate_key(_KEY_BITS)
 
 
 def seal(key: bytes, person_id: str, what: str, content: bytes) -> bytes:
     """Bound to whose and what it is, so that nothing can be passed off as somebody else's."""
     nonce = secrets.token_bytes(_NONCE_BYTES)
-    return nonce + AESGCM(key).encrypt(nonce, content, f"{person_id}/{what}".encode())
+    return nonce + _cipher()(key).encrypt(nonce, content, f"{person_id}/{what}".encode())
 
 
 def unseal(key: bytes, person_id: str, what: str, content: bytes) -> bytes:
     """Empty where it was damaged: one person's trouble must not hide the others."""
+    from cryptography.exceptions import InvalidTag
+
     try:
-        return AESGCM(key).decrypt(content[:_NONCE_BYTES], content[_NONCE_BYTES:], f"{person_id}/{what}".encode())
+        return _cipher()(key).decrypt(content[:_NONCE_BYTES], content[_NONCE_BYTES:], f"{person_id}/{what}".encode())
     except (InvalidTag, ValueError):
         _log.warning("%s of %s cannot be read", what, person_id)
         return b""
+
+
+def _cipher() -> "type[AESGCM]":
+    """Imported once somebody is known: the first window is not kept waiting."""
+    from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+
+    return AESGCM
 
 
 def about_bytes(about: About) -> bytes:

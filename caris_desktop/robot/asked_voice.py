@@ -13,8 +13,9 @@ from caris_desktop.domain.controls import VALUE, filled
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.profile import SpeechInterface, SpeechService, SpeechWeb
+from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
-from caris_desktop.robot.voice import LONGEST_UTTERANCE_S, STARTS_WITHIN_S, estimated_duration_s, tell_utterance
+from caris_desktop.robot.voice import STARTS_WITHIN_S, tell_utterance
 from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
 from caris_desktop.ros.messages import decode_bool
 

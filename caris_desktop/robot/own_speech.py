@@ -9,8 +9,8 @@ from typing import Any
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
 from caris_desktop.robot.transport import SafeRos, SafeTopic
-from caris_desktop.robot.voice import LONGEST_UTTERANCE_S, estimated_duration_s
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.messages import decode_string
 

@@ -15,6 +15,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, make_action_client
 from caris_desktop.robot.profile import SpeechAction, SpeechInterface
+from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
 from caris_desktop.robot.transport import SafeRos, SafeTopic
 from caris_desktop.ros.actions import Ending
 from caris_desktop.ros.dialect import Dialect, type_name
@@ -23,24 +24,12 @@ from caris_desktop.ros.messages import decode_bool, encode_string
 
 STARTS_WITHIN_S = 4.0
 STARTED_UNTOLD_S = 1.0
-LONGEST_UTTERANCE_S = 120.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Utterance:
     asked: Say
     started: bool = False
-
-
-# Characters a second of usual synthetic voices, where a script says more with each of them than Latin letters do.
-_CHARACTERS_PER_S = {"zh": 4.5, "ja": 7.0, "ko": 6.5, "th": 11.0, "he": 11.0, "ar": 12.0, "hi": 12.0}
-_USUAL_CHARACTERS_PER_S = 15.0
-
-
-def estimated_duration_s(text: str, language: str = "") -> float:
-    """How long a usual synthetic voice takes for it in that language (``de``, ``en-GB``)."""
-    per_s = _CHARACTERS_PER_S.get(language.replace("_", "-").partition("-")[0].lower(), _USUAL_CHARACTERS_PER_S)
-    return 0.4 + len(text) / per_s
 
 
 class RobotVoice(Protocol):

@@ -12,8 +12,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import psutil
-
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.value_class import dataclass
 
@@ -40,6 +38,8 @@ class UnfinishedTrial:
 
 def keep(folder: Path, trial: UnfinishedTrial) -> None:
     """Write down that this program records ``trial``. Raises OSError."""
+    import psutil  # neither the first window nor a program that records nothing needs it
+
     own = psutil.Process()
     data = {
         "session": str(trial.session), "scenario": trial.scenario, "robot": trial.robot,
@@ -94,6 +94,8 @@ def _runs(pid: str, began: object) -> bool:
     """Whether the program that wrote this still runs, and not another one that has its number now."""
     if not pid.isdecimal() or not isinstance(began, (int, float)):
         return False
+    import psutil
+
     try:
         return abs(psutil.Process(int(pid)).create_time() - began) < 1.0
     except psutil.NoSuchProcess:

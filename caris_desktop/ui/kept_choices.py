@@ -80,7 +80,7 @@ class KeptChoices(QObject):
         self._wizards.changed.connect(self._use_in_panels)
         self._board.made.connect(self._on_panel_made)
         self._board.opened.connect(self._use_in_panel)
-        for name, panel in self._board.panels.items():
+        for name, panel in self._board.made_so_far.items():
             self._on_panel_made(name, panel)
         self._use_in_panels()
         self._use_kept()
@@ -214,7 +214,7 @@ class KeptChoices(QObject):
         )
 
     def _use_in_panels(self) -> None:
-        for name, panel in self._board.panels.items():
+        for name, panel in self._board.made_so_far.items():
             self._use_in_panel(name, panel)
 
     def _use_in_panel(self, name: str, panel: Panel) -> None:

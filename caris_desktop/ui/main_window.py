@@ -90,6 +90,8 @@ class MainWindow(TabAsRead, QWidget):
         Looks at robots that have no profile yet. It can also be given later, with ``use_explorer``.
     gamepads
         The gamepad that drives too. It can also be given later, with ``use_gamepads``.
+    all_panels
+        Whether those behind other tabs are made now too, or once the window has been painted.
     """
 
     closed = Signal()
@@ -103,6 +105,7 @@ class MainWindow(TabAsRead, QWidget):
         theme: Theme | None = None,
         gamepads: Gamepads | None = None,
         explorer: "RobotExplorer | None" = None,
+        all_panels: bool = True,
     ) -> None:
         super().__init__()
         app = QApplication.instance()
@@ -182,7 +185,11 @@ class MainWindow(TabAsRead, QWidget):
             self.use_explorer(explorer)
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
         ActionConditions(self.actions_table, console.state)
-        self.show_scenario(console.scenario)
+        self._begin_scenario(console.scenario)
+        if all_panels:
+            self.board.complete()
+        else:
+            self.board.complete_seen()
         app.installEventFilter(self.hold)
         soon = self._scenarios.renew, self.robots.choices.renew, self.observers.restore
         self._late = LateImports(lambda: self.hold.motion.moving, self, first=soon)

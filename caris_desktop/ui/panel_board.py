@@ -30,6 +30,8 @@ TURN_S = 0.012
 longer than a picture takes to be painted.
 """
 
+BEHIND_AFTER_MS = 100
+
 
 @dataclass(frozen=True, slots=True)
 class _Building:
@@ -90,6 +92,11 @@ class PanelBoard(QObject):
         self.complete()
         return self._panels
 
+    @property
+    def made_so_far(self) -> dict[PanelName, Panel]:
+        """Those of them that are there; of each that follows ``made`` and ``opened`` tell."""
+        return dict(self._panels)
+
     def possible(self) -> tuple[PanelName, ...]:
         """Every panel that this scenario offers, whether its layout has it or not."""
         return possible_panels(self._context.console.scenario)
@@ -148,6 +155,13 @@ class PanelBoard(QObject):
         for panel in self._panels.values():
             panel.complete()
 
+    def complete_seen(self) -> None:
+        """Make what will be seen, now; those behind other tabs are made once a window has been painted."""
+        while self.building:
+            self._build_next()
+        self._turn.stop()
+        QTimer.singleShot(BEHIND_AFTER_MS, self, self._turn.start)
+
     def _build_next(self) -> None:
         """One panel that goes on, or one that is seen, or its room, or the arrangement of all, or at last one of the
         others.
@@ -163,14 +177,14 @@ class PanelBoard(QObject):
         elif self._building is not None:
             building, self._building = self._building, None
             self._put_aside_all_but(building.arrangement.panels)
-            places = {
-                name: _KeptPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind
-            }
-            self._docks.show_arrangement({**self._panels, **self._aside, **places}, building.arrangement)
+            self._docks.show_arrangement({**self._panels, **self._aside, **self._kept_places()}, building.arrangement)
             self._bind_driving()
             building.arranged()
         elif self._behind:
             self._make_next(self._behind)
+
+    def _kept_places(self) -> dict[PanelName, Panel]:
+        return {name: _KeptPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind}
 
     def _build_for_a_turn(self) -> None:
         """Several that are quickly done, or a single one: between any two the window would paint itself."""
@@ -202,13 +216,19 @@ class PanelBoard(QObject):
         self._building = None
 
     def show(self, arrangement: Arrangement) -> None:
-        """Arrange the panels like this: those that are there stay, and what is missing is made."""
-        self.complete()
+        """Arrange the panels like this: those that are there stay, and what is seen and missing is made; what is still
+        to come and lies behind other tabs here too keeps its turn.
+        """
+        while self.building:
+            self._build_next()
+        self._give_room()
         self._put_aside_all_but(arrangement.panels)
+        behind = [name for name in self._behind if name in arrangement.panels and name not in arrangement.in_front]
+        self._behind = deque(behind)
         for name in arrangement.panels:
-            if name not in self._panels:
+            if name not in self._panels and name not in behind:
                 self._bring(name)
-        self._docks.show_arrangement({**self._panels, **self._aside}, arrangement)
+        self._docks.show_arrangement({**self._panels, **self._aside, **self._kept_places()}, arrangement)
         self._bind_driving()
 
     def open(self, name: PanelName) -> None:

@@ -18,6 +18,9 @@ from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles
 
 def console_takes_a_key() -> None:
     """Child: the real console; prints the monotonic time at which a typed letter stood in the Speak field."""
+    from caris_desktop.app import quick_start
+
+    quick_start.begin()
     from PySide6.QtCore import QSettings, QTimer
     from PySide6.QtTest import QTest
     from PySide6.QtWidgets import QPlainTextEdit

@@ -11,9 +11,9 @@ import pytest
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import Say, Silence
 from caris_desktop.domain.events import Problem, UtteranceChanged
-from caris_desktop.robot import asked_voice, own_speech, voice
+from caris_desktop.robot import asked_voice, own_speech
 from caris_desktop.robot.profile import RobotProfile, SpeechInterface, SpeechService, SpeechWeb
-from caris_desktop.robot.voice import estimated_duration_s
+from caris_desktop.robot.speaking_time import estimated_duration_s
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
 
 SERVICE = SpeechService("/say", "my_msgs/Say", {"sentence": {"text": "$value"}})
@@ -245,4 +245,4 @@ def test_what_the_robot_says_by_itself_is_its_own_and_what_it_was_asked_to_say_i
 
 def test_an_estimate_knows_that_some_scripts_say_more_with_a_character() -> None:
     assert estimated_duration_s("你好，欢迎光临", "zh-CN") > 2 * estimated_duration_s("Hello..", "en") - 0.4
-    assert voice.estimated_duration_s("a" * 150) == pytest.approx(10.4)
+    assert estimated_duration_s("a" * 150) == pytest.approx(10.4)

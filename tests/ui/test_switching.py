@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,8 @@ from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.model import PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.scenario.phrases import PhraseGroup
 from caris_desktop.ui import panel_board
+from caris_desktop.ui.event_words import CATEGORIES
+from caris_desktop.ui.layout.arrangement import Arrangement
 from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
@@ -385,3 +388,64 @@ def _said(window: MainWindow, name: PanelName) -> list[tuple[str, ...]]:
             text = part.text() if isinstance(part, QAbstractButton | QLabel) else ""
             found.append((type(part).__name__, part.objectName(), text, part.accessibleName(), part.toolTip()))
     return sorted(found)
+
+
+TOUR_NAME = samples.TOUR.path.stem if samples.TOUR.path else ""
+
+
+@pytest.fixture
+def at_the_start(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> tuple[MainWindow, FakeConsole]:
+    """A window that was not shown yet, and whose panels that lie behind others were not made."""
+    settings.setValue("wizards/*/layout/adapts", "no")
+    settings.setValue(f"wizards/*/choices/{TOUR_NAME}/panels/session", json.dumps({"category": CATEGORIES[0]}))
+    console = FakeConsole(samples.TOUR)
+    window = MainWindow(console, settings=settings, theme=theme, all_panels=False)
+    window.kept_choices.begin()
+    qtbot.addWidget(window)
+    console.state.close()
+    return window, console
+
+
+def behind_in(window: MainWindow) -> set[PanelName]:
+    return set(panels_in(samples.TOUR.layout)) - set(window.board.made_so_far)
+
+
+def test_the_first_window_waits_only_for_the_panels_that_it_shows(
+    at_the_start: tuple[MainWindow, FakeConsole], qtbot: QtBot
+) -> None:
+    window, _console = at_the_start
+    seen = {name for name in window.board.made_so_far if window.dock_host.is_open(name)}
+    assert seen and behind_in(window)
+    assert all(window.board.made_so_far[name].parent() is not None for name in seen)
+    window.show()
+    assert behind_in(window), "those behind them come once it was painted"
+    qtbot.waitUntil(lambda: window.board.whole)
+    assert behind_in(window) == set()
+    assert window.panels["session"].choices() == {"category": CATEGORIES[0]}, "as the wizard had it last time"
+
+
+def test_another_arrangement_before_all_are_made_leaves_out_what_lies_behind_in_it_too(
+    at_the_start: tuple[MainWindow, FakeConsole], qtbot: QtBot
+) -> None:
+    window, _console = at_the_start
+    behind = behind_in(window)
+    arrangement = window.dock_host.arrangement
+    assert arrangement is not None
+    window.board.show(arrangement)
+    assert behind_in(window) == behind
+    front = next(iter(behind))
+    window.board.show(Arrangement(PanelLeaf(front)))
+    assert front in window.board.made_so_far
+    assert window.board.whole
+    window.board.show(arrangement)
+    assert behind_in(window) == set(), "what is asked for now is made now"
+
+
+def test_who_asks_for_a_panel_before_it_is_made_gets_it_as_it_was_left(
+    at_the_start: tuple[MainWindow, FakeConsole],
+) -> None:
+    window, _console = at_the_start
+    behind = next(iter(behind_in(window)))
+    window.open_panel(behind)
+    assert behind_in(window) == set()
+    assert window.board.panels[behind].isVisibleTo(window)

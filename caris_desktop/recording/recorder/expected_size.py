@@ -2,8 +2,9 @@
 
 import json
 import logging
-import statistics
 from pathlib import Path
+
+import numpy as np
 
 _log = logging.getLogger(__name__)
 _SESSIONS_LOOKED_AT = 5
@@ -30,7 +31,7 @@ def expected_bytes_per_hour(sessions: Path, *, scenario: str, video: bool, audio
         if len(rates) >= _SESSIONS_LOOKED_AT:
             break
     if rates:
-        return statistics.median(rates)
+        return float(np.median(rates))
     return _EVENTS_BYTES_PER_HOUR + _VIDEO_BYTES_PER_HOUR * video + _SOUND_BYTES_PER_HOUR * audio
 
 

@@ -1,0 +1,28 @@
+"""Until its window takes a key the program imports and collects no more than it must."""
+
+import json
+import subprocess
+import sys
+
+_STARTS = """
+import builtins, gc, json, linecache, sys
+from caris_desktop.app import quick_start
+plain = builtins.__import__
+quick_start.begin()
+from caris_desktop.app import console_command
+print(json.dumps({
+    "plain": builtins.__import__ is plain, "collects": gc.isenabled(), "read": len(linecache.cache),
+    "modules": sorted({name.partition(".")[0] for name in sys.modules}),
+}))
+"""
+_LATER = {"cryptography", "httpx", "psutil", "pyqtgraph", "roslibpy", "ruamel", "websockets"}
+"""What the first window does without: a robot, somebody known or a question needs it."""
+
+
+def test_a_window_comes_without_what_it_does_not_need() -> None:
+    program = subprocess.run([sys.executable, "-c", _STARTS], capture_output=True, text=True, check=True, timeout=100)
+    found = json.loads(program.stdout)
+    assert found["plain"]
+    assert found["read"] < 10, "Qt's own import reads the source of every module"
+    assert not found["collects"], "the console collects once its window stands"
+    assert _LATER.isdisjoint(found["modules"])
