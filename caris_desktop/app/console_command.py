@@ -6,13 +6,14 @@ import logging
 import os
 import signal
 import sys
+from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QSettings, QTimer
+from PySide6.QtCore import QSettings, Qt, QTimer
 
 from caris_desktop import __version__
 from caris_desktop.app import composition, simulator_calls
@@ -47,7 +48,8 @@ _GAMEPADS_KEY = "gamepad/mappings"
 _SCENARIO_KEY = "scenario/last"
 
 
-_REST_AFTER_MS = 30  # the window is painted first, and takes its first key
+# A window that nobody sees, on another desktop or behind others, is not painted.
+_REST_AT_LATEST_MS = 2000
 
 
 class ConsoleRun:
@@ -76,6 +78,7 @@ class ConsoleRun:
         self._refused_scenario = _why_refused(refused) if refused else ""
         self.demo_robot: DemoRobot | None = None
         self._garbage: GarbageCollector | None = None
+        self._to_start: deque[Callable[[], None]] = deque()
         parts = composition.parts(
             study=study,
             cameras=arguments.camera,
@@ -115,11 +118,16 @@ class ConsoleRun:
         self.console.state.scenario.changed.connect(self._on_scenario_changed)
 
     def show(self) -> None:
+        """The rest starts once the window was painted and has all its panels: nine processes that come into being at
+        once leave it no processor for a second.
+        """
         self.window.show_in_place()
-        QTimer.singleShot(_REST_AFTER_MS, self._start_rest)
+        self.window.board.completed.connect(self._start_rest, Qt.ConnectionType.QueuedConnection)
+        QTimer.singleShot(_REST_AT_LATEST_MS, self.window, self._start_rest)
 
     def close(self) -> None:
         """The robot is stopped before anything else is waited for; what fails does not keep the rest from ending."""
+        self._to_start.clear()
         with ExitStack() as rest:  # what is entered first ends last
             rest.callback(self.settings.finish)
             if self.demo_robot is not None:
@@ -134,14 +142,24 @@ class ConsoleRun:
             rest.callback(self.window.close)
 
     def _start_rest(self) -> None:
+        """In a few turns of the event loop: keys are typed already."""
+        if self._garbage is not None:
+            return
         # What exists now stays for the whole run: no full collection need walk it, which stalls the GUI.
         gc.freeze()
         self._garbage = GarbageCollector(self.console)
-        self.console.start()
-        self.host.start()
-        self.begin_first_use()
-        self.tell_of_settings()
-        self.tell_of_scenario()
+        self._to_start.extend((
+            self.console.start, self.host.start, self.begin_first_use, self.tell_of_settings, self.tell_of_scenario,
+            self._connect_first_robot,
+        ))  # fmt: skip
+        self._start_next()
+
+    def _start_next(self) -> None:
+        if self._to_start:
+            self._to_start.popleft()()
+            QTimer.singleShot(0, self.window, self._start_next)
+
+    def _connect_first_robot(self) -> None:
         if self._make_demo_robot is not None:
             self.demo_robot = self._make_demo_robot(self.console)
             self.demo_robot.start()

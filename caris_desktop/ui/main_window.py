@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QEvent, Qt, Signal
+from PySide6.QtCore import QEvent, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QApplication, QSplitter, QVBoxLayout, QWidget
 
@@ -95,6 +95,7 @@ class MainWindow(TabAsRead, QWidget):
     """
 
     closed = Signal()
+    painted = Signal()  # for the first time
 
     def __init__(
         self,
@@ -117,6 +118,7 @@ class MainWindow(TabAsRead, QWidget):
         choice = as_choice(settings.value(THEME_KEY, "system")) if settings is not None else "system"
         self.theme = theme if theme is not None else Theme(app, choice, self)
         self.appearance = Appearance(self.theme, settings)
+        self._painted = False
         self._shown_scenario: Scenario | None = None
         self._replay: ReplayControls | None = None
         self._replay_parts: ReplayParts | None = None
@@ -190,6 +192,7 @@ class MainWindow(TabAsRead, QWidget):
             self.board.complete()
         else:
             self.board.complete_seen()
+            self.painted.connect(self.board.go_on)
         app.installEventFilter(self.hold)
         soon = self._scenarios.renew, self.robots.choices.renew, self.observers.restore
         self._late = LateImports(lambda: self.hold.motion.moving, self, first=soon)
@@ -473,3 +476,6 @@ class MainWindow(TabAsRead, QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         QPainter(self).fillRect(self.rect(), self.theme.color("window"))
+        if not self._painted:
+            self._painted = True
+            QTimer.singleShot(0, self, self.painted.emit)

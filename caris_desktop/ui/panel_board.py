@@ -30,8 +30,6 @@ TURN_S = 0.012
 longer than a picture takes to be painted.
 """
 
-BEHIND_AFTER_MS = 100
-
 
 @dataclass(frozen=True, slots=True)
 class _Building:
@@ -60,6 +58,7 @@ class PanelBoard(QObject):
     window_wanted = Signal(str)  # WindowName: a panel asks for a window of its own
     moment_wanted = Signal(object)  # as of a panel
     made = Signal(str, object)  # PanelName, Panel
+    completed = Signal()  # every panel of the scenario is there
     opened = Signal(str, object)  # PanelName, Panel: it is as the file of the scenario has it
 
     def __init__(self, context: PanelContext, docks: DockHost) -> None:
@@ -150,17 +149,23 @@ class PanelBoard(QObject):
 
     def complete(self) -> None:
         """Make what is still missing, now."""
+        missing = not self.whole
         while not self.whole:
             self._build_next()
         for panel in self._panels.values():
             panel.complete()
+        if missing:
+            self.completed.emit()
 
     def complete_seen(self) -> None:
-        """Make what will be seen, now; those behind other tabs are made once a window has been painted."""
+        """Make what will be seen, now; those behind other tabs are made from :meth:`go_on` on."""
         while self.building:
             self._build_next()
         self._turn.stop()
-        QTimer.singleShot(BEHIND_AFTER_MS, self, self._turn.start)
+
+    def go_on(self) -> None:
+        """Make what is still missing, in a few turns of the event loop."""
+        self._turn.start()
 
     def _build_next(self) -> None:
         """One panel that goes on, or one that is seen, or its room, or the arrangement of all, or at last one of the
@@ -193,7 +198,9 @@ class PanelBoard(QObject):
             self._build_next()
             if time.perf_counter() >= until_s:
                 break
-        if not self.whole:
+        if self.whole:
+            self.completed.emit()
+        else:
             self._turn.start()
 
     def _make_next(self, names: deque[PanelName]) -> None:

@@ -70,7 +70,7 @@ def test_no_page_stands_in_the_way_of_a_demonstration(start: Start) -> None:
     ids=["there", "gone", "another is named"],
 )
 def test_the_robot_of_last_time_is_connected_unless_it_is_gone_or_another_is_named(
-    start: Start, monkeypatch: pytest.MonkeyPatch, named: str | None, last: str, connected: str
+    start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *, named: str | None, last: str, connected: str
 ) -> None:
     asked: list[Callable[[], RobotConnection]] = []
     monkeypatch.setattr(Console, "start", lambda _console: None)
@@ -81,4 +81,5 @@ def test_the_robot_of_last_time_is_connected_unless_it_is_gone_or_another_is_nam
     before.console.state.robot.set(replace(profile, name=last))
     run = start(scenario="tour-guide", robot=named)
     run._start_rest()
+    qtbot.waitUntil(lambda: bool(asked))
     assert asked[0]().profile.name == connected
