@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from caris_desktop.domain import priority
+
 _STEP_BACK = """
 import os
 from pathlib import Path
@@ -34,3 +36,27 @@ def test_a_process_that_steps_back_takes_its_own_session_along(own_session: bool
     if not Path("/proc/self/autogroup").exists():
         pytest.skip("this system does not share the processor among sessions")
     assert (session == "3") == own_session, "what others share is not changed"
+
+
+def test_a_session_that_was_not_heard_says_it_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of several processes of a user that step back at once the system hears the first."""
+
+    class Deaf:
+        said = 0
+
+        def write_text(self, _text: str) -> None:
+            self.said += 1
+            if self.said < 3:
+                raise BlockingIOError("Resource temporarily unavailable")
+
+    session = Deaf()
+    monkeypatch.setattr(priority, "_SESSION", session)
+    monkeypatch.setattr(priority, "_AGAIN_AFTER_S", 0.001)
+    assert not priority._say_for_session(3)
+    priority._say_until_heard(3)
+    assert session.said == 3
+
+
+def test_a_system_without_shares_for_sessions_is_left_alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(priority, "_SESSION", tmp_path / "absent" / "autogroup")
+    assert priority._say_for_session(3)
