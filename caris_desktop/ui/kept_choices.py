@@ -1,7 +1,9 @@
 """What a wizard chose comes back with the next start, all of it in one way: per wizard, and most of it per scenario."""
 
+import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, get_args
 from urllib.parse import quote
 
@@ -27,6 +29,7 @@ _LEAST_SPEED = 0.1
 @dataclass(frozen=True, slots=True)
 class _Choice:
     """``read`` gives what is chosen now, as JSON has it, None where nothing is; it changes with one of ``values``.
+    ``file`` gives what of a scenario's file it is chosen instead of, or among.
 
     ``use`` asks for what was chosen last time, and says nothing where that cannot be any more. It gives False as long
     as what it takes is not there yet: then it is tried again.
@@ -36,13 +39,15 @@ class _Choice:
     values: tuple[LiveValue, ...]
     read: Callable[[], Any]
     use: Callable[[Any], bool]
+    file: Callable[[Scenario], Any]
 
 
 class KeptChoices(QObject):
     """Keeps them from ``begin`` on, after it has used those of last time.
 
     What a scenario's file says counts until the wizard has chosen otherwise in it; then that counts, as long as the
-    scenario permits it and has it. What the console sets by itself as another scenario opens is no choice.
+    scenario permits it and has it, and until the file says something else about it than it did then. What the console
+    sets by itself as another scenario opens is no choice.
     """
 
     def __init__(self, console: WizardConsole, wizards: WizardProfiles, board: PanelBoard, parent: QObject) -> None:
@@ -52,16 +57,32 @@ class KeptChoices(QObject):
         self._board = board
         self._scenario: Scenario = console.scenario
         state = console.state
+        setup = state.assistant_setup
         self._choices = (
-            _Choice("speed", (state.drive,), self._speed, self._use_speed),
-            _Choice("voice", (state.voice,), self._voice, self._use_voice),
-            _Choice("model", (state.assistant_setup,), lambda: state.assistant_setup.value.model, self._use_model),
-            _Choice("role", (state.assistant_setup,), lambda: state.assistant_setup.value.role, self._use_role),
-            _Choice("style", (state.assistant_setup,), lambda: state.assistant_setup.value.style, self._use_style),
-            _Choice("levels", (state.levels,), self._levels, self._use_levels),
-            _Choice("phrases", (state.phrase_group,), lambda: state.phrase_group.value, self._use_phrases),
-            _Choice("camera", (state.camera, state.cameras), lambda: state.chosen_camera or None, self._use_camera),
-        )
+            _Choice("speed", (state.drive,), self._speed, self._use_speed, lambda file: file.driving),
+            _Choice("voice", (state.voice,), self._voice, self._use_voice, lambda file: (file.voice, file.speech)),
+            _Choice(
+                "model", (setup,), lambda: setup.value.model, self._use_model,
+                lambda file: (file.assistant.model, file.assistant.models),
+            ),
+            _Choice(
+                "role", (setup,), lambda: setup.value.role, self._use_role,
+                lambda file: _names(file.assistant.roles),
+            ),
+            _Choice(
+                "style", (setup,), lambda: setup.value.style, self._use_style,
+                lambda file: _names(file.assistant.styles),
+            ),
+            _Choice("levels", (state.levels,), self._levels, self._use_levels, lambda file: file.assistance),
+            _Choice(
+                "phrases", (state.phrase_group,), lambda: state.phrase_group.value, self._use_phrases,
+                lambda file: [group.title for group in phrase_groups(file.phrases)],
+            ),
+            _Choice(
+                "camera", (state.camera, state.cameras), lambda: state.chosen_camera or None, self._use_camera,
+                lambda file: (_names(file.cameras), file.panels.video.camera),
+            ),
+        )  # fmt: skip
         self._last: dict[str, Any] = {}
         self._waiting: dict[str, Any] = {}
         self._changed: dict[str, Any] = {}
@@ -110,8 +131,11 @@ class KeptChoices(QObject):
             self._waiting.pop(choice.name, None)
 
     def _keep(self) -> None:
-        for name, chosen in self._changed.items():
-            self._wizards.set_value(self._place(name), json.dumps(chosen))
+        for choice in self._choices:
+            if choice.name in self._changed:
+                self._wizards.set_value(
+                    self._place(choice.name), _kept_text(self._changed[choice.name], choice.file(self._scenario))
+                )
         self._changed.clear()
 
     def _on_scenario_changed(self, _scenario: object) -> None:
@@ -130,7 +154,7 @@ class KeptChoices(QObject):
         for choice in self._choices:
             self._last[choice.name] = choice.read()
         for choice in self._choices:
-            kept = _from_json(self._wizards.value(self._place(choice.name)))
+            kept = _kept_value(self._wizards.value(self._place(choice.name)), choice.file(self._scenario))
             if kept is not None and kept != self._last[choice.name] and not choice.use(kept):
                 self._waiting[choice.name] = kept
 
@@ -209,19 +233,23 @@ class KeptChoices(QObject):
     # Panels
 
     def _on_panel_made(self, name: str, panel: Panel) -> None:
-        panel.choices_changed.connect(
-            lambda: self._wizards.set_value(self._place_of_panel(name), json.dumps(panel.choices()))
-        )
+        def keep() -> None:
+            self._wizards.set_value(self._place_of_panel(name), _kept_text(panel.choices(), self._file_of_panel(name)))
+
+        panel.choices_changed.connect(keep)
 
     def _use_in_panels(self) -> None:
         for name, panel in self._board.made_so_far.items():
             self._use_in_panel(name, panel)
 
     def _use_in_panel(self, name: str, panel: Panel) -> None:
-        kept = _from_json(self._wizards.value(self._place_of_panel(name)))
+        kept = _kept_value(self._wizards.value(self._place_of_panel(name)), self._file_of_panel(name))
         if isinstance(kept, dict):
             with panel.by_itself():
                 panel.use_choices(kept)
+
+    def _file_of_panel(self, name: str) -> Any:
+        return getattr(self._console.scenario.panels, name, None)
 
     def _place_of_panel(self, name: str) -> str:
         return f"choices/{_stem(self._console.scenario)}/panels/{name}"
@@ -229,6 +257,37 @@ class KeptChoices(QObject):
 
 def _stem(scenario: Scenario) -> str:
     return quote(scenario.path.stem if scenario.path is not None else "", safe="")
+
+
+def _names(entries: Iterable[Any]) -> list[str]:
+    return [entry.name for entry in entries]
+
+
+def _kept_text(chosen: Any, file: Any) -> str:
+    return json.dumps({"chosen": chosen, "file": _mark_of(file)})
+
+
+def _kept_value(text: Any, file: Any) -> Any:
+    """None where nothing was chosen, or where the file says something else about it by now."""
+    kept = _from_json(text)
+    if not (isinstance(kept, dict) and kept.keys() == {"chosen", "file"}):
+        return kept  # of a version that did not note what the file said
+    return kept["chosen"] if kept["file"] == _mark_of(file) else None
+
+
+def _mark_of(file: Any) -> str:
+    """Tells whether a part of a file says something else; the same for a program that knows more keys."""
+    return hashlib.sha256(repr(_said(file)).encode()).hexdigest()[:12]
+
+
+def _said(part: Any) -> Any:
+    if is_dataclass(part) and not isinstance(part, type):
+        return [
+            (each.name, _said(getattr(part, each.name)))
+            for each in fields(part)
+            if getattr(part, each.name) != (each.default if each.default_factory is MISSING else each.default_factory())
+        ]
+    return [_said(each) for each in part] if isinstance(part, tuple) else part
 
 
 def _from_json(text: Any) -> Any:

@@ -190,3 +190,59 @@ def test_of_another_type_are_no_panel_s_choices(start: Start, settings: MemorySe
     window, _console = start()
     assert panel(window, SessionPanel).choices() == {"category": ""}
     assert panel(window, MapPanel).choices()["rotate"] is False
+
+
+def edited(scenario: samples.Scenario) -> samples.Scenario:
+    """Somebody works on the study's file: another model, fewer roles, another voice, lower levels."""
+    return replace(
+        scenario,
+        voice="computer" if scenario.voice != "computer" else "robot",
+        assistant=replace(scenario.assistant, model="ollama:large", roles=(NamedText("Host", "You host."),)),
+        assistance=replace(scenario.assistance, replies="suggest"),
+    )
+
+
+def test_what_the_file_says_anew_counts_and_what_it_leaves_alone_stays_chosen(
+    qtbot: QtBot, start: Start, settings: MemorySettings, theme: Theme
+) -> None:
+    window, console = start()
+    choose_all(window, console)
+    wanted = chosen(window, console)
+    qtbot.waitUntil(lambda: any("camera" in key for key in settings.values))
+    window.close()
+    console = FakeConsole(edited(TOUR))
+    window = open_window(qtbot, console, settings, theme)
+    console.state.levels.set(LevelsStatus("suggest", "act", "suggest"))
+    console.state.assistant_setup.set(SETUP)
+    console.state.voice.set(replace(console.state.voice.value, choices=(("alba", "en"),)))
+    console.state.cameras.set(("front", "desk"))
+    before = chosen(window, console)
+    window.kept_choices.begin()
+    now = chosen(window, console)
+    assert now["voice"] == before["voice"]
+    assert now["levels"] == before["levels"]
+    model, role, style = now["assistant"]  # type: ignore[misc]
+    assert (model, role, style) == ("embedded", SETUP.role, "Brief")
+    assert {name: now[name] for name in ("speed", "phrases", "camera", "map", "log", "robot")} == {
+        name: wanted[name] for name in ("speed", "phrases", "camera", "map", "log", "robot")
+    }
+
+
+def test_a_panel_is_as_its_file_has_it_once_that_says_something_else(
+    qtbot: QtBot, start: Start, settings: MemorySettings, theme: Theme
+) -> None:
+    window, _console = start()
+    view = panel(window, MapPanel).view
+    view.set_rotate(True)
+    panel(window, SessionPanel).show_category("Problems")
+    qtbot.waitUntil(lambda: any(key.endswith("panels/session") for key in settings.values))
+    window.close()
+    settings_of_map = replace(TOUR.panels.map, follow=not TOUR.panels.map.follow)
+    again = open_window(
+        qtbot, FakeConsole(replace(TOUR, panels=replace(TOUR.panels, map=settings_of_map))), settings, theme
+    )
+    again.kept_choices.begin()
+    assert panel(again, MapPanel).choices() == {
+        "follow": settings_of_map.follow, "rotate": settings_of_map.up == "robot", "trail": settings_of_map.trail,
+    }  # fmt: skip
+    assert panel(again, SessionPanel).choices() == {"category": "Problems"}
