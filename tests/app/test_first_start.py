@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtCore import QSettings
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.app import composition
+from caris_desktop.app import composition, console_command
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.live.console import Console
@@ -83,3 +83,26 @@ def test_the_robot_of_last_time_is_connected_unless_it_is_gone_or_another_is_nam
     run._start_rest()
     qtbot.waitUntil(lambda: bool(asked))
     assert asked[0]().profile.name == connected
+
+
+@pytest.mark.parametrize("seen", [True, False], ids=["seen", "on another desktop"])
+def test_what_runs_beside_the_window_starts_once_that_was_painted_and_has_all_its_panels(
+    start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *, seen: bool
+) -> None:
+    started: list[tuple[bool, bool]] = []
+    monkeypatch.setattr(console_command, "_REST_AT_LATEST_MS", 60_000 if seen else 20)
+    run = start(scenario="tour-guide")
+    run.window.hide()
+    painted: list[bool] = []
+    run.window._painted = False
+    run.window.painted.connect(lambda: painted.append(True))
+    monkeypatch.setattr(run.console, "start", lambda: started.append((bool(painted), run.window.board.whole)))
+    monkeypatch.setattr(run.console, "use_robot", lambda _find, **_told: started.append((True, True)))
+    if not seen:
+        monkeypatch.setattr(run.window, "show_in_place", lambda: None)
+    run.show()
+    assert not started
+    qtbot.waitUntil(lambda: len(started) == 2)
+    assert not seen or started[0] == (True, True)
+    qtbot.wait(50)
+    assert len(started) == 2, "once"
