@@ -5,6 +5,7 @@ import json
 import os
 import sqlite3
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -230,6 +231,7 @@ def test_the_robot_is_stopped_first_and_whatever_fails_the_rest_ends(monkeypatch
     for name in ("window", "console", "host", "library", "settings"):
         setattr(run, name, Ends(name, ended, fails=name == "console"))
     run._garbage, run.demo_robot = Ends("garbage", ended), Ends("robot", ended)  # type: ignore[assignment]
+    run._to_start = deque()
     with pytest.raises(OSError, match="console"):
         run.close()
     assert ended == ["window", "console", "closing window", "host", "library", "garbage", "robot", "settings"]
