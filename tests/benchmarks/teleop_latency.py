@@ -3,7 +3,9 @@
 Beside it, in the same run and under the same load, the floor: a bare Qt key event to a websocket message over the same
 simulated robot's relay, pressed in turn with the console's keys. The load is everything that a session has: video,
 people recognition, recording, and a language model that streams one answer after the other; and, where asked for,
-foreign programs that burn every core. Prints one JSON object; of several runs also the median of each percentile.
+foreign programs that burn every core. The robot's stand-in and who listens to it wait for a processor behind those
+too, for a tenth of a second at worst, which no robot does: with ``--robot-elsewhere`` they do not. Prints one JSON
+object; of several runs also the median of each percentile.
 """
 
 import argparse
@@ -48,8 +50,20 @@ def _run_only_when_idle(pid: int) -> None:
         os.sched_setscheduler(int(thread.name), os.SCHED_IDLE, os.sched_param(0))
 
 
+def _run_at_once(pid: int) -> None:
+    """Let every thread of a process have the processor before all others, as if on a computer of its own."""
+    for thread in Path(f"/proc/{pid}/task").iterdir():
+        os.sched_setscheduler(int(thread.name), os.SCHED_RR, os.sched_param(1))
+
+
 def measure(
-    presses: int, *, language_model: bool, idle_perception: bool, burners: int, cameras: list[str] | None
+    presses: int,
+    *,
+    language_model: bool,
+    idle_perception: bool,
+    burners: int,
+    cameras: list[str] | None,
+    robot_elsewhere: bool = False,
 ) -> dict[str, object]:
     load = ConsoleUnderLoad(language_model=language_model, cameras=cameras)
     if idle_perception:
@@ -62,6 +76,11 @@ def measure(
         f"{FLOOR_TOPIC}=std_msgs/String",
     )
     floor = start_program("tests.benchmarks.bare_qt_key_to_websocket", load.address)
+    if robot_elsewhere:
+        robot = load.run.demo_robot
+        for pid in (listener.pid, None if robot is None else robot.process.pid):
+            if pid is not None:
+                _run_at_once(pid)
     sent: list[CommandSent] = []
     load.state.event_happened.connect(lambda event: sent.append(event) if isinstance(event, CommandSent) else None)
     foreign = Burners(burners)
@@ -122,6 +141,7 @@ def measure(
             "release_to_socket": percentiles(first_after(released_ns, ends_ns, at_socket, moves=False)),
         },
         "burners": burners,
+        "robot_elsewhere": robot_elsewhere,
         "presses": presses,
         "presses_without_twist": presses - len(to_twist),
         "releases_without_zero": presses - len(to_zero),
@@ -160,6 +180,11 @@ if __name__ == "__main__":
     parser.add_argument("--no-language-model", action="store_true")
     parser.add_argument("--idle-perception", action="store_true", help="try what a still lower priority of it gives")
     parser.add_argument("--burners", type=int, default=0, help="foreign programs that burn a core each")
+    parser.add_argument(
+        "--robot-elsewhere",
+        action="store_true",
+        help="the simulated robot and who listens to it get the processor first: what is measured is the console alone",
+    )
     parser.add_argument("--runs", type=int, default=1, help="how often all of it, each time in a console of its own")
     parser.add_argument(
         "--camera", action="append", metavar="SOURCE", help="as that of the console; may be given several times"
@@ -173,6 +198,7 @@ if __name__ == "__main__":
             idle_perception=arguments.idle_perception,
             burners=arguments.burners,
             cameras=arguments.camera,
+            robot_elsewhere=arguments.robot_elsewhere,
         )
         for _ in range(arguments.runs)
     ]
