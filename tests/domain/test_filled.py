@@ -12,7 +12,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.recorded_form import to_message
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.domain.translation import Filled, filled, joined, tr, use_translator
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined, tr, use_translator
 from caris_desktop.live.children import told_here
 from caris_desktop.ui.language import in_trial_language
 
@@ -20,6 +20,7 @@ GERMAN = {
     "The disk is slow: it took {delay} s.": "{delay} s hat die Festplatte gebraucht.",
     "{camera} broke off: {why}.": "{camera} brach ab: {why}.",
     "no answer": "keine Antwort",
+    "%n pictures of {camera} are lost.": "%n Bilder von {camera} fehlen.",
 }
 
 
@@ -61,6 +62,20 @@ def test_more_values_come_later() -> None:
     counted = filled("{count} pictures of {camera}", camera="Front")
     assert filled(counted, count=3) == "3 pictures of Front"
     assert filled(counted, count=3).template == "{count} pictures of {camera}"
+
+
+@pytest.mark.usefixtures("german")
+def test_the_number_of_one_and_many_goes_with_it() -> None:
+    def of_one_and_many(text: str, _meant: str, number: int) -> str:
+        return "Ein Bild von {camera} fehlt." if number == 1 else GERMAN.get(text, text).replace("%n", str(number))
+
+    three, one = (
+        filled(QT_TR_NOOP("%n pictures of {camera} are lost.", "", count), camera="the %n hall") for count in (3, 1)
+    )
+    use_translator(of_one_and_many)
+    assert three == "3 pictures of the %n hall are lost."
+    assert tr(pickle.loads(pickle.dumps(three))) == "3 Bilder von the %n hall fehlen."  # noqa: S301
+    assert tr(filled("{what}", what=one)) == "Ein Bild von the %n hall fehlt."
 
 
 @pytest.mark.usefixtures("german")
