@@ -162,7 +162,7 @@ class LiveSessionLibrary(QObject):
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         """A program of its own: it may be slow or fail without the running session."""
-        command = [*self._program, "replay", str(folder), *self._replay_options]
+        command = [*self._program, "replay", str(folder), "--told-in-window", *self._replay_options]
         if at_ns is not None:
             command.append(f"--at-ns={at_ns}")
 

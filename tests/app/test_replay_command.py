@@ -25,6 +25,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LayoutChanged, RobotChosen, ScenarioOpened
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import StatusShown
+from caris_desktop.domain.translation import use_translator
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.live.replay_console import ReplayConsole
 from caris_desktop.live.status import AssistantStatus
@@ -38,6 +39,7 @@ from caris_desktop.recording.session.session_reader import SessionError, open_se
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.file import scenario_text
 from caris_desktop.scenario.model import Place, Scenario
+from caris_desktop.ui.language import in_trial_language
 
 S = 1_000_000_000
 NEWER = "version: 99\ntitle: From a newer program\nlayout: {panel: video}\n"
@@ -49,10 +51,10 @@ def _opened(at_ns: int, scenario: Scenario, **changed: Any) -> ScenarioOpened:
     return ScenarioOpened(at_ns, **{**told, **changed})
 
 
-def _arguments(path: Path) -> argparse.Namespace:
+def _arguments(path: Path, *more: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     replay_command.add_arguments(parser)
-    return parser.parse_args([str(path)])
+    return parser.parse_args([str(path), *more])
 
 
 def _record(folder: Path, timed: Sequence[tuple[float, Callable[[int], Any]]]) -> int:
@@ -286,3 +288,24 @@ def test_what_a_killed_import_left_is_removed_after_a_day(
             os.utime(left, (old_s, old_s))
     folder = replay_command._session_folder(bag)
     assert {path.name for path in folder.parent.iterdir()} == {folder.name, ".import-new", "session-old"}
+
+
+@pytest.fixture
+def trial_language() -> Iterator[None]:
+    use_translator(in_trial_language)
+    yield
+    use_translator(None)
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_why_a_session_does_not_open_is_english_in_a_terminal_and_as_the_window_speaks_in_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(replay_command, "configure_logging", lambda *_args, **_options: None)
+    monkeypatch.setattr(replay_command, "check_screen", lambda: None)
+    monkeypatch.setattr(replay_command, "ReplayRun", lambda arguments: open_session(arguments.session))
+    assert replay_command.run(_arguments(tmp_path)) == 2
+    assert capsys.readouterr().err == f"{tmp_path} is no session: it holds no session.json.\n"
+    assert replay_command.run(_arguments(tmp_path, "--told-in-window")) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"[{tmp_path} îš ñö šéššîöñ: "), told

@@ -97,11 +97,11 @@ def test_the_console_tells_it_in_the_wizards_language() -> None:
     assert told_here(sent).what.startswith("[Front bŕöķé".replace("ķ", "k")), told_here(sent).what
 
 
-ROOMS = ("robot", "recording/recorder", "perception", "conversation/listening", "conversation/voices")
+ROOMS = ("robot", "recording", "perception", "conversation/listening", "conversation/voices", "app")
 TOLD = {
     "CameraError", "DetectorAwayError", "EngineAway", "FaceModelError", "NoAnswer", "NoEngine", "NoSuchVoiceError",
-    "OutletUnavailableError", "Problem", "SecurityError", "ToldFailure", "UnknownFormError", "WeightsError", "_away",
-    "_no", "_tell_problem", "abort", "give_up", "problem", "unreachable",
+    "OutletUnavailableError", "Problem", "SecurityError", "SessionError", "ToldFailure", "UnknownFormError",
+    "WeightsError", "_away", "_no", "_tell_problem", "abort", "give_up", "problem", "unreachable",
 }  # fmt: skip
 """What is called with what the wizard reads."""
 

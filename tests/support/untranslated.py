@@ -97,7 +97,7 @@ _TOLD_ERRORS = ("MappingError", "ToldFailure")
 
 _TOLD_BY = {
     "BundleError", "CameraError", "NotFetched", "PeopleStoreError", "Problem", "ProfileError", "ScenarioError",
-    "ToldFailure", "WeightsError",
+    "SessionError", "ToldFailure", "WeightsError",
 }  # fmt: skip
 """What carries sentences to the wizard out of any room, with whatever is derived of it."""
 

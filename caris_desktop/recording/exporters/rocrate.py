@@ -25,6 +25,7 @@ from caris_desktop.domain.foxglove import INFINITE, INVALID
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, schema_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.store import coding_jsonable, load_coding
@@ -159,8 +160,13 @@ def _refuse_names(session: Session) -> None:
         for row in rows:
             if isinstance(row, dict) and not _UNNAMED.fullmatch(str(row.get("name") or "")):
                 raise SessionError(
-                    f"{session.folder.name} holds names of people (in the stream 'status'), which must not leave the "
-                    "study. Nothing was written."
+                    filled(
+                        QT_TR_NOOP(
+                            "{name} holds names of people (in the stream 'status'), which must not leave the study."
+                            " Nothing was written."
+                        ),
+                        name=session.folder.name,
+                    )
                 )
 
 

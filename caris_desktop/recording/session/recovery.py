@@ -17,6 +17,7 @@ from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replac
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message, schema_of, to_message
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_blocks, media_repair
@@ -91,7 +92,13 @@ def repair_session(folder: Path) -> RepairReport:
         if wanting == "manifest":
             return RepairReport(False)  # the recorder is just making it
         raise SessionError(
-            f"{folder} is still being recorded, or is being repaired at this moment. Open it once that has ended."
+            filled(
+                QT_TR_NOOP(
+                    "{folder} is still being recorded, or is being repaired at this moment. Open it once"
+                    " that has ended."
+                ),
+                folder=folder,
+            )
         ) from error
     except OSError as error:
         return RepairReport(
@@ -132,7 +139,9 @@ def _wanting(folder: Path, header: dict[str, Any], times: SessionTimes) -> Liter
         if path.stat().st_size != (told_bytes_of(header, _EVENTS) or path.stat().st_size):
             return "end"
     except OSError as error:
-        raise SessionError(f"{folder / _EVENTS} cannot be read: {error.strerror or error}.") from error
+        raise SessionError(
+            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / _EVENTS, why=error.strerror or error)
+        ) from error
     lacks_manifest = header["format_version"] >= _MANIFEST_SINCE and not (folder / MANIFEST_NAME).exists()
     return "manifest" if lacks_manifest else ""
 
@@ -195,7 +204,12 @@ class _Repair:
             broken = not mcap_blocks.has_summary(path)
             index = mcap_blocks.scan(file) if broken else mcap_blocks.read_index(path)
             if broken and not index.count and magic != MAGIC[: len(magic)]:
-                raise SessionError(f"{path} is no record of events: nothing in it can be read. Nothing was changed.")
+                raise SessionError(
+                    filled(
+                        QT_TR_NOOP("{path} is no record of events: nothing in it can be read. Nothing was changed."),
+                        path=path,
+                    )
+                )
             if broken:
                 self._rewrite_events(file, index)
             else:

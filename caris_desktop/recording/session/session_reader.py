@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.losses import losses_of
@@ -166,7 +167,9 @@ def _index_of(path: Path) -> BlockIndex:
     try:
         return mcap_blocks.read_index(path)
     except OSError as error:
-        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+        raise SessionError(
+            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+        ) from error
 
 
 def _newest_ns(path: Path, clock: SessionClock) -> int:
@@ -183,7 +186,9 @@ def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Ite
     try:
         file = path.open("rb")
     except OSError as error:
-        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+        raise SessionError(
+            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+        ) from error
     if index.damaged_bytes:
         _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
     topics = {number: its.topic for number, its in index.channels.items() if its.topic not in DERIVED_TOPICS}
@@ -203,7 +208,9 @@ def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Ite
                     unreadable[number] = mcap_blocks.listed_messages(file, index, number, every)
                 continue
             except OSError as error:
-                raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+                raise SessionError(
+                    filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+                ) from error
             for message in mcap_blocks.messages_of(content):
                 topic = topics.get(message.channel)
                 found = None if topic is None else read(topic, scrub(content[message.start : message.end]))
