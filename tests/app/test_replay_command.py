@@ -25,7 +25,6 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LayoutChanged, RobotChosen, ScenarioOpened
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import StatusShown
-from caris_desktop.domain.translation import use_translator
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.live.replay_console import ReplayConsole
 from caris_desktop.live.status import AssistantStatus
@@ -39,7 +38,6 @@ from caris_desktop.recording.session.session_reader import SessionError, open_se
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.file import scenario_text
 from caris_desktop.scenario.model import Place, Scenario
-from caris_desktop.ui.language import in_trial_language
 
 S = 1_000_000_000
 NEWER = "version: 99\ntitle: From a newer program\nlayout: {panel: video}\n"
@@ -288,13 +286,6 @@ def test_what_a_killed_import_left_is_removed_after_a_day(
             os.utime(left, (old_s, old_s))
     folder = replay_command._session_folder(bag)
     assert {path.name for path in folder.parent.iterdir()} == {folder.name, ".import-new", "session-old"}
-
-
-@pytest.fixture
-def trial_language() -> Iterator[None]:
-    use_translator(in_trial_language)
-    yield
-    use_translator(None)
 
 
 @pytest.mark.usefixtures("trial_language")

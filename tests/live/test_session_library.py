@@ -40,11 +40,12 @@ def make_library(tmp_path: Path, told: Told, qtbot: QtBot) -> Iterator[Library]:
 
 @pytest.mark.logs("the replay of .* ended with 1")
 def test_a_replay_that_does_not_open_tells_why(make_library: Library, told: Told, qtbot: QtBot) -> None:
-    script = "import sys; print('Qt says something'); sys.exit(f'{sys.argv[2]} is {sys.argv[3]}.')"
+    script = "import sys; print('Qt says something'); sys.exit(f'{sys.argv[2]} is damaged {sys.argv[3]}')"
     library = make_library(program=(sys.executable, "-c", script))
     library.open_replay(Path("/study/one"))
     qtbot.waitUntil(lambda: bool(told), timeout=10_000)
-    assert [told[0][0], told[0][1], told[0][2]] == ["error", "The replay of one has ended.", "/study/one is --told-in-window."]
+    why = "/study/one is damaged --told-in-window"
+    assert [told[0][0], told[0][1], told[0][2]] == ["error", "The replay of one has ended.", why]
     assert not library._replay_watch.isActive()
 
 

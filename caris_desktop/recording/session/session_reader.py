@@ -88,8 +88,12 @@ class Session:
         if not self.unreadable_blocks:
             return self.losses
         blocks, values = len(self.unreadable_blocks), sum(self.unreadable_blocks.values())
-        where = "1 block" if blocks == 1 else f"{blocks} blocks"
-        return (*self.losses, f"{where} of {_EVENTS} cannot be read: {values} values are left out.")
+        what = (
+            QT_TR_NOOP("1 block of events.mcap cannot be read: {values} values are left out.")
+            if blocks == 1
+            else QT_TR_NOOP("%n blocks of events.mcap cannot be read: {values} values are left out.", "", blocks)
+        )
+        return (*self.losses, filled(what, values=values))
 
     def values(self, *streams: str) -> Iterator[tuple[StreamSpec, Any]]:
         """Every value of these streams (all of them when none is named), as recorded, in the order of recording.
