@@ -99,7 +99,7 @@ def test_the_console_tells_it_in_the_wizards_language() -> None:
 
 ROOMS = ("robot", "recording", "perception", "conversation/listening", "conversation/voices", "app")
 TOLD = {
-    "AnnotationError", "CameraError", "DetectorAwayError", "EngineAway", "FaceModelError",
+    "AnnotationError", "CameraError", "DetectorAwayError", "EngineAway", "ExportError", "FaceModelError",
     "ForgettingStopped", "NoAnswer", "NoEngine", "NoSuchVoiceError", "OutletUnavailableError", "Problem",
     "RepairReport", "SecurityError", "SessionError", "ToldFailure", "UnknownFormError", "WeightsError", "_away", "_no",
     "_tell_problem", "abort", "give_up", "problem", "unreachable",
