@@ -97,7 +97,7 @@ _TOLD_ERRORS = ("MappingError", "ToldFailure")
 
 _TOLD_BY = {
     "AnnotationError", "BundleError", "CameraError", "ExportError", "NotFetched", "PeopleStoreError", "Problem",
-    "ProfileError", "ScenarioError", "SessionError", "ToldFailure", "WeightsError",
+    "ProfileError", "ScenarioError", "SessionError", "ToldFailure", "UnreadableMediaError", "WeightsError",
 }  # fmt: skip
 """What carries sentences to the wizard out of any room, with whatever is derived of it."""
 
