@@ -100,9 +100,9 @@ def test_the_console_tells_it_in_the_wizards_language() -> None:
 ROOMS = ("robot", "recording", "perception", "conversation/listening", "conversation/voices", "app")
 TOLD = {
     "AnnotationError", "CameraError", "DetectorAwayError", "EngineAway", "ExportError", "FaceModelError",
-    "ForgettingStopped", "NoAnswer", "NoEngine", "NoSuchVoiceError", "OutletUnavailableError", "Problem",
+    "ForgettingStopped", "Gap", "NoAnswer", "NoEngine", "NoSuchVoiceError", "OutletUnavailableError", "Problem",
     "RepairReport", "SecurityError", "SessionError", "ToldFailure", "UnknownFormError", "UnreadableMediaError",
-    "WeightsError", "_away", "_no", "_tell_problem", "abort", "give_up", "problem", "unreachable",
+    "WeightsError", "_away", "_miss", "_no", "_tell_problem", "abort", "give_up", "problem", "unreachable",
 }  # fmt: skip
 """What is called with what the wizard reads."""
 COLLECTED = ("self._sentences.append", "self._losses.append", "problems.append", "context.warn")
