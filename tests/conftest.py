@@ -126,6 +126,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.skip(reason="a soak test: run with --long"))
 
 
+@pytest.fixture
+def trial_language() -> Iterator[None]:
+    """What is shown goes through ``tr`` and so bears its marks; what stays English bears none."""
+    from caris_desktop.domain.translation import use_translator
+    from caris_desktop.ui.language import in_trial_language
+
+    use_translator(in_trial_language)
+    yield
+    use_translator(None)
+
+
 @pytest.fixture(autouse=True)
 def own_settings(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """No test reads or writes the settings, data or documents of whoever runs it."""

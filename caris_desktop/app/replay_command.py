@@ -27,7 +27,7 @@ from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
@@ -66,6 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--at-ns", type=int, help=argparse.SUPPRESS)  # the same on the session's own clock
     parser.add_argument("--theme", choices=("system", "dark", "light"), help="this run's theme")
     parser.add_argument("--language", metavar="NAME", help="this run's language, as in 'de' (default: the console's)")
+    parser.add_argument("--told-in-window", action="store_true", help=argparse.SUPPRESS)  # in its language
     parser.add_argument("--verbose", action="store_true", help="show the log in the terminal")
 
 
@@ -78,7 +79,8 @@ def run(arguments: argparse.Namespace) -> int:
         check_screen()
         replay = ReplayRun(arguments)
     except (composition.StartError, SessionError) as refusal:
-        print(refusal, file=sys.stderr)
+        why = str(refusal)
+        print(tr(why) if arguments.told_in_window else why, file=sys.stderr)
         return 2
     session = replay.console.session
     for sentence in dict.fromkeys((*session.notices, *session.losses)):
@@ -209,7 +211,7 @@ def _opened(folder: Path) -> Session:
 def _session_folder(path: Path) -> Path:
     """The session at ``path``; a bag becomes one first, in the user's cache. Raises SessionError."""
     if not path.exists():
-        raise SessionError(f"There is no {path}.")
+        raise SessionError(filled(QT_TR_NOOP("There is no {path}."), path=path))
     if is_session(path) or not looks_like_bag(path):
         return path
     return _imported(path)
@@ -237,8 +239,15 @@ def _imported(bag: Path) -> Path:
             return folder  # another replay of this bag was quicker
         _log.warning("importing %s into %s", bag, folder, exc_info=True)
         raise SessionError(
-            f"{bag} cannot be opened: it has to be kept as a session in {folder.parent}, which failed"
-            f" ({error.strerror or error}). Make room there, and make sure that you may write to it."
+            filled(
+                QT_TR_NOOP(
+                    "{bag} cannot be opened: it has to be kept as a session in {folder}, which failed"
+                    " ({why}). Make room there, and make sure that you may write to it."
+                ),
+                bag=bag,
+                folder=folder.parent,
+                why=error.strerror or error,
+            )
         ) from error
     for topic in report.not_understood:
         print(f"Not understood: {topic.topic} ({topic.type}): {topic.reason}", file=sys.stderr)

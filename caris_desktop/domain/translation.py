@@ -6,14 +6,16 @@ stands as ``{name}`` and is filled with ``str.format`` after it was translated, 
 and many as ``%n``.
 
 A process that speaks English, or a room that does not know who will read it, says ``filled(QT_TR_NOOP("..."),
-name=value)``: the English sentence, which still has its text and its values apart, so that ``tr`` can say it anew.
+name=value)``: the English sentence, which still has its text and its values apart, so that ``tr`` can say it anew. The
+number of one and many stands in the mark there, as it does in ``tr``: ``QT_TR_NOOP("%n pictures are lost.", "", 3)``.
 """
 
 import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Self
 
-_PLACE = re.compile(r"\{(\w+)\}")
+_NUMBER = "%n"
+_PLACE = re.compile(rf"\{{(\w+)\}}|{_NUMBER}")
 
 Translator = Callable[[str, str, int], str]
 """Given a text, a word on how it is meant where that is needed, and the number for ``%n`` (-1: none)."""
@@ -35,13 +37,14 @@ def use_translator(translator: Translator | None) -> None:
 def tr(text: str, meant: str = "", number: int = -1) -> str:
     """``text`` in the wizard's language. ``meant`` tells apart two meanings of one English text."""
     if isinstance(text, Filled):
+        number = int(text.values.get(_NUMBER, number))
         return _fill(_Used.translator(text.template, meant, number), text.values, tr)
     return _Used.translator(text, meant, number) if text else ""
 
 
-def QT_TR_NOOP(text: str) -> str:  # noqa: N802 - by this name lupdate finds it
-    """Marks a text that ``tr`` is given later."""
-    return text
+def QT_TR_NOOP(text: str, _meant: str = "", number: int = -1) -> str:  # noqa: N802 - by this name lupdate finds it
+    """Marks a text that ``tr`` is given later; one with ``%n`` keeps the number for it."""
+    return Filled(text, {_NUMBER: str(number)}) if number >= 0 else text
 
 
 class Filled(str):
@@ -83,7 +86,7 @@ def joined(sentences: Iterable[str], between: str = " ") -> Filled:
 
 def _fill(template: str, values: Mapping[str, str], say: Callable[[str], str]) -> str:
     def one(place: re.Match[str]) -> str:
-        value = values.get(place[1])
+        value = values.get(place[1] or _NUMBER)
         return place[0] if value is None else say(value) if isinstance(value, Filled) else value
 
     return _PLACE.sub(one, template)

@@ -35,7 +35,7 @@ class CodingDesk(QObject):
 
     _overview_made = Signal(object)
     _overview_missing = Signal()
-    _save_failed = Signal(str)
+    _save_failed = Signal(object)  # as a str of Qt's it would lose what can be said in another language
 
     def __init__(
         self,
@@ -80,7 +80,7 @@ class CodingDesk(QObject):
 
     def _on_damaged(self, why: str) -> None:
         self._problem(
-            tr("Annotations of a coder cannot be read."), why, tr("They stay as they are; mend or move the file.")
+            tr("Annotations of a coder cannot be read."), tr(why), tr("They stay as they are; mend or move the file.")
         )
 
     def close(self) -> str:
@@ -127,7 +127,8 @@ class CodingDesk(QObject):
         try:
             document = self._history.apply(edit)
         except AnnotationError as refusal:
-            return str(refusal)
+            why = str(refusal)
+            return tr(why)
         self._show(document)
         return ""
 
@@ -146,7 +147,8 @@ class CodingDesk(QObject):
                     return read_eaf(path, coder=coder, media_began_ms=media_began_ms_of(self._session.header))
                 return read_csv(path, coder=coder)
             except AnnotationError as refusal:
-                return str(refusal)
+                why = str(refusal)
+                return tr(why)
 
         def take(found: AnnotationDocument | str) -> None:
             told(found if isinstance(found, str) else self.edit(lambda document: take_over(document, found)))
@@ -188,4 +190,6 @@ class CodingDesk(QObject):
             )
 
     def _on_save_failed(self, why: str) -> None:
-        self._problem(tr("Your annotations are not saved."), why, tr("Make room or rights for the session's folder."))
+        self._problem(
+            tr("Your annotations are not saved."), tr(why), tr("Make room or rights for the session's folder.")
+        )

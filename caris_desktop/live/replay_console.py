@@ -142,7 +142,7 @@ class ReplayConsole(QObject):
                 tr("This session was cut off while it was recorded.")
                 if cut
                 else tr("A part of this session is missing."),
-                " ".join(told),
+                " ".join(map(tr, told)),
                 tr("What is left is shown. What a repair found is kept in its folder 'recovered'.")
                 if session.repairs
                 else tr("What is left is shown. If there is a copy of the session, take the files from there."),

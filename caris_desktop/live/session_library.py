@@ -162,7 +162,7 @@ class LiveSessionLibrary(QObject):
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         """A program of its own: it may be slow or fail without the running session."""
-        command = [*self._program, "replay", str(folder), *self._replay_options]
+        command = [*self._program, "replay", str(folder), "--told-in-window", *self._replay_options]
         if at_ns is not None:
             command.append(f"--at-ns={at_ns}")
 
@@ -237,7 +237,7 @@ class LiveSessionLibrary(QObject):
             on_exit=lambda _code: self._exporter_ended.emit(exporter),
         )
         self._exporter = exporter
-        self.export.set(ExportStatus("running", 0.0, "starting"))
+        self.export.set(ExportStatus("running", 0.0, tr("starting")))
         exporter.start()
 
     def cancel_export(self) -> None:
@@ -253,7 +253,7 @@ class LiveSessionLibrary(QObject):
         from caris_desktop.recording.export import ExportFinished, ExportProgress
 
         if isinstance(message, ExportProgress):
-            self.export.set(ExportStatus("running", message.fraction, message.what))
+            self.export.set(ExportStatus("running", message.fraction, tr(message.what)))
         elif isinstance(message, ExportFinished):
             self.export.set(
                 ExportStatus(
@@ -261,7 +261,7 @@ class LiveSessionLibrary(QObject):
                     1.0,
                     "",
                     message.written,
-                    "\n".join((*message.problems, *message.notices)),
+                    "\n".join(map(tr, (*message.problems, *message.notices))),
                 )
             )
             exporter.ask_to_end()

@@ -19,7 +19,7 @@ from pathlib import Path
 import psutil
 
 from caris_desktop.domain.file_replacement import no_room
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.names import Pseudonyms, pseudonymised, pseudonyms_of
 from caris_desktop.recording.session.session_header import is_session
@@ -211,7 +211,7 @@ def export_all(
     if unknown or not request.formats:
         return ExportFinished((), (_unknown_format(", ".join(unknown)),))
     if not request.folder_per_session and len(request.sessions) != 1:
-        return ExportFinished((), ("Several sessions need a folder each. Nothing was written.",))
+        return ExportFinished((), (QT_TR_NOOP("Several sessions need a folder each. Nothing was written."),))
     remove_partial_exports(request.out)
     targets = export_folders(request)
     weights = [_BASE_WEIGHT_BYTES + _size_bytes(folder / "events.mcap") for folder in request.sessions]
@@ -228,36 +228,38 @@ def export_all(
         def tell(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
             told(ExportProgress((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what))
 
-        tell(0.0, folder.absolute().name)
+        tell(0.0, filled("{session}", session=folder.absolute().name))  # a name, and no text of ours
         try:
             session = _opened(folder, pseudonyms)
             sentences = dict.fromkeys((*session.notices, *session.losses))
-            notices += [f"{folder.name}: {sentence}" for sentence in sentences]
+            notices += [_told_of(folder.name, sentence) for sentence in sentences]
             sessions.append(session)
             if apart.formats:
                 problems += _export_formats(session, apart, target, tell)
                 found = [loss for loss in session.told_losses() if loss not in session.losses]
-                problems += [f"{folder.name}: {loss}" for loss in found]
+                problems += [_told_of(folder.name, loss) for loss in found]
                 written.append(target)
                 on_written(target)
         except _DiskFullError as error:
-            problems.append(f"{folder.name}: {error}")
+            problems.append(_told_of(folder.name, error))
             left = len(request.sessions) - number - 1
             if left:
-                problems.append(f"{left} further session(s) were not tried: the disk is full.")
+                what = QT_TR_NOOP("%n further session(s) were not tried: the disk is full.", "", left)
+                problems.append(what)
             break
         except ExportError as error:
-            problems.append(f"{folder.name}: {error}")
+            problems.append(_told_of(folder.name, error))
         done_weight += weight
     for name in together if sessions else ():
-        told(ExportProgress(1.0, f"{BY_FORMAT[name].title} of all sessions"), now=True)
+        title = filled(BY_FORMAT[name].title)
+        told(ExportProgress(1.0, filled(QT_TR_NOOP("{format} of all sessions"), format=title)), now=True)
         try:
             target = _export_together(name, sessions, request)
             written.append(target)
             on_written(target)
         except ExportError as error:
-            problems.append(f"{BY_FORMAT[name].title}: {error}")
-    told(ExportProgress(1.0, "done"), now=True)
+            problems.append(_told_of(title, error))
+    told(ExportProgress(1.0, QT_TR_NOOP("done")), now=True)
     return ExportFinished(tuple(written), tuple(problems), tuple(notices))
 
 
@@ -301,12 +303,20 @@ def sessions_in(path: Path) -> tuple[Path, ...]:
             if entry.is_dir() and not entry.name.startswith(".") and any(entry.iterdir())
         )
     except OSError as error:
-        raise ExportError(f"{path} cannot be read: {error.strerror or error}.") from error
+        raise ExportError(
+            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+        ) from error
     if inside is path:
         folders = [folder for folder in folders if is_session(folder)]
     if not folders:
         raise ExportError(
-            f"{path} is no session and no study: it holds neither a session.json nor sessions. Nothing was written."
+            filled(
+                QT_TR_NOOP(
+                    "{path} is no session and no study: it holds neither a session.json nor sessions."
+                    " Nothing was written."
+                ),
+                path=path,
+            )
         )
     return tuple(folders)
 
@@ -352,7 +362,7 @@ def _export_formats(
     failed = 0
     with _whole_folder(out, session.folder) as partial:
         for number, fmt in enumerate(formats):
-            title = f"{name}: {BY_FORMAT[fmt].title}"
+            title = _told_of(name, BY_FORMAT[fmt].title)
 
             def progress(fraction: float, *, number: int = number, title: str = title) -> None:
                 tell((number + min(1.0, max(0.0, fraction))) / len(formats), title)
@@ -369,12 +379,12 @@ def _export_formats(
             except ExportError as error:
                 if len(formats) == 1:
                     raise
-                problems.append(f"{title}: {error}")
+                problems.append(_told_of(title, error))
                 shutil.rmtree(place, ignore_errors=True)
                 failed += 1
-            problems += [f"{title}: {warning}" for warning in dict.fromkeys(warnings)]
+            problems += [_told_of(title, warning) for warning in dict.fromkeys(warnings)]
         if failed == len(formats):
-            raise ExportError(" ".join(problems))
+            raise ExportError(joined(problems))
     return tuple(problems)
 
 
@@ -419,8 +429,15 @@ def _told(write: Callable[[], list[Path]], what: str, fmt: str, out: Path) -> li
     except Exception as error:
         _log.exception("export of %s as %s", what, fmt)
         raise ExportError(
-            f"It could not be written as {fmt} ({type(error).__name__}: {error}). Nothing was kept of that; "
-            "the session itself is unharmed."
+            filled(
+                QT_TR_NOOP(
+                    "It could not be written as {format} ({kind}: {error}). Nothing was kept of that; the"
+                    " session itself is unharmed."
+                ),
+                format=fmt,
+                kind=type(error).__name__,
+                error=error,
+            )
         ) from error
 
 
@@ -436,7 +453,12 @@ def _whole_folder(out: Path, session_folder: Path) -> Iterator[Path]:
     try:
         try:
             if out.exists() and (not out.is_dir() or any(out.iterdir())):
-                raise ExportError(f"{out} exists and is not empty. Nothing was written; choose another folder.")
+                raise ExportError(
+                    filled(
+                        QT_TR_NOOP("{out} exists and is not empty. Nothing was written; choose another folder."),
+                        out=out,
+                    )
+                )
             out.parent.mkdir(parents=True, exist_ok=True)
             partial = _new_partial(out)
         except OSError as error:
@@ -462,19 +484,34 @@ def _refuse_inside(out: Path, session_folder: Path) -> None:
     inside = place.relative_to(session_folder).parts
     if len(inside) != 1 or not inside[0].startswith("export-"):
         raise ExportError(
-            f"{out} lies inside the recorded session. Nothing was written; choose a folder outside of it, "
-            f"or {session_folder / 'export-1'}."
+            filled(
+                QT_TR_NOOP(
+                    "{out} lies inside the recorded session. Nothing was written; choose a folder outside"
+                    " of it, or {new}."
+                ),
+                out=out,
+                new=session_folder / "export-1",
+            )
         )
 
 
 def _failure(out: Path, error: OSError) -> ExportError:
-    kind = _DiskFullError if no_room(error) else ExportError
-    advice = " Free some room, or choose another disk." if no_room(error) else ""
-    return kind(f"The export to {out} failed: {error.strerror or error}. Nothing was kept of it.{advice}")
+    if no_room(error):
+        full = QT_TR_NOOP(
+            "The export to {folder} failed: {why}. Nothing was kept of it. Free some room, or choose another disk."
+        )
+        return _DiskFullError(filled(full, folder=out, why=error.strerror or error))
+    failed = QT_TR_NOOP("The export to {folder} failed: {why}. Nothing was kept of it.")
+    return ExportError(filled(failed, folder=out, why=error.strerror or error))
+
+
+def _told_of(name: str, told: object) -> Filled:
+    """Whose a sentence is, before it; both keep what they are filled with."""
+    return filled(QT_TR_NOOP("{name}: {told}"), name=name, told=filled(str(told)))
 
 
 def _unknown_format(name: str) -> str:
-    return f"Unknown format '{name}'. Allowed: {', '.join(BY_FORMAT)}."
+    return filled(QT_TR_NOOP("Unknown format '{name}'. Allowed: {formats}."), name=name, formats=", ".join(BY_FORMAT))
 
 
 def _study_name(folder: Path) -> str:

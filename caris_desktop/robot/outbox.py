@@ -11,7 +11,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Gap, Problem, Severity
 from caris_desktop.domain.sensing import AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, Delivery
-from caris_desktop.domain.translation import filled
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 logger = logging.getLogger(__name__)
 
@@ -75,7 +75,8 @@ class Outbox:
                 batch = list(self._events)
                 batch += [value for waiting in self._values.values() for value in waiting]
                 batch += [
-                    Gap(now_ns(), stream, count, "the console did not keep up") for stream, count in self._gaps.items()
+                    Gap(now_ns(), stream, count, QT_TR_NOOP("the console did not keep up"))
+                    for stream, count in self._gaps.items()
                 ]
                 self._events.clear()
                 self._values.clear()

@@ -50,10 +50,10 @@ def _opened(at_ns: int, scenario: Scenario, **changed: Any) -> ScenarioOpened:
     return ScenarioOpened(at_ns, **{**told, **changed})
 
 
-def _arguments(path: Path) -> argparse.Namespace:
+def _arguments(path: Path, *more: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     replay_command.add_arguments(parser)
-    return parser.parse_args([str(path)])
+    return parser.parse_args([str(path), *more])
 
 
 def _record(folder: Path, timed: Sequence[tuple[float, Callable[[int], Any]]]) -> int:
@@ -288,3 +288,17 @@ def test_what_a_killed_import_left_is_removed_after_a_day(
             os.utime(left, (old_s, old_s))
     folder = replay_command._session_folder(bag)
     assert {path.name for path in folder.parent.iterdir()} == {folder.name, ".import-new", "session-old"}
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_why_a_session_does_not_open_is_english_in_a_terminal_and_as_the_window_speaks_in_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(replay_command, "configure_logging", lambda *_args, **_options: None)
+    monkeypatch.setattr(replay_command, "check_screen", lambda: None)
+    monkeypatch.setattr(replay_command, "ReplayRun", lambda arguments: open_session(arguments.session))
+    assert replay_command.run(_arguments(tmp_path)) == 2
+    assert capsys.readouterr().err == f"{tmp_path} is no session: it holds no session.json.\n"
+    assert replay_command.run(_arguments(tmp_path, "--told-in-window")) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"[{tmp_path} îš ñö šéššîöñ: "), told

@@ -12,7 +12,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.recorded_form import to_message
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.domain.translation import Filled, filled, joined, tr, use_translator
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined, tr, use_translator
 from caris_desktop.live.children import told_here
 from caris_desktop.ui.language import in_trial_language
 
@@ -20,6 +20,7 @@ GERMAN = {
     "The disk is slow: it took {delay} s.": "{delay} s hat die Festplatte gebraucht.",
     "{camera} broke off: {why}.": "{camera} brach ab: {why}.",
     "no answer": "keine Antwort",
+    "%n pictures of {camera} are lost.": "%n Bilder von {camera} fehlen.",
 }
 
 
@@ -64,6 +65,20 @@ def test_more_values_come_later() -> None:
 
 
 @pytest.mark.usefixtures("german")
+def test_the_number_of_one_and_many_goes_with_it() -> None:
+    def of_one_and_many(text: str, _meant: str, number: int) -> str:
+        return "Ein Bild von {camera} fehlt." if number == 1 else GERMAN.get(text, text).replace("%n", str(number))
+
+    three, one = (
+        filled(QT_TR_NOOP("%n pictures of {camera} are lost.", "", count), camera="the %n hall") for count in (3, 1)
+    )
+    use_translator(of_one_and_many)
+    assert three == "3 pictures of the %n hall are lost."
+    assert tr(pickle.loads(pickle.dumps(three))) == "3 Bilder von the %n hall fehlen."  # noqa: S301
+    assert tr(filled("{what}", what=one)) == "Ein Bild von the %n hall fehlt."
+
+
+@pytest.mark.usefixtures("german")
 def test_the_record_has_it_in_english_and_as_plain_text() -> None:
     problem, plain = (Problem(1, "warning", what, "", "") for what in (broke_off("F"), "F broke off: no answer."))
     recorded = json.dumps(to_message(BY_TYPE[Problem], problem, at_utc_ns=1))
@@ -82,30 +97,42 @@ def test_the_console_tells_it_in_the_wizards_language() -> None:
     assert told_here(sent).what.startswith("[Front bŕöķé".replace("ķ", "k")), told_here(sent).what
 
 
-ROOMS = ("robot", "recording/recorder", "perception", "conversation/listening", "conversation/voices")
+ROOMS = ("robot", "recording", "perception", "conversation/listening", "conversation/voices", "app")
 TOLD = {
-    "CameraError", "DetectorAwayError", "EngineAway", "FaceModelError", "NoAnswer", "NoEngine", "NoSuchVoiceError",
-    "OutletUnavailableError", "Problem", "SecurityError", "ToldFailure", "UnknownFormError", "WeightsError", "_away",
-    "_no", "_tell_problem", "abort", "give_up", "problem", "unreachable",
+    "AnnotationError", "CameraError", "DetectorAwayError", "EngineAway", "ExportError", "FaceModelError",
+    "ForgettingStopped", "Gap", "NoAnswer", "NoEngine", "NoSuchVoiceError", "OutletUnavailableError", "Problem",
+    "RepairReport", "SecurityError", "SessionError", "ToldFailure", "UnknownFormError", "UnreadableMediaError",
+    "WeightsError", "_away", "_miss", "_no", "_tell_problem", "abort", "give_up", "problem", "unreachable",
 }  # fmt: skip
 """What is called with what the wizard reads."""
+COLLECTED = ("self._sentences.append", "self._losses.append", "problems.append", "context.warn")
+"""Where sentences are gathered that the wizard reads later."""
+OF_THE_TERMINAL = ("recording/studies/", "recording/session/manifest.py", "recording/replay/video_reader.py")
+"""What these gather is printed by a command, in English."""
 
 
-def glued(source: str) -> list[str]:
-    """Sentences with values in them that nobody could translate."""
+def glued(source: str, *, collects: bool = True) -> list[str]:
+    """Sentences with values in them that nobody could translate; ``collects``: the wizard reads what is gathered."""
     found = []
     for call in (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)):
         told = [*call.args, *(one.value for one in call.keywords if one.arg != "searched")]
-        if ast.unparse(call.func).rpartition(".")[2] in TOLD:
+        called = ast.unparse(call.func)
+        if called.rpartition(".")[2] in TOLD or (collects and called.endswith(COLLECTED)):
             parts = [part for one in told for part in ([one.body, one.orelse] if isinstance(one, ast.IfExp) else [one])]
-            found += [ast.unparse(part) for part in parts if isinstance(part, (ast.JoinedStr, ast.BinOp))]
+            found += [ast.unparse(part) for part in parts if _is_glued(part)]
     return found
+
+
+def _is_glued(part: ast.expr) -> bool:
+    """A path is put together with a stroke."""
+    return isinstance(part, ast.JoinedStr) or (isinstance(part, ast.BinOp) and not isinstance(part.op, ast.Div))
 
 
 def test_no_child_process_glues_what_it_tells() -> None:
     package = Path(__file__).parents[2] / "caris_desktop"
     files = [file for room in ROOMS for file in (package / room).rglob("*.py")]
     files += [package / "conversation" / f"{name}.py" for name in ("synthesis", "microphone", "embedded_server")]
-    found = {file.name: glued(file.read_text("utf-8")) for file in files}
+    named = {file.relative_to(package).as_posix(): file.read_text("utf-8") for file in files}
+    found = {name: glued(text, collects=not name.startswith(OF_THE_TERMINAL)) for name, text in named.items()}
     assert {name: texts for name, texts in found.items() if texts} == {}
     assert glued('raise CameraError(f"The camera {name} is away.", "Look.")') == ["f'The camera {name} is away.'"]

@@ -1,6 +1,7 @@
 """A recorded session in the place of the console: what is on show at each moment is what had arrived by then."""
 
 import functools
+import json
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +20,7 @@ from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.intents import INTENTS
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, StatusShown
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live import coding_desk
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.playback_clock import PlaybackClock
@@ -73,7 +75,10 @@ def open_replay(made: MadeSession, qtbot: QtBot) -> Iterator[Replay]:
         raise ValueError(f"{chosen.name} is not read here")
 
     def opened(
-        monotonic_ns: Callable[[], int] = time.monotonic_ns, folder: Path | None = None, unsaved_dir: Path | None = None
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        folder: Path | None = None,
+        unsaved_dir: Path | None = None,
+        told: Callable[[Any], None] = lambda _problem: None,
     ) -> ReplayConsole:
         session = open_session(folder or made.folder)
         videos = VideoReader(session)
@@ -90,6 +95,7 @@ def open_replay(made: MadeSession, qtbot: QtBot) -> Iterator[Replay]:
             unsaved_dir=unsaved_dir,
         )
         console = ReplayConsole(parts, session)
+        console.noticed.connect(told)
         console.start()
         consoles.append(console)
         qtbot.waitUntil(lambda: console.settled, timeout=10_000)
@@ -473,3 +479,48 @@ def test_where_the_wizard_was_in_the_protocol_is_shown_again(open_replay: Replay
     assert seen == [
         (1, 1.0, (), ()), (3, 1.0, (first,), (second,)), (2, 1.0, (first,), ()), (2, 5.0, (first,), ()),
     ]  # fmt: skip
+
+
+@pytest.mark.usefixtures("trial_language")
+@pytest.mark.logs("of the session is not shown")
+def test_what_was_repaired_and_what_is_missing_is_said_in_the_wizards_language(
+    open_replay: Replay, qtbot: QtBot, tmp_path: Path
+) -> None:
+    folder = tmp_path / "session"
+    minute.make_session(folder, lambda begin_ns: minute.said(begin_ns, at_s=5, for_s=2, text="Hello."))
+    events = folder / "events.mcap"
+    events.write_bytes(events.read_bytes()[:-400])
+    told: list[Problem] = []
+    console = open_replay(folder=folder, told=told.append)
+    assert console.session.notices, "it was damaged"
+    meaning = next(problem.meaning for problem in told if isinstance(problem, Problem))
+    for sentence in console.session.notices:
+        assert sentence not in meaning and tr(sentence) in meaning and tr(sentence).startswith("[")
+    assert json.loads((folder / "session.json").read_text())["repairs"] == [
+        str(one) for one in console.session.notices if one not in console.session.losses
+    ], "the record stays English"
+
+
+@pytest.mark.usefixtures("trial_language")
+@pytest.mark.logs("of the session is not shown")
+def test_what_cannot_be_coded_taken_over_or_saved_is_said_in_the_wizards_language(
+    open_replay: Replay, qtbot: QtBot, tmp_path: Path
+) -> None:
+    folder = tmp_path / "session"
+    minute.make_session(folder, lambda _begin_ns: [])
+    problems: list[Problem] = []
+    console = open_replay(folder=folder, told=problems.append)
+    nameless = console.edit(lambda document: editing.add_tier(document, " ", coder="Kim"))
+    assert nameless == tr(QT_TR_NOOP("A tier needs a name.")) != "A tier needs a name."
+    table, told = tmp_path / "kim.csv", list[str]()
+    table.write_text("tier,start,end,value\n", encoding="utf-16")
+    table.write_bytes(table.read_bytes() + b"\0\0")
+    console.import_annotations(table, "Kim", told.append)
+    qtbot.waitUntil(lambda: bool(told))
+    why = tr(QT_TR_NOOP("It is no text. Save the table as CSV in UTF-8."))
+    assert told == [tr(QT_TR_NOOP("{file} cannot be taken over. {error}")).format(file="kim.csv", error=why)]
+    (folder / "annotations").touch()
+    console.edit(lambda document: editing.add_tier(document, "Engagement", coder="Kim"))
+    qtbot.waitUntil(lambda: bool(problems), timeout=10_000)
+    assert problems[0].meaning.startswith("["), problems[0].meaning
+    (folder / "annotations").unlink()

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.recording import export
 from caris_desktop.recording.studies.query import SessionQuery
@@ -40,11 +41,12 @@ def make_library(tmp_path: Path, told: Told, qtbot: QtBot) -> Iterator[Library]:
 
 @pytest.mark.logs("the replay of .* ended with 1")
 def test_a_replay_that_does_not_open_tells_why(make_library: Library, told: Told, qtbot: QtBot) -> None:
-    script = "import sys; print('Qt says something'); sys.exit(f'{sys.argv[2]} is damaged.')"
+    script = "import sys; print('Qt says something'); sys.exit(f'{sys.argv[2]} is damaged {sys.argv[3]}')"
     library = make_library(program=(sys.executable, "-c", script))
     library.open_replay(Path("/study/one"))
     qtbot.waitUntil(lambda: bool(told), timeout=10_000)
-    assert [told[0][0], told[0][1], told[0][2]] == ["error", "The replay of one has ended.", "/study/one is damaged."]
+    why = "/study/one is damaged --told-in-window"
+    assert [told[0][0], told[0][1], told[0][2]] == ["error", "The replay of one has ended.", why]
     assert not library._replay_watch.isActive()
 
 
@@ -145,3 +147,18 @@ def test_an_index_that_cannot_be_opened_is_told(
     library.find(SessionQuery(wizard="W1"))
     qtbot.waitUntil(lambda: not library.found.value.updating, timeout=5_000)
     assert library.found.value.detail == ""
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_what_is_exported_and_why_not_is_said_in_the_wizards_language(
+    make_library: Library, tmp_path: Path, qtbot: QtBot
+) -> None:
+    library, shown = make_library(), list[str]()
+    library.export.changed.connect(lambda status: shown.append(status.what))
+    library.start_export([tmp_path / "one"], ["csv", "eaf"], tmp_path / "out")
+    assert shown == [tr("starting")] != ["starting"]
+    qtbot.waitUntil(lambda: library.export.value.state == "failed", timeout=30_000)
+    no_folder = "{folder} is no folder. A session is a folder with session.json and events.mcap in it."
+    why = tr(no_folder).format(folder=tmp_path / "one")
+    assert library.export.value.detail == tr("{name}: {told}").format(name="one", told=why)
+    assert tr("done") in shown

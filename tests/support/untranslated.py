@@ -96,8 +96,8 @@ _TOLD_ERRORS = ("MappingError", "ToldFailure")
 """Raised with the sentence that the wizard reads; what other errors say stands in the log."""
 
 _TOLD_BY = {
-    "BundleError", "CameraError", "NotFetched", "PeopleStoreError", "Problem", "ProfileError", "ScenarioError",
-    "ToldFailure", "WeightsError",
+    "AnnotationError", "BundleError", "CameraError", "ExportError", "NotFetched", "PeopleStoreError", "Problem",
+    "ProfileError", "ScenarioError", "SessionError", "ToldFailure", "UnreadableMediaError", "WeightsError",
 }  # fmt: skip
 """What carries sentences to the wizard out of any room, with whatever is derived of it."""
 

@@ -28,10 +28,10 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.replay.agreement_dialog import UNIT_MS, AgreementDialog
 from caris_desktop.ui.replay.label_card import LabelCard
 from caris_desktop.ui.replay.plain_tip import plain_tip
-from caris_desktop.ui.replay.tier_dialog import SCENARIO_LABELS, TierDialog
+from caris_desktop.ui.replay.tier_dialog import TierDialog
 from caris_desktop.ui.replay.timeline_acts import NUDGE_MS
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
-from caris_desktop.ui.replay.timeline_model import TimeScale
+from caris_desktop.ui.replay.timeline_model import SCENARIO_LABELS, TimeScale
 from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton

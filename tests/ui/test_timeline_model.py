@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.overview import Waveform
 from caris_desktop.ui.replay.timeline_model import (
+    SCENARIO_LABELS,
     Row,
     TimeScale,
     Track,
@@ -19,6 +21,7 @@ from caris_desktop.ui.replay.timeline_model import (
     ruler_ticks,
     snapped,
     speed_columns,
+    vocabulary_title,
     wave_columns,
     whole_session,
 )
@@ -155,3 +158,9 @@ def test_speed_keeps_its_fastest_moment_and_is_nothing_outside() -> None:
     assert np.isnan(columns[60:, 0]).all(), "the session went on without measurements"
     fine = speed_columns(speed, TimeScale(1000, 1.0), 200)
     assert not np.isnan(fine).any(), "between two measurements the last one holds"
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_the_vocabulary_that_the_console_made_is_named_in_the_wizards_language() -> None:
+    assert vocabulary_title(SCENARIO_LABELS) == tr(SCENARIO_LABELS) != SCENARIO_LABELS
+    assert vocabulary_title("Motion") == "Motion", "what a coder wrote stays as it is"

@@ -158,6 +158,8 @@ def test_what_is_translated_too_early_is_found(source: str, early: int) -> None:
         ('tr("%n people", "", count)', 0),
         ('tr("%n people")', 1),
         ('tr("People", "", count)', 1),
+        ('QT_TR_NOOP("%n people", "", count)', 0),
+        ('QT_TR_NOOP("People", "", count)', 1),
     ],
 )
 def test_what_is_filled_in_wrongly_is_found(source: str, flaws: int) -> None:
@@ -190,7 +192,7 @@ def _flaws(call: ast.Call, formatted: ast.Call | None) -> Iterator[str]:
     names = {
         name.partition(":")[0].partition("!")[0] for name in _PLACED.findall(text.replace("{{", "").replace("}}", ""))
     }
-    if marked == "tr" and ("%n" in text) != (len(call.args) > 2):
+    if (marked == "tr" or len(call.args) > 1) and ("%n" in text) != (len(call.args) > 2):
         yield f"has %n without a number, or a number without %n: {text!r}"
     if formatted is None:
         return

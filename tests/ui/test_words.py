@@ -204,6 +204,7 @@ def test_what_a_child_process_gives_as_the_reason_is_said_in_the_wizards_languag
         lambda: words.no_picture(2.0, lost),
         lambda: words.no_picture(None, ended),
         lambda: words.link_facts(link, {}, ClockAnchor.take()),
+        lambda: "\n".join(event_words.event_sentence(Gap(1, "frame", 3, why), name_of) or ()),
     ):
         assert "front door" in say()
         assert untranslated_part(say) == []

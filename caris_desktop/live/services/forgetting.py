@@ -151,7 +151,7 @@ class ForgettingService(Service):
                 cause="forgetting",
             )
         for sentence in (
-            *outcome.problems,
+            *map(tr, outcome.problems),
             *(tr("They are still found in {file}.").format(file=file) for file in outcome.left),
         ):
             self._bus.problem("warning", sentence, tr("That part of forgetting is not done."), tr("Ask for it again."))

@@ -12,7 +12,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ANSWER, Event, LinkChanged, Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
@@ -283,7 +283,7 @@ class RecordingService(Service):
                 state=report.state,
                 written_bytes=report.written_bytes,
                 free_bytes=report.free_bytes,
-                detail=report.detail,
+                detail=tr(report.detail),
                 bytes_per_s=report.bytes_per_s,
                 room_s=report.room_s,
                 dropped=report.dropped,
@@ -315,7 +315,7 @@ class RecordingService(Service):
             replace(
                 self._state.recording.value,
                 state="failed" if interrupted or not again else "idle",
-                detail=QT_TR_NOOP("the recorder stopped"),
+                detail=tr("the recorder stopped"),
             )
         )
         self._problem(

@@ -8,6 +8,7 @@ annotation counts once, and one without a counterpart counts as a disagreement.
 from collections import Counter
 from collections.abc import Sequence
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError, coders_of, tier_of
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
@@ -87,7 +88,11 @@ def compare_tiers(
     one, other = document.of_tier(first_tier_id), document.of_tier(second_tier_id)
     ended_ms = max([document.duration_ms, *(item.end_ms for item in (*one, *other))])
     if unit_ms < 1 or tolerance_ms < 0 or ended_ms // unit_ms > _MOST_UNITS:
-        raise AnnotationError(f"Units of {unit_ms} ms with a tolerance of {tolerance_ms} ms cannot be compared.")
+        raise AnnotationError(
+            QT_TR_NOOP("Units of {unit_ms} ms with a tolerance of {tolerance_ms} ms cannot be compared."),
+            unit_ms=unit_ms,
+            tolerance_ms=tolerance_ms,
+        )
     codes, offsets = _matched(one, other, tolerance_ms)
     return TierAgreement(
         tier=first.name if first.name == second.name else f"{first.name} / {second.name}",
@@ -116,8 +121,9 @@ def compare_coders(
     coders = coders_of(document)
     for coder in (first, second):
         if coder not in coders:
-            known = f"There are: {', '.join(coders)}." if coders else "Nobody has annotated this session yet."
-            raise AnnotationError(f"There are no annotations of {coder}. {known}")
+            known = QT_TR_NOOP("There are no annotations of {coder}. There are: {coders}.")
+            nobody = QT_TR_NOOP("There are no annotations of {coder}. Nobody has annotated this session yet.")
+            raise AnnotationError(known if coders else nobody, coder=coder, coders=", ".join(coders))
     theirs: dict[str, Tier] = {item.name: item for item in document.tiers if item.coder == second}
     pairs = [
         (mine, theirs[mine.name])
@@ -125,9 +131,25 @@ def compare_coders(
         if mine.coder == first and mine.name in theirs and tier in ("", mine.name)
     ]
     if not pairs:
-        which = f"the tier “{tier}”" if tier else "a tier of the same name"
         raise AnnotationError(
-            f"{first} and {second} do not both have {which}. Tiers are compared by their names: rename one of them."
+            filled(
+                QT_TR_NOOP(
+                    "{first} and {second} do not both have the tier “{tier}”. Tiers are compared by their"
+                    " names: rename one of them."
+                ),
+                first=first,
+                second=second,
+                tier=tier,
+            )
+            if tier
+            else filled(
+                QT_TR_NOOP(
+                    "{first} and {second} do not both have a tier of the same name. Tiers are compared by"
+                    " their names: rename one of them."
+                ),
+                first=first,
+                second=second,
+            )
         )
     return tuple(
         compare_tiers(document, mine.tier_id, other.tier_id, unit_ms=unit_ms, tolerance_ms=tolerance_ms)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import (
     LONGEST_NAME,
@@ -69,7 +70,9 @@ def read_csv(path: Path, *, coder: str = "") -> AnnotationDocument:
     try:
         return _document(_lines(_text(content)), coder)
     except AnnotationError as error:
-        raise AnnotationError(f"{path.name} cannot be taken over. {error}") from error
+        raise AnnotationError(
+            QT_TR_NOOP("{file} cannot be taken over. {error}"), file=path.name, error=error
+        ) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +113,7 @@ def _text(content: bytes) -> str:
         if "\0" in text:
             break
         return text
-    raise AnnotationError("It is no text. Save the table as CSV in UTF-8.")
+    raise AnnotationError(QT_TR_NOOP("It is no text. Save the table as CSV in UTF-8."))
 
 
 def _lines(text: str) -> list[_Line]:
@@ -123,11 +126,11 @@ def _lines(text: str) -> list[_Line]:
             if any(cell.strip() for cell in cells) and not (cells[0].startswith(("#", '"#')) and len(cells) == 1):
                 lines.append(_Line(rows.line_num, [cell.strip() for cell in cells]))
             if len(lines) > _MOST_ROWS:
-                raise AnnotationError(f"It has more than {_MOST_ROWS} rows.")
+                raise AnnotationError(QT_TR_NOOP("It has more than %n rows.", "", _MOST_ROWS))
     except csv.Error as error:
-        raise AnnotationError(f"Line {rows.line_num}: {error}.") from error
+        raise AnnotationError(QT_TR_NOOP("Line {number}: {error}."), number=rows.line_num, error=error) from error
     if not lines:
-        raise AnnotationError("There is nothing in it.")
+        raise AnnotationError(QT_TR_NOOP("There is nothing in it."))
     return lines
 
 
@@ -149,18 +152,23 @@ def _document(lines: list[_Line], coder: str) -> AnnotationDocument:
     annotations: list[Annotation] = []
     lines_of: dict[str, int] = {}
     for line in lines:
-        start_ms = _time_of(line, columns.start, columns.factors[0], "start")
-        end_ms = _time_of(line, columns.end, columns.factors[1], "end")
+        start_ms = _time_of(line, columns.start, columns.factors[0], start=True)
+        end_ms = _time_of(line, columns.end, columns.factors[1], start=False)
         if end_ms <= start_ms:
             raise AnnotationError(
-                f"Line {line.number}: it ends ({end_ms} ms) before or when it starts ({start_ms} ms)."
+                QT_TR_NOOP("Line {number}: it ends ({end_ms} ms) before or when it starts ({start_ms} ms)."),
+                number=line.number,
+                end_ms=end_ms,
+                start_ms=start_ms,
             )
         if end_ms > _LATEST_MS:
-            raise AnnotationError(f"Line {line.number}: {end_ms} ms is no time of a session.")
+            raise AnnotationError(
+                QT_TR_NOOP("Line {number}: {end_ms} ms is no time of a session."), number=line.number, end_ms=end_ms
+            )
         for name, value in _values(line, columns):
             whose = plain_text(_cell(line, columns.coder)) or coder
             if len(name) > LONGEST_NAME or len(value) > LONGEST_VALUE:
-                raise AnnotationError(f"Line {line.number}: a text is too long.")
+                raise AnnotationError(QT_TR_NOOP("Line {number}: a text is too long."), number=line.number)
             tier = tiers.setdefault(
                 (whose, name),
                 Tier(
@@ -196,9 +204,13 @@ def _refuse_overlaps(annotations: Sequence[Annotation], names: dict[str, str], l
         earlier = before.get(item.tier_id)
         if earlier is not None and item.start_ms < earlier.end_ms:
             raise AnnotationError(
-                f"Line {lines_of[item.annotation_id]} overlaps line {lines_of[earlier.annotation_id]} on the tier "
-                f"“{names[item.tier_id]}”. Annotations of one tier do not overlap: change one of them, or give it "
-                "another tier."
+                QT_TR_NOOP(
+                    "Line {number} overlaps line {earlier} on the tier “{tier}”. Annotations of one tier do"
+                    " not overlap: change one of them, or give it another tier."
+                ),
+                number=lines_of[item.annotation_id],
+                earlier=lines_of[earlier.annotation_id],
+                tier=names[item.tier_id],
             )
         before[item.tier_id] = item
 
@@ -233,8 +245,21 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
         if start is None and end is None and where["value"] is None:
             return None
         raise AnnotationError(
-            f"Line {lines[0].number}: the headings name no {'start' if start is None else 'end'} of the annotations. "
-            "Call the columns start_s and end_s, or start_ms and end_ms."
+            filled(
+                QT_TR_NOOP(
+                    "Line {number}: the headings name no start of the annotations. Call the columns start_s"
+                    " and end_s, or start_ms and end_ms."
+                ),
+                number=lines[0].number,
+            )
+            if start is None
+            else filled(
+                QT_TR_NOOP(
+                    "Line {number}: the headings name no end of the annotations. Call the columns start_s"
+                    " and end_s, or start_ms and end_ms."
+                ),
+                number=lines[0].number,
+            )
         )
     tiers: tuple[tuple[int, str], ...] = ()
     if where["value"] is None:
@@ -244,7 +269,9 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
             (column, plain_text(names[column])[:LONGEST_NAME]) for column in others if column != where["tier"]
         )
         if where["tier"] is not None or not tiers:
-            raise AnnotationError(f"Line {lines[0].number}: the headings name no value. Call that column value.")
+            raise AnnotationError(
+                QT_TR_NOOP("Line {number}: the headings name no value. Call that column value."), number=lines[0].number
+            )
     data = lines[1:]
     factors = _factors_of(data, start, end, units[start], units[end])
     return _Columns(start, end, factors, tiers=tiers, **where)
@@ -272,7 +299,9 @@ def _factors_of(lines: list[_Line], start: int, end: int, start_unit: str, end_u
     length = median(int(until) - int(begin) for begin, until in numbers)
     if _SECONDS_BELOW <= length < _MILLISECONDS_FROM:
         raise AnnotationError(
-            "Its times may be seconds or milliseconds. Call the columns start_s and end_s, or start_ms and end_ms."
+            QT_TR_NOOP(
+                "Its times may be seconds or milliseconds. Call the columns start_s and end_s, or start_ms and end_ms."
+            )
         )
     return (1000, 1000) if length < _SECONDS_BELOW else (1, 1)
 
@@ -299,8 +328,11 @@ def _without_headings(lines: list[_Line]) -> _Columns:
                     participant=1 if begin >= 2 else None,
                 )
     raise AnnotationError(
-        f"Line {lines[0].number}: there are no headings, and no columns that are times. Begin with a row of headings: "
-        "tier, start_s, end_s, value."
+        QT_TR_NOOP(
+            "Line {number}: there are no headings, and no columns that are times. Begin with a row"
+            " of headings: tier, start_s, end_s, value."
+        ),
+        number=lines[0].number,
     )
 
 
@@ -334,13 +366,23 @@ def _milliseconds(text: str, factor: int) -> int | None:
     return None
 
 
-def _time_of(line: _Line, column: int, factor: int, what: str) -> int:
+def _time_of(line: _Line, column: int, factor: int, *, start: bool) -> int:
     text = _cell(line, column)
     at_ms = _milliseconds(text, factor)
     if at_ms is None:
-        shown = f"“{text[:40]}” is no time" if text else "there is no time"
-        raise AnnotationError(f"Line {line.number}, {what}: {shown}. Write seconds, or hh:mm:ss.mmm.")
+        raise AnnotationError(_no_time(start=start, told=bool(text)), number=line.number, word=text[:40])
     return at_ms
+
+
+def _no_time(*, start: bool, told: bool) -> str:
+    """Of a start or an end that something is told of, or nothing."""
+    if told and start:
+        return QT_TR_NOOP("Line {number}, start: “{word}” is no time. Write seconds, or hh:mm:ss.mmm.")
+    if told:
+        return QT_TR_NOOP("Line {number}, end: “{word}” is no time. Write seconds, or hh:mm:ss.mmm.")
+    if start:
+        return QT_TR_NOOP("Line {number}, start: there is no time. Write seconds, or hh:mm:ss.mmm.")
+    return QT_TR_NOOP("Line {number}, end: there is no time. Write seconds, or hh:mm:ss.mmm.")
 
 
 def _cell(line: _Line, column: int | None) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element, ParseError
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import (
     LONGEST_NAME,
@@ -58,7 +59,9 @@ def read_eaf(path: Path, *, coder: str = "", media_began_ms: Mapping[str, int] |
         root = _parse(content)
         return _document(root, coder, _moved_ms(root, media_began_ms or {}))
     except AnnotationError as error:
-        raise AnnotationError(f"{path.name} cannot be taken over. {error}") from error
+        raise AnnotationError(
+            QT_TR_NOOP("{file} cannot be taken over. {error}"), file=path.name, error=error
+        ) from error
 
 
 def media_began_ms_of(header: Mapping[str, Any]) -> dict[str, int]:
@@ -103,15 +106,15 @@ def _parse(content: bytes) -> Element:
     try:
         root: Element = fromstring(content, forbid_dtd=True)
     except ParseError as error:
-        raise AnnotationError(f"It is no XML, or was cut off: {error}.") from error
+        raise AnnotationError(QT_TR_NOOP("It is no XML, or was cut off: {error}."), error=error) from error
     except (DefusedXmlException, ValueError, LookupError, RecursionError) as error:
         raise AnnotationError(
-            f"It holds what no ELAN file has ({type(error).__name__}), so it was not read."
+            QT_TR_NOOP("It holds what no ELAN file has ({kind}), so it was not read."), kind=type(error).__name__
         ) from error
     if root.tag != "ANNOTATION_DOCUMENT":
-        raise AnnotationError(f"It is no ELAN file: it begins with “{root.tag[:40]}”.")
+        raise AnnotationError(QT_TR_NOOP("It is no ELAN file: it begins with “{tag}”."), tag=root.tag[:40])
     if sum(1 for _ in root.iter()) > _MOST_ELEMENTS:
-        raise AnnotationError("It holds more than can be worked with.")
+        raise AnnotationError(QT_TR_NOOP("It holds more than can be worked with."))
     return root
 
 
@@ -138,7 +141,11 @@ def _document(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
     for element in root.findall("TIER"):
         xml_name = element.get("TIER_ID", "")
         if not xml_name or xml_name in tiers:
-            raise AnnotationError(f"Two tiers are called “{xml_name}”." if xml_name else "A tier has no name.")
+            raise AnnotationError(
+                filled(QT_TR_NOOP("Two tiers are called “{tier}”."), tier=xml_name)
+                if xml_name
+                else QT_TR_NOOP("A tier has no name.")
+            )
         tier_id, name = ours.tiers.get(xml_name, ("", ""))
         whose = plain_text(element.get("ANNOTATOR", "")).strip()
         vocabulary = vocabulary_of_type.get(element.get("LINGUISTIC_TYPE_REF", ""), "")
@@ -157,7 +164,11 @@ def _document(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
         tier = tiers[item.tier_name]
         start_ms, end_ms = (at_ms + moved_ms for at_ms in spans[item.xml_id])
         if end_ms <= start_ms:
-            raise AnnotationError(f"An annotation of the tier “{tier.name}” at {time_text(start_ms)} has no length.")
+            raise AnnotationError(
+                QT_TR_NOOP("An annotation of the tier “{tier}” at {time} has no length."),
+                tier=tier.name,
+                time=time_text(start_ms),
+            )
         annotation_id = ours.annotations.get(item.xml_id, item.xml_id)
         annotations.append(Annotation(annotation_id, tier.tier_id, start_ms, end_ms, item.value))
     document = sorted_document(
@@ -212,9 +223,17 @@ def _items(root: Element) -> Iterator[_Item]:
             value = plain_text(element.findtext("ANNOTATION_VALUE") or "")
             name = tier.get("TIER_ID", "")
             if not xml_id or xml_id in seen:
-                raise AnnotationError(f"Annotations of the tier “{name}” have no id, or the same (“{xml_id[:40]}”).")
+                raise AnnotationError(
+                    QT_TR_NOOP("Annotations of the tier “{name}” have no id, or the same (“{id}”)."),
+                    name=name,
+                    id=xml_id[:40],
+                )
             if len(value) > LONGEST_VALUE:
-                raise AnnotationError(f"A text on the tier “{name}” has {len(value)} characters; {LONGEST_VALUE} fit.")
+                raise AnnotationError(
+                    QT_TR_NOOP("A text on the tier “{tier}” has %n characters; {most} fit.", "", len(value)),
+                    tier=name,
+                    most=LONGEST_VALUE,
+                )
             seen.add(xml_id)
             if element.tag == "ALIGNABLE_ANNOTATION":
                 slots = (element.get("TIME_SLOT_REF1", ""), element.get("TIME_SLOT_REF2", ""))
@@ -235,7 +254,7 @@ def _slot_times(root: Element, items: dict[str, _Item]) -> dict[str, int]:
         elif slot.get("TIME_VALUE") is None:
             unknown.add(name)
         else:
-            raise AnnotationError(f"The time slot “{name[:40]}” has no usable time.")
+            raise AnnotationError(QT_TR_NOOP("The time slot “{name}” has no usable time."), name=name[:40])
     following = {item.slots[0]: item for item in items.values() if item.slots is not None and item.slots[1] in unknown}
     ends = {item.slots[0]: item.slots[1] for item in items.values() if item.slots is not None}
     for start in list(following):
@@ -245,7 +264,7 @@ def _slot_times(root: Element, items: dict[str, _Item]) -> dict[str, int]:
         while chain[-1] in ends and ends[chain[-1]] in unknown and ends[chain[-1]] not in times:
             chain.append(ends[chain[-1]])
             if len(chain) > len(items) + 1:
-                raise AnnotationError("Its annotations follow one another in a circle.")
+                raise AnnotationError(QT_TR_NOOP("Its annotations follow one another in a circle."))
         last = ends.get(chain[-1], "")
         if last in times:
             for number, name in enumerate(chain[1:], start=1):
@@ -261,14 +280,21 @@ def _spans(items: dict[str, _Item], times: dict[str, int]) -> dict[str, tuple[in
         if item.slots is None:
             waiting.setdefault((item.parent, item.tier_name), []).append(item)
         elif item.slots[0] not in times or item.slots[1] not in times:
-            raise AnnotationError(f"An annotation of the tier “{item.tier_name}” has no time (“{item.value[:40]}”).")
+            raise AnnotationError(
+                QT_TR_NOOP("An annotation of the tier “{tier}” has no time (“{value}”)."),
+                tier=item.tier_name,
+                value=item.value[:40],
+            )
         else:
             spans[item.xml_id] = (times[item.slots[0]], times[item.slots[1]])
     while waiting:
         ready = [key for key in waiting if key[0] in spans]
         if not ready:
             _, name = next(iter(waiting))
-            raise AnnotationError(f"Annotations of the tier “{name}” refer to one that is not there, or in a circle.")
+            raise AnnotationError(
+                QT_TR_NOOP("Annotations of the tier “{name}” refer to one that is not there, or in a circle."),
+                name=name,
+            )
         for key in ready:
             start_ms, end_ms = spans[key[0]]
             parts = _in_sequence(waiting.pop(key))

@@ -7,9 +7,10 @@ control characters become U+FFFD, ends of lines become line feeds.
 
 import re
 from bisect import bisect_left, insort
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.annotation.model import (
     Annotation,
     AnnotationDocument,
@@ -17,14 +18,21 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
+from caris_desktop.recording.annotation.naming import id_part, next_id, quoted, untaken
 
 LONGEST_NAME = 100
 LONGEST_VALUE = 10_000
+_TAKEN = QT_TR_NOOP("There is a vocabulary {vocabulary} already. Choose another name.")
 _NOT_IN_XML = re.compile("[^\t\n\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 class AnnotationError(Exception):
-    """What cannot be done with annotations, and why; the text is for people. Nothing was changed."""
+    """What cannot be done with annotations, and why; the text is for people, its ``{names}`` filled with ``values``.
+    Nothing was changed.
+    """
+
+    def __init__(self, text: str, **values: object) -> None:
+        super().__init__(filled(text, **values))
 
 
 def plain_text(text: str) -> str:
@@ -39,8 +47,8 @@ def add_tier(
     document: AnnotationDocument, name: str, coder: str, vocabulary: str = "", *, participant: str = ""
 ) -> AnnotationDocument:
     """A new tier of ``coder`` below the others; its id is :func:`next_tier_id`."""
-    coder = _name(coder, "A coder")
-    name = _name(name, "A tier")
+    coder = _name(coder, QT_TR_NOOP("A coder needs a name."))
+    name = _name(name, QT_TR_NOOP("A tier needs a name."))
     _refuse_taken_name(document, name, coder)
     if vocabulary:
         vocabulary_of(document, vocabulary)
@@ -51,7 +59,7 @@ def add_tier(
 def rename_tier(document: AnnotationDocument, tier_id: str, name: str) -> AnnotationDocument:
     """The tier is called ``name`` from now on."""
     tier = _own_tier(document, tier_id)
-    name = _name(name, "A tier")
+    name = _name(name, QT_TR_NOOP("A tier needs a name."))
     if name != tier.name:
         _refuse_taken_name(document, name, tier.coder)
     return _with_tier(document, replace(tier, name=name))
@@ -84,8 +92,13 @@ def set_tier_vocabulary(document: AnnotationDocument, tier_id: str, vocabulary: 
         for annotation in document.of_tier(tier_id):
             if annotation.value not in permitted:
                 raise AnnotationError(
-                    f"{_quoted(annotation.value)} on the tier {_quoted(tier.name)} is no value of the vocabulary "
-                    f"{_quoted(vocabulary)}. Change that annotation, or add the value to the vocabulary."
+                    QT_TR_NOOP(
+                        "{value} on the tier {tier} is no value of the vocabulary {vocabulary}. Change that"
+                        " annotation, or add the value to the vocabulary."
+                    ),
+                    value=quoted(annotation.value),
+                    tier=quoted(tier.name),
+                    vocabulary=quoted(vocabulary),
                 )
     return _with_tier(document, replace(tier, vocabulary=vocabulary))
 
@@ -113,7 +126,9 @@ def move_annotation(
     if tier.tier_id != annotation.tier_id:
         if tier.coder != tier_of(document, annotation.tier_id).coder:
             raise AnnotationError(
-                f"The tier {_quoted(tier.name)} is {tier.coder}'s. An annotation stays with the coder who made it."
+                QT_TR_NOOP("The tier {tier} is {coder}'s. An annotation stays with the coder who made it."),
+                tier=quoted(tier.name),
+                coder=tier.coder,
             )
         _value(document, tier, annotation.value)
     moved = replace(annotation, tier_id=tier.tier_id, start_ms=start_ms, end_ms=end_ms)
@@ -125,8 +140,12 @@ def split_annotation(document: AnnotationDocument, annotation_id: str, at_ms: in
     annotation = _own_annotation(document, annotation_id)
     if not annotation.start_ms < at_ms < annotation.end_ms:
         raise AnnotationError(
-            f"{time_text(at_ms)} is not inside the annotation ({time_text(annotation.start_ms)} to "
-            f"{time_text(annotation.end_ms)}). Choose a moment inside it to split it there."
+            QT_TR_NOOP(
+                "{time} is not inside the annotation ({start} to {end}). Choose a moment inside it to split it there."
+            ),
+            time=time_text(at_ms),
+            start=time_text(annotation.start_ms),
+            end=time_text(annotation.end_ms),
         )
     tier = tier_of(document, annotation.tier_id)
     second = replace(
@@ -176,7 +195,7 @@ def add_vocabulary(document: AnnotationDocument, vocabulary: Vocabulary) -> Anno
     """A new vocabulary, which tiers can use from now on."""
     vocabulary = _plain_vocabulary(vocabulary)
     if any(item.name == vocabulary.name for item in document.vocabularies):
-        raise AnnotationError(f"There is a vocabulary {_quoted(vocabulary.name)} already. Choose another name.")
+        raise AnnotationError(_TAKEN, vocabulary=quoted(vocabulary.name))
     return replace(document, vocabularies=(*document.vocabularies, vocabulary))
 
 
@@ -191,7 +210,7 @@ def change_vocabulary(
     vocabulary_of(document, name)
     vocabulary = _plain_vocabulary(vocabulary)
     if vocabulary.name != name and any(item.name == vocabulary.name for item in document.vocabularies):
-        raise AnnotationError(f"There is a vocabulary {_quoted(vocabulary.name)} already. Choose another name.")
+        raise AnnotationError(_TAKEN, vocabulary=quoted(vocabulary.name))
     tiers = {tier.tier_id: tier for tier in document.tiers if tier.vocabulary == name}
     permitted = _values_of(vocabulary)
     annotations = []
@@ -200,8 +219,12 @@ def change_vocabulary(
             value = (renamed or {}).get(item.value, item.value)
             if value not in permitted:
                 raise AnnotationError(
-                    f"{_quoted(value)} is used on the tier {_quoted(tiers[item.tier_id].name)} at "
-                    f"{time_text(item.start_ms)}. Change that annotation first, or keep the value."
+                    QT_TR_NOOP(
+                        "{value} is used on the tier {tier} at {time}. Change that annotation first, or keep the value."
+                    ),
+                    value=quoted(value),
+                    tier=quoted(tiers[item.tier_id].name),
+                    time=time_text(item.start_ms),
                 )
             item = replace(item, value=value) if value != item.value else item  # noqa: PLW2901 - the item as renamed
         annotations.append(item)
@@ -223,7 +246,7 @@ def tier_of(document: AnnotationDocument, tier_id: str) -> Tier:
     for tier in document.tiers:
         if tier.tier_id == tier_id:
             return tier
-    raise AnnotationError("That tier is not there any more.")
+    raise AnnotationError(QT_TR_NOOP("That tier is not there any more."))
 
 
 def annotation_of(document: AnnotationDocument, annotation_id: str) -> Annotation:
@@ -231,7 +254,7 @@ def annotation_of(document: AnnotationDocument, annotation_id: str) -> Annotatio
     for annotation in document.annotations:
         if annotation.annotation_id == annotation_id:
             return annotation
-    raise AnnotationError("That annotation is not there any more.")
+    raise AnnotationError(QT_TR_NOOP("That annotation is not there any more."))
 
 
 def vocabulary_of(document: AnnotationDocument, name: str) -> Vocabulary:
@@ -239,7 +262,7 @@ def vocabulary_of(document: AnnotationDocument, name: str) -> Vocabulary:
     for vocabulary in document.vocabularies:
         if vocabulary.name == name:
             return vocabulary
-    raise AnnotationError(f"There is no vocabulary {_quoted(name)}.")
+    raise AnnotationError(QT_TR_NOOP("There is no vocabulary {name}."), name=quoted(name))
 
 
 def annotation_at(document: AnnotationDocument, tier_id: str, at_ms: int) -> Annotation | None:
@@ -252,12 +275,12 @@ def annotation_at(document: AnnotationDocument, tier_id: str, at_ms: int) -> Ann
 
 def next_tier_id(document: AnnotationDocument, coder: str) -> str:
     """The id that the next new tier of ``coder`` gets."""
-    return _next_id(f"{_id_part(coder)}-tier-", (tier.tier_id for tier in document.tiers))
+    return next_id(f"{id_part(coder)}-tier-", (tier.tier_id for tier in document.tiers))
 
 
 def next_annotation_id(document: AnnotationDocument, coder: str) -> str:
     """The id that the next new annotation of ``coder`` gets."""
-    return _next_id(f"{_id_part(coder)}-", (item.annotation_id for item in document.annotations))
+    return next_id(f"{id_part(coder)}-", (item.annotation_id for item in document.annotations))
 
 
 # Whole documents
@@ -269,7 +292,7 @@ def with_coders_called(document: AnnotationDocument, name_of: Callable[[str], st
     """
 
     def renamed(identifier: str, coder: str) -> str:
-        before, after = f"{_id_part(coder)}-", f"{_id_part(name_of(coder))}-"
+        before, after = f"{id_part(coder)}-", f"{id_part(name_of(coder))}-"
         return after + identifier.removeprefix(before) if coder and identifier.startswith(before) else identifier
 
     coders = {tier.tier_id: tier.coder for tier in document.tiers}
@@ -302,10 +325,10 @@ def merge_documents(*documents: AnnotationDocument) -> AnnotationDocument:
             vocabularies[vocabulary.name] = vocabulary if before is None else _united(before, vocabulary)
         new_ids = {}
         for tier in document.tiers:
-            new_ids[tier.tier_id] = tier_id = _untaken(tier.tier_id, tiers)
+            new_ids[tier.tier_id] = tier_id = untaken(tier.tier_id, tiers)
             tiers[tier_id] = replace(tier, tier_id=tier_id)
         for item in document.annotations:
-            annotation_id = _untaken(item.annotation_id, taken)
+            annotation_id = untaken(item.annotation_id, taken)
             taken.add(annotation_id)
             annotations.append(replace(item, annotation_id=annotation_id, tier_id=new_ids[item.tier_id]))
     return sorted_document(
@@ -343,7 +366,7 @@ def take_over(document: AnnotationDocument, imported: AnnotationDocument) -> Ann
             taken.add((tier.coder, name))
             tiers.append(replace(tier, name=name))
     if not tiers:
-        raise AnnotationError("There are no tiers of a coder in it, so nothing was taken over.")
+        raise AnnotationError(QT_TR_NOOP("There are no tiers of a coder in it, so nothing was taken over."))
     mine = {tier.tier_id for tier in tiers}
     used = {tier.vocabulary for tier in tiers}
     coded = AnnotationDocument(
@@ -389,34 +412,42 @@ def check_document(document: AnnotationDocument) -> None:
     """Raises AnnotationError where a document breaks the rules, as one that was read from a file may."""
     tiers = {tier.tier_id: tier for tier in document.tiers}
     if len(tiers) < len(document.tiers):
-        raise AnnotationError("Two tiers have the same id.")
+        raise AnnotationError(QT_TR_NOOP("Two tiers have the same id."))
     if len({(tier.coder, tier.name) for tier in document.tiers}) < len(tiers):
-        raise AnnotationError("Two tiers of one coder have the same name.")
+        raise AnnotationError(QT_TR_NOOP("Two tiers of one coder have the same name."))
     values = {item.name: _values_of(item) for item in document.vocabularies}
     if len(values) < len(document.vocabularies):
-        raise AnnotationError("Two vocabularies have the same name.")
+        raise AnnotationError(QT_TR_NOOP("Two vocabularies have the same name."))
     for tier in document.tiers:
         if tier.vocabulary and tier.vocabulary not in values:
             raise AnnotationError(
-                f"The tier {_quoted(tier.name)} uses the vocabulary {_quoted(tier.vocabulary)}, which is not there."
+                QT_TR_NOOP("The tier {tier} uses the vocabulary {vocabulary}, which is not there."),
+                tier=quoted(tier.name),
+                vocabulary=quoted(tier.vocabulary),
             )
     if len({item.annotation_id for item in document.annotations}) < len(document.annotations):
-        raise AnnotationError("Two annotations have the same id.")
+        raise AnnotationError(QT_TR_NOOP("Two annotations have the same id."))
     ends: dict[str, int] = {}
     for item in sorted(document.annotations, key=lambda item: (item.tier_id, item.start_ms)):
         owner = tiers.get(item.tier_id)
         if owner is None:
-            raise AnnotationError(f"An annotation at {time_text(item.start_ms)} belongs to no tier.")
+            raise AnnotationError(
+                QT_TR_NOOP("An annotation at {time} belongs to no tier."), time=time_text(item.start_ms)
+            )
         _refuse_times(document, item.start_ms, item.end_ms)
         if item.start_ms < ends.get(item.tier_id, 0):
             raise AnnotationError(
-                f"Two annotations of the tier {_quoted(owner.name)} overlap at {time_text(item.start_ms)}."
+                QT_TR_NOOP("Two annotations of the tier {tier} overlap at {time}."),
+                tier=quoted(owner.name),
+                time=time_text(item.start_ms),
             )
         ends[item.tier_id] = item.end_ms
         if owner.vocabulary and item.value not in values[owner.vocabulary]:
             raise AnnotationError(
-                f"{_quoted(item.value)} on the tier {_quoted(owner.name)} is no value of the vocabulary "
-                f"{_quoted(owner.vocabulary)}."
+                QT_TR_NOOP("{value} on the tier {tier} is no value of the vocabulary {vocabulary}."),
+                value=quoted(item.value),
+                tier=quoted(owner.name),
+                vocabulary=quoted(owner.vocabulary),
             )
 
 
@@ -438,9 +469,14 @@ def _insert(document: AnnotationDocument, tier: Tier, annotation: Annotation) ->
         overlaps = neighbour.start_ms < annotation.end_ms and annotation.start_ms < neighbour.end_ms
         if neighbour.tier_id == tier.tier_id and overlaps:
             raise AnnotationError(
-                f"{_quoted(neighbour.value)} lies there already on the tier {_quoted(tier.name)} "
-                f"({time_text(neighbour.start_ms)} to {time_text(neighbour.end_ms)}). Annotations of one tier do not "
-                "overlap: make it shorter, or use another tier."
+                QT_TR_NOOP(
+                    "{value} lies there already on the tier {tier} ({start} to {end}). Annotations of one"
+                    " tier do not overlap: make it shorter, or use another tier."
+                ),
+                value=quoted(neighbour.value),
+                tier=quoted(tier.name),
+                start=time_text(neighbour.start_ms),
+                end=time_text(neighbour.end_ms),
             )
     insort(items, annotation, key=key)
     return replace(document, annotations=tuple(items))
@@ -448,16 +484,23 @@ def _insert(document: AnnotationDocument, tier: Tier, annotation: Annotation) ->
 
 def _refuse_times(document: AnnotationDocument, start_ms: int, end_ms: int) -> None:
     if end_ms <= start_ms:
-        raise AnnotationError("An annotation ends after it starts. Drag it to the right, over a stretch of time.")
+        raise AnnotationError(
+            QT_TR_NOOP("An annotation ends after it starts. Drag it to the right, over a stretch of time.")
+        )
     if start_ms < 0:
-        raise AnnotationError("An annotation cannot start before the session does.")
+        raise AnnotationError(QT_TR_NOOP("An annotation cannot start before the session does."))
     if document.duration_ms and end_ms > document.duration_ms:
-        raise AnnotationError(f"The session ends at {time_text(document.duration_ms)}; no annotation lies after that.")
+        raise AnnotationError(
+            QT_TR_NOOP("The session ends at {time}; no annotation lies after that."),
+            time=time_text(document.duration_ms),
+        )
 
 
 def _refuse_taken_name(document: AnnotationDocument, name: str, coder: str) -> None:
     if any(tier.name == name and tier.coder == coder for tier in document.tiers):
-        raise AnnotationError(f"{coder} has a tier {_quoted(name)} already. Choose another name.")
+        raise AnnotationError(
+            QT_TR_NOOP("{coder} has a tier {name} already. Choose another name."), coder=coder, name=quoted(name)
+        )
 
 
 def _key(document: AnnotationDocument) -> Callable[[Annotation], tuple[int, int]]:
@@ -469,7 +512,8 @@ def _own_tier(document: AnnotationDocument, tier_id: str) -> Tier:
     tier = tier_of(document, tier_id)
     if not tier.coder:
         raise AnnotationError(
-            f"The tier {_quoted(tier.name)} is made from the record and stays as it is. Add a tier of your own for it."
+            QT_TR_NOOP("The tier {tier} is made from the record and stays as it is. Add a tier of your own for it."),
+            tier=quoted(tier.name),
         )
     return tier
 
@@ -483,21 +527,29 @@ def _own_annotation(document: AnnotationDocument, annotation_id: str) -> Annotat
 def _value(document: AnnotationDocument, tier: Tier, value: str) -> str:
     value = plain_text(value)
     if len(value) > LONGEST_VALUE:
-        raise AnnotationError(f"A text of {len(value)} characters is too long; {LONGEST_VALUE} fit.")
+        raise AnnotationError(
+            QT_TR_NOOP("A text of %n characters is too long; {most} fit.", "", len(value)), most=LONGEST_VALUE
+        )
     if tier.vocabulary and value not in _values_of(vocabulary_of(document, tier.vocabulary)):
         raise AnnotationError(
-            f"{_quoted(value)} is no value of the vocabulary {_quoted(tier.vocabulary)}. Choose one of its values, or "
-            "add it to the vocabulary."
+            QT_TR_NOOP(
+                "{value} is no value of the vocabulary {vocabulary}. Choose one of its values, or add"
+                " it to the vocabulary."
+            ),
+            value=quoted(value),
+            vocabulary=quoted(tier.vocabulary),
         )
     return value
 
 
-def _name(name: str, what: str) -> str:
+def _name(name: str, refusal: str) -> str:
     name = " ".join(plain_text(name).split())
     if not name:
-        raise AnnotationError(f"{what} needs a name.")
+        raise AnnotationError(refusal)
     if len(name) > LONGEST_NAME:
-        raise AnnotationError(f"A name of {len(name)} characters is too long; {LONGEST_NAME} fit.")
+        raise AnnotationError(
+            QT_TR_NOOP("A name of %n characters is too long; {most} fit.", "", len(name)), most=LONGEST_NAME
+        )
     return name
 
 
@@ -513,11 +565,15 @@ def _plain_vocabulary(vocabulary: Vocabulary) -> Vocabulary:
     )
     values = [entry.value for entry in entries]
     if "" in values:
-        raise AnnotationError("A value of a vocabulary needs a name.")
+        raise AnnotationError(QT_TR_NOOP("A value of a vocabulary needs a name."))
     for value in values:
         if values.count(value) > 1:
-            raise AnnotationError(f"{_quoted(value)} is twice in the vocabulary. Each value stands there once.")
-    return Vocabulary(_name(vocabulary.name, "A vocabulary"), entries, plain_text(vocabulary.description))
+            raise AnnotationError(
+                QT_TR_NOOP("{value} is twice in the vocabulary. Each value stands there once."), value=quoted(value)
+            )
+    return Vocabulary(
+        _name(vocabulary.name, QT_TR_NOOP("A vocabulary needs a name.")), entries, plain_text(vocabulary.description)
+    )
 
 
 def _united(first: Vocabulary, second: Vocabulary) -> Vocabulary:
@@ -539,28 +595,3 @@ def _with_tier(document: AnnotationDocument, changed: Tier) -> AnnotationDocumen
     return replace(
         document, tiers=tuple(changed if tier.tier_id == changed.tier_id else tier for tier in document.tiers)
     )
-
-
-def _id_part(coder: str) -> str:
-    """Ids are those of XML too: letters, digits, hyphens, and no digit first."""
-    return "c-" + (re.sub(r"[^A-Za-z0-9]+", "-", coder).strip("-")[:30] or "coder")
-
-
-def _next_id(prefix: str, taken: Iterable[str]) -> str:
-    """Numbers are not used again while a higher one is there, so that an id keeps its meaning in the eyes of people."""
-    numbers = [item[len(prefix) :] for item in taken if item.startswith(prefix)]
-    return f"{prefix}{max((int(number) for number in numbers if number.isascii() and number.isdigit()), default=0) + 1}"
-
-
-def _untaken(name: str, taken: Iterable[str]) -> str:
-    taken = taken if isinstance(taken, (set, dict)) else set(taken)
-    candidate, number = name, 2
-    while candidate in taken:
-        candidate, number = f"{name}-{number}", number + 1
-    return candidate
-
-
-def _quoted(text: str) -> str:
-    """As messages show it: one line, not too long."""
-    text = " ".join(text.split())
-    return f"“{text[:40]}…”" if len(text) > 41 else f"“{text}”"

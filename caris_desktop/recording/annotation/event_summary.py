@@ -6,8 +6,50 @@ from typing import Any
 
 from caris_desktop.domain.actor import CONSOLE, WIZARD
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 _LONGEST_SUMMARY = 300
+
+
+EVENTS_IN_WORDS = (
+    QT_TR_NOOP("Drive ended"),
+    QT_TR_NOOP("Stop requested"),
+    QT_TR_NOOP("Navigation speed changed"),
+    QT_TR_NOOP("Initial pose set"),
+    QT_TR_NOOP("Map request changed"),
+    QT_TR_NOOP("Mapping changed"),
+    QT_TR_NOOP("Places changed"),
+    QT_TR_NOOP("Head moved"),
+    QT_TR_NOOP("Control used"),
+    QT_TR_NOOP("Gamepad changed"),
+    QT_TR_NOOP("Response timed"),
+    QT_TR_NOOP("Suggestion changed"),
+    QT_TR_NOOP("Proposal changed"),
+    QT_TR_NOOP("Level changed"),
+    QT_TR_NOOP("Voice changed"),
+    QT_TR_NOOP("Assistant changed"),
+    QT_TR_NOOP("Face changed"),
+    QT_TR_NOOP("Person renamed"),
+    QT_TR_NOOP("Person suggested"),
+    QT_TR_NOOP("Person described"),
+    QT_TR_NOOP("Consent noted"),
+    QT_TR_NOOP("Person attended"),
+    QT_TR_NOOP("Photo taken"),
+    QT_TR_NOOP("Photo tagged"),
+    QT_TR_NOOP("Photo deleted"),
+    QT_TR_NOOP("Step ticked"),
+    QT_TR_NOOP("Preflight checked"),
+    QT_TR_NOOP("Robot chosen"),
+    QT_TR_NOOP("Layout changed"),
+    QT_TR_NOOP("Gap"),
+    QT_TR_NOOP("Problem"),
+    QT_TR_NOOP("Alarm changed"),
+    QT_TR_NOOP("Trial resumed"),
+    QT_TR_NOOP("Confirmed as before"),
+    QT_TR_NOOP("Practice step ended"),
+    QT_TR_NOOP("Practice ended"),
+)
+"""What ``type_in_words`` says of events whose tier has no other name, for whoever translates the timeline."""
 
 
 def summary_of(value: Any) -> str:

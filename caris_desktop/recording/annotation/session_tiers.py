@@ -1,7 +1,7 @@
 """Tiers made from the record of a session: what was said, driven, marked and seen, and every other kind of event.
 
 An event type that this file does not name becomes a tier of its own: moments, or stretches where it has ``start_ns``
-and ``end_ns``.
+and ``end_ns``. Names are English in files, and are looked up where the window shows them.
 """
 
 import dataclasses
@@ -38,6 +38,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, Delivery, StreamSpec
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import LONGEST_VALUE, plain_text
 from caris_desktop.recording.annotation.event_summary import summary_of, type_in_words
@@ -59,14 +60,20 @@ from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_o
 from caris_desktop.recording.session.visits import VISIT_EVENTS, VisitEvent, visits_of
 
 MOMENT_MS = 200  # ELAN has stretches only; less where the next one follows sooner
-MARKS_VOCABULARY = "Wizard marks"
-ERRORS_VOCABULARY = "Wizard errors"
+MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")
+ERRORS_VOCABULARY = QT_TR_NOOP("Wizard errors")
 UNNAMED = "unspecified"  # a mark that nobody named
 WIZARD_ERRORS = ("slip", "late", "wrong branch")
 MOST_PEOPLE = 12  # in a crowd only how many there are is worth a tier
 _HELD_NS = 500_000_000  # a velocity without a newer one says nothing of the time after that
 _STILL_MPS, _STILL_RADPS = 0.02, 0.05
 _TROUBLE = ("connecting", "trouble", "lost")
+_SPEECH = {
+    "participant": QT_TR_NOOP("Participant speech"),
+    "robot": QT_TR_NOOP("Robot speech"),
+    "wizard": QT_TR_NOOP("Wizard speech"),
+    "": QT_TR_NOOP("Somebody’s speech"),
+}
 _MOTIONS = {
     "standing": "No velocity was commanded.",
     "forward": f"At least {_STILL_MPS} m/s forward, turning or not.",
@@ -217,13 +224,13 @@ class SessionRecord:
         for speaker, participant in who.items():
             mine = [item for item in said if item.speaker == speaker]
             yield _Row(
-                f"{speaker.capitalize() or 'Somebody’s'} speech",
+                _SPEECH[speaker],
                 [_Stretch(item.start_ns or 0, item.end_ns, item.text) for item in mine],
                 participant=participant,
             )
             if speaker == "robot":
                 yield _Row(
-                    "Robot speech origin",
+                    QT_TR_NOOP("Robot speech origin"),
                     [_Stretch(item.start_ns or 0, item.end_ns, item.origin) for item in mine],
                     "Speech origin",
                     participant,
@@ -231,17 +238,20 @@ class SessionRecord:
 
         corrected = [item for item in said if item.heard_text is not None]
         yield _Row(
-            "Speech before correction",
+            QT_TR_NOOP("Speech before correction"),
             [_Stretch(item.start_ns or 0, item.end_ns, item.heard_text or "") for item in corrected],
         )
         tagged = [item for item in said if item.tags]
-        yield _Row("Speech tags", [_Stretch(item.start_ns or 0, item.end_ns, ", ".join(item.tags)) for item in tagged])
+        yield _Row(
+            QT_TR_NOOP("Speech tags"),
+            [_Stretch(item.start_ns or 0, item.end_ns, ", ".join(item.tags)) for item in tagged],
+        )
 
     def _protocol_row(self) -> _Row:
         visits = self._step_visits()
         titles = ((visit, f"{visit.title} (skipped)" if visit.left == "skipped" else visit.title) for visit in visits)
         stretches = [_Stretch(visit.start_ns, visit.end_ns, title or visit.step_id) for visit, title in titles]
-        return _Row("Protocol", stretches, participant="Wizard")
+        return _Row(QT_TR_NOOP("Protocol"), stretches, participant="Wizard")
 
     def _mark_rows(self) -> Iterable[_Row]:
         marks = self.marks()
@@ -255,7 +265,7 @@ class SessionRecord:
             participant="Wizard",
         )
         notes = [(mark, mark.note or (mark.label if mark.kind == "note" else "")) for mark in marks]
-        yield _Row("Notes", [_of_mark(mark, text) for mark, text in notes if text])
+        yield _Row(QT_TR_NOOP("Notes"), [_of_mark(mark, text) for mark, text in notes if text])
 
     def _driving_rows(self) -> Iterable[_Row]:
         ended_ns = self._session.ended_ns
@@ -263,10 +273,10 @@ class SessionRecord:
         if motion:
             # Nothing commanded is standing: before the first command and wherever commands went silent.
             motion = _filled(motion, "standing", self._session.started_ns, ended_ns, self._paused_spans())
-        yield _Row("Motion", motion, "Motion", "Robot")
-        yield _Row("Driving source", self._sources.until(ended_ns), "Driving source", "Wizard")
+        yield _Row(QT_TR_NOOP("Motion"), motion, "Motion", "Robot")
+        yield _Row(QT_TR_NOOP("Driving source"), self._sources.until(ended_ns), "Driving source", "Wizard")
         goals = navigation_goals(self._goals, started_ns=self._session.started_ns, pauses=self._paused_spans())
-        yield _Row("Navigation goals", [_of_goal(goal, ended_ns) for goal in goals], "", "Robot")
+        yield _Row(QT_TR_NOOP("Navigation goals"), [_of_goal(goal, ended_ns) for goal in goals], "", "Robot")
 
     def _people_rows(self) -> Iterable[_Row]:
         present = self._presence()
@@ -281,7 +291,7 @@ class SessionRecord:
             if here and stamp_ns > since_ns:
                 counts.append(_Stretch(since_ns, stamp_ns, str(here)))
             here, since_ns = here + change, stamp_ns
-        yield _Row("People present", counts)
+        yield _Row(QT_TR_NOOP("People present"), counts)
         if len(present) > MOST_PEOPLE:
             return
         numbers = {
@@ -294,7 +304,7 @@ class SessionRecord:
 
     def _assistant_rows(self) -> Iterable[_Row]:
         yield _Row(
-            "LLM exchanges",
+            QT_TR_NOOP("LLM exchanges"),
             [
                 _Stretch(item.asked_ns, item.stamp_ns, item.answer or f"({item.outcome}: {item.detail})")
                 for item in self._exchanges
@@ -303,7 +313,9 @@ class SessionRecord:
         )
         utterances = self.utterances()
         uses = [(item, "unheard" if unheard(item, utterances) else item.use) for item in self._answers]
-        yield _Row("LLM answer use", [_Stretch(item.stamp_ns, None, use) for item, use in uses], "Answer use")
+        yield _Row(
+            QT_TR_NOOP("LLM answer use"), [_Stretch(item.stamp_ns, None, use) for item, use in uses], "Answer use"
+        )
 
     def _console_rows(self) -> Iterable[_Row]:
         ended_ns = self._session.ended_ns
@@ -314,9 +326,9 @@ class SessionRecord:
                 if change.state in _TROUBLE:
                     detail = f" ({change.detail})" if change.detail else ""
                     trouble.append(_Stretch(change.stamp_ns, end_ns, f"{link}: {change.state}{detail}"))
-        yield _Row("Link trouble", trouble)
+        yield _Row(QT_TR_NOOP("Link trouble"), trouble)
         yield _Row(
-            "Obstacle guard",
+            QT_TR_NOOP("Obstacle guard"),
             [
                 _Stretch(change.stamp_ns, end_ns, change.state)
                 for change, end_ns in _until_next(self._guards, ended_ns)
@@ -324,16 +336,18 @@ class SessionRecord:
             ],
         )
         yield _Row(
-            "Emergency stop",
+            QT_TR_NOOP("Emergency stop"),
             [
                 _Stretch(change.stamp_ns, end_ns, f"set by {change.actor or change.by}")
                 for change, end_ns in _until_next(self._emergencies, ended_ns)
                 if change.latched
             ],
         )
-        yield _Row("Pauses", [_Stretch(start_ns, end_ns, "paused") for start_ns, end_ns in self._paused_spans()])
         yield _Row(
-            "Scenario",
+            QT_TR_NOOP("Pauses"), [_Stretch(start_ns, end_ns, "paused") for start_ns, end_ns in self._paused_spans()]
+        )
+        yield _Row(
+            QT_TR_NOOP("Scenario"),
             [
                 _Stretch(opened.stamp_ns, end_ns, opened.title or opened.file_name)
                 for opened, end_ns in _until_next(self._scenarios, ended_ns)
@@ -401,7 +415,9 @@ class SessionRecord:
                 joined=not row.vocabulary,
             )
             for number, lane in enumerate(lanes, start=1):
-                name = row.name if number == 1 else f"{row.name} ({number})"
+                name = row.name
+                if number > 1:
+                    name = filled(QT_TR_NOOP("{tier} ({number})"), tier=filled(row.name), number=number)
                 tier_id = "record-" + re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
                 tiers.append(Tier(tier_id, name, "", row.vocabulary, plain_text(row.participant)))
                 for start_ms, end_ms, value in lane:
@@ -444,9 +460,11 @@ def _person(person_id: str, numbers: dict[str, int]) -> str:
     """
     number = numbers.get(person_id)
     if number is None:
-        return f"Person {person_id}"
+        return filled(QT_TR_NOOP("Person {number}"), number=person_id)
     first = next(other for other, its_number in numbers.items() if its_number == number)
-    return f"Person {number}" if first == person_id else f"Person {number} {person_id}"
+    if first == person_id:
+        return filled(QT_TR_NOOP("Person {number}"), number=number)
+    return filled(QT_TR_NOOP("Person {number} {id}"), number=number, id=person_id)
 
 
 def _is_event(spec: StreamSpec) -> bool:

@@ -18,6 +18,7 @@ from typing import Any
 from caris_desktop.domain.declared import data_of, value_from
 from caris_desktop.domain.declared_check import problems
 from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.annotation.coding_file import FORMAT_VERSION, CodedStretch, CodedTier, Coding
 from caris_desktop.recording.annotation.editing import (
     AnnotationError,
@@ -30,7 +31,7 @@ from caris_desktop.recording.annotation.model import Annotation, AnnotationDocum
 from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
 
 _FOLDER = "annotations"
-_MAX_FILE_BYTES = 64 * 1024 * 1024
+_MAX_FILE_MB = 64
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)  # names that Windows gives no file
 _log = logging.getLogger(__name__)
 
@@ -88,7 +89,9 @@ def annotation_files(folder: Path) -> tuple[Path, ...]:
         paths = (folder / _FOLDER).glob("*.json")
         return tuple(sorted(path for path in paths if path.is_file() and not path.name.startswith(".")))
     except OSError as error:
-        raise AnnotationError(f"{folder / _FOLDER} cannot be read: {error.strerror or error}.") from error
+        raise AnnotationError(
+            QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / _FOLDER, why=error.strerror or error
+        ) from error
 
 
 def _duration_ms(folder: Path) -> int:
@@ -116,7 +119,8 @@ def _path_of(folder: Path, coder: str) -> Path:
         if _load(path)[1] == coder:
             return path
     raise AnnotationError(
-        f"{folder / _FOLDER / names[-1]} holds the annotations of somebody else. Choose another name of the coder."
+        QT_TR_NOOP("{path} holds the annotations of somebody else. Choose another name of the coder."),
+        path=folder / _FOLDER / names[-1],
     )
 
 
@@ -146,37 +150,66 @@ def file_content(path: Path) -> bytes:
     """What is in a file with annotations of whatever format. Raises AnnotationError, also for one that is too large."""
     try:
         with path.open("rb") as file:
-            content = file.read(_MAX_FILE_BYTES + 1)
+            content = file.read(_MAX_FILE_MB * 2**20 + 1)
     except OSError as error:
-        raise AnnotationError(f"{path} cannot be read: {error.strerror or error}.") from error
-    if len(content) > _MAX_FILE_BYTES:
-        raise AnnotationError(f"{path} is larger than {_MAX_FILE_BYTES // 2**20} MB: too large to be annotations.")
+        raise AnnotationError(
+            QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error
+        ) from error
+    if len(content) > _MAX_FILE_MB * 2**20:
+        raise AnnotationError(
+            QT_TR_NOOP("{path} is larger than {megabytes} MB: too large to be annotations."),
+            path=path,
+            megabytes=_MAX_FILE_MB,
+        )
     return content
 
 
 def _load(path: Path) -> tuple[AnnotationDocument, str]:
     """The document in one file, and whose it is."""
-    advice = "It stays as it is: restore it from a copy, or move it away to begin anew."
     try:
         data = json.loads(file_content(path))
     except (ValueError, RecursionError) as error:
         _log.warning("%s: %s", path, error)
-        raise AnnotationError(f"{path} is damaged: it is not whole, or was changed by hand. {advice}") from error
+        raise AnnotationError(
+            QT_TR_NOOP(
+                "{path} is damaged: it is not whole, or was changed by hand. It stays as it is: restore"
+                " it from a copy, or move it away to begin anew."
+            ),
+            path=path,
+        ) from error
     version = data.get("format_version") if isinstance(data, dict) else None
     if isinstance(version, int) and version > FORMAT_VERSION:
         raise AnnotationError(
-            f"{path} has version {version}; this program reads up to version {FORMAT_VERSION}. Update CARIS Desktop."
+            QT_TR_NOOP(
+                "{path} has version {version}; this program reads up to version {newest}. Update CARIS Desktop."
+            ),
+            path=path,
+            version=version,
+            newest=FORMAT_VERSION,
         )
     for place, problem in problems(Coding, data):
         _log.warning("%s: %s", path, problem)
-        where = "/".join(str(step) for step in place) or "the file as a whole"
-        raise AnnotationError(f"{path} is damaged: {where} is not as it must be; the log has the details. {advice}")
+        where = "/".join(str(step) for step in place) or filled(QT_TR_NOOP("the file as a whole"))
+        raise AnnotationError(
+            QT_TR_NOOP(
+                "{path} is damaged: {where} is not as it must be; the log has the details. It stays as"
+                " it is: restore it from a copy, or move it away to begin anew."
+            ),
+            path=path,
+            where=where,
+        )
     coding: Coding = value_from(Coding, data)
     document = _document(coding)
     try:
         check_document(document)
     except AnnotationError as error:
-        raise AnnotationError(f"{path} is damaged. {error} {advice}") from error
+        raise AnnotationError(
+            QT_TR_NOOP(
+                "{path} is damaged. {error} It stays as it is: restore it from a copy, or move it away to begin anew."
+            ),
+            path=path,
+            error=error,
+        ) from error
     return document, coding.coder
 
 
@@ -194,10 +227,20 @@ def _document(coding: Coding) -> AnnotationDocument:
 
 def _explain(error: OSError, path: Path) -> str:
     if no_room(error):
-        return f"The disk is full: {path.name} was not saved. Free some room, then save again."
-    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
-        return (
-            f"{path.parent} cannot be written to ({error.strerror}): the annotations were not saved. Copy the session "
-            "to a place where you may write and annotate it there, or export the annotations."
+        return filled(
+            QT_TR_NOOP("The disk is full: {file} was not saved. Free some room, then save again."), file=path.name
         )
-    return f"{path} was not saved: {error.strerror or error}. Check the disk, then save again."
+    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+        return filled(
+            QT_TR_NOOP(
+                "{folder} cannot be written to ({why}): the annotations were not saved. Copy the session to a place"
+                " where you may write and annotate it there, or export the annotations."
+            ),
+            folder=path.parent,
+            why=error.strerror,
+        )
+    return filled(
+        QT_TR_NOOP("{path} was not saved: {why}. Check the disk, then save again."),
+        path=path,
+        why=error.strerror or error,
+    )

@@ -25,6 +25,7 @@ from caris_desktop.domain.foxglove import INFINITE, INVALID
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, schema_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.store import coding_jsonable, load_coding
@@ -159,8 +160,13 @@ def _refuse_names(session: Session) -> None:
         for row in rows:
             if isinstance(row, dict) and not _UNNAMED.fullmatch(str(row.get("name") or "")):
                 raise SessionError(
-                    f"{session.folder.name} holds names of people (in the stream 'status'), which must not leave the "
-                    "study. Nothing was written."
+                    filled(
+                        QT_TR_NOOP(
+                            "{name} holds names of people (in the stream 'status'), which must not leave the study."
+                            " Nothing was written."
+                        ),
+                        name=session.folder.name,
+                    )
                 )
 
 
@@ -176,8 +182,12 @@ def _warn_of_paths(session: Session, warn: Callable[[str], None]) -> None:
         told += bool(_PATHS.search(text)) or any(path in text for path in own)
     if told:
         warn(
-            f"{told} message(s) in events.mcap name folders of the recording computer, which may tell who used it. "
-            "They are in the archive as they were recorded."
+            QT_TR_NOOP(
+                "%n message(s) in events.mcap name folders of the recording computer, which may tell who used it. They"
+                " are in the archive as they were recorded.",
+                "",
+                told,
+            )
         )
 
 
@@ -220,7 +230,7 @@ def _packed_session(session: Session, folder: Path, context: ExportContext) -> I
         scrubbed = _scrubbed(session, name) if session.pseudonymised else None
         if scrubbed is not None and scrubbed.left_out:
             told_anew[name], sizes_anew[name] = (_sha256(source, copied), ""), ("", 0)
-            context.warn(f"{name} is left out of the archive: {scrubbed.left_out}.")
+            context.warn(filled(scrubbed.left_out, file=name))
             continue
         if scrubbed is not None and scrubbed.name != name:
             target = folder / scrubbed.name
@@ -288,20 +298,26 @@ class _Scrubbed:
     left_out: str = ""
 
 
+_FOUND = QT_TR_NOOP("{file} is left out of the archive: it is what a repair found, and may say where the robot is.")
+_LARGE = QT_TR_NOOP("{file} is left out of the archive: it is too large to look for names in it.")
+_DAMAGED = QT_TR_NOOP("{file} is left out of the archive: it is damaged, and may name the wizard anywhere.")
+_CODER_DAMAGED = QT_TR_NOOP("{file} is left out of the archive: it is damaged, and may name a coder anywhere.")
+
+
 def _scrubbed(session: Session, name: str) -> _Scrubbed:
     path = session.folder / name
     if name.startswith("recovered/") and ".mcap" in name:
-        return _Scrubbed(name, left_out="it is what a repair found, and may say where the robot is")
+        return _Scrubbed(name, left_out=_FOUND)
     if not name.endswith(_TEXTS) and not _HEADS.fullmatch(name):
         return _Scrubbed(name)
     if path.stat().st_size > _MAX_TEXT_BYTES:
-        return _Scrubbed(name, left_out="it is too large to look for names in it")
+        return _Scrubbed(name, left_out=_LARGE)
     content = path.read_bytes()
     changed = session.scrub(content)
     if _HEADS.fullmatch(name):
         with_pseudonym = _with_pseudonym(changed, session.wizard_name)
         if with_pseudonym is None:
-            return _Scrubbed(name, left_out="it is damaged, and may name the wizard anywhere")
+            return _Scrubbed(name, left_out=_DAMAGED)
         changed = with_pseudonym
     elif name.startswith(_CODINGS):
         return _scrubbed_coding(session, name, changed)
@@ -315,7 +331,7 @@ def _scrubbed_coding(session: Session, name: str, content: bytes) -> _Scrubbed:
         pseudonym = session.coder_name(coder)
         renamed = with_coders_called(load_coding(session.folder / name), session.coder_name)
     except (ValueError, KeyError, TypeError, RecursionError, AnnotationError):
-        return _Scrubbed(name, left_out="it is damaged, and may name a coder anywhere")
+        return _Scrubbed(name, left_out=_CODER_DAMAGED)
     if pseudonym == coder:
         return _Scrubbed(name)
     text = json.dumps(coding_jsonable(renamed, pseudonym), indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -33,6 +33,7 @@ from caris_desktop.domain.sensing import (
     RobotPose,
 )
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.pictures import Pace, info_of, picture_of
@@ -121,7 +122,10 @@ def write_rosbag2(
             bags.write(topic, at_utc_ns, message)
         topics = bags.topics
     if bags.left_out:
-        context.warn(f"{bags.left_out} message(s) were left out: their moments or numbers are none that ROS knows.")
+        what = QT_TR_NOOP(
+            "%n message(s) were left out: their moments or numbers are none that ROS knows.", "", bags.left_out
+        )
+        context.warn(what)
     readme = out / "README.md"
     readme.write_text(_readme(session, clock, topics, moments, image_hz), encoding="utf-8")
     return [readme, out / "session.bag", out / "ros2" / "metadata.yaml", out / "ros2" / "ros2.mcap"]

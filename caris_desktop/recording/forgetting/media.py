@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import no_room
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.sightings import WHOLE, Area
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
@@ -72,7 +73,9 @@ def covered_video(
     except (av.error.FFmpegError, IndexError, ValueError) as error:
         if isinstance(error, OSError) and no_room(error):
             raise
-        raise UnreadableMediaError(f"{source.name} cannot be read as a video: {error}") from error
+        raise UnreadableMediaError(
+            filled(QT_TR_NOOP("{file} cannot be read as a video: {error}"), file=source.name, error=error)
+        ) from error
     finally:
         file.close()
     return covered
@@ -97,12 +100,12 @@ def covered_picture(source: Path, target: Path, areas: Iterable[Area]) -> None:
     content = source.read_bytes()
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise UnreadableMediaError(f"{source.name} cannot be read as a picture")
+        raise UnreadableMediaError(filled(QT_TR_NOOP("{file} cannot be read as a picture"), file=source.name))
     if image.dtype != np.uint8:
         image = (image >> 8).astype(np.uint8)
     done, coded = cv2.imencode(source.suffix.lower(), _covered(image, areas))
     if not done:
-        raise UnreadableMediaError(f"{source.name} cannot be written as a picture again")
+        raise UnreadableMediaError(filled(QT_TR_NOOP("{file} cannot be written as a picture again"), file=source.name))
     written: bytes = coded.tobytes()
     try:
         written = with_texts(written, texts_of(content))
@@ -160,7 +163,7 @@ def _sound_of(file: IO[bytes], name: str) -> tuple[int, int, int]:
     """Where the sound begins, and its samples in a second and bytes of one."""
     head = file.read(12)
     if head[:4] != b"RIFF" or head[8:] != b"WAVE":
-        raise UnreadableMediaError(f"{name} is no WAV file")
+        raise UnreadableMediaError(filled(QT_TR_NOOP("{file} is no WAV file"), file=name))
     rate_hz, frame_bytes = 0, 0
     while len(part := file.read(8)) == 8:
         kind, length = part[:4], int.from_bytes(part[4:], "little")
@@ -169,4 +172,4 @@ def _sound_of(file: IO[bytes], name: str) -> tuple[int, int, int]:
         content: Any = file.read(length + length % 2) if kind != b"data" else b""
         if kind == b"fmt " and len(content) >= 16:
             _, _, rate_hz, _, frame_bytes, _ = struct.unpack("<HHIIHH", content[:16])
-    raise UnreadableMediaError(f"{name} holds no sound")
+    raise UnreadableMediaError(filled(QT_TR_NOOP("{file} holds no sound"), file=name))

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.forgetting import media
 from caris_desktop.recording.forgetting.journal import Journal
 from caris_desktop.recording.forgetting.media import UnreadableMediaError
@@ -94,7 +95,11 @@ class SessionMedia:
                 ),
             )
         except UnreadableMediaError as error:
-            self.problems.append(f"{error}. It may show the person: remove it, or ask again with --remove-media.")
+            self.problems.append(
+                filled(
+                    QT_TR_NOOP("{why}. It may show the person: remove it, or ask again with --remove-media."), why=error
+                )
+            )
 
     def _remove_video(self, path: Path) -> None:
         self._journal.remove(path, "video")
@@ -122,7 +127,7 @@ class SessionMedia:
             try:
                 self._journal.replace(path, "photo", partial(_covered, path, areas))
             except UnreadableMediaError as error:
-                self.problems.append(f"{error}; it was removed.")
+                self.problems.append(filled(QT_TR_NOOP("{why}; it was removed."), why=error))
                 self._journal.remove(path, "photo")
 
     def _photos(self) -> Iterator[tuple[Path, tuple[Area, ...]]]:
@@ -172,7 +177,10 @@ class SessionMedia:
                     self._journal.replace(path, "sound", partial(_silenced, path, first_stamp_ns, spans))
                 except UnreadableMediaError as error:
                     self.problems.append(
-                        f"{error}. It may name the person: remove it, or ask again with --remove-media."
+                        filled(
+                            QT_TR_NOOP("{why}. It may name the person: remove it, or ask again with --remove-media."),
+                            why=error,
+                        )
                     )
 
     def _spoken_by_them(self) -> frozenset[str]:

@@ -272,7 +272,7 @@ class _Forgetting:
         try:
             session = open_session(folder, repair=False)
         except SessionError as error:
-            self._problems.append(f"{folder.name}: {error}")
+            self._problems.append(_told_of(folder, error))
             session = None
         with hold(folder):
             events = {
@@ -292,7 +292,7 @@ class _Forgetting:
                 of_media.treat_sound(
                     self._request.recordings, frozenset().union(*(found.utterances for found in events.values()))
                 )
-                self._problems += [f"{folder.name}: {problem}" for problem in of_media.problems]
+                self._problems += [_told_of(folder, problem) for problem in of_media.problems]
             for path, searched in named.items():
                 if path.exists():
                     self._in_file(path, searched, events.get(path))
@@ -333,7 +333,7 @@ class _Forgetting:
         try:
             told = read_header(folder)
         except SessionError as error:
-            self._problems.append(f"{folder.name}: {error}")
+            self._problems.append(_told_of(folder, error))
             return
         if header.is_file():
             begun = self._journal.noted("begun")
@@ -463,9 +463,13 @@ class _Forgetting:
         try:
             yield
         except SessionError as error:
-            self._problems.append(f"{folder.name}: {error}")
+            self._problems.append(_told_of(folder, error))
         except FileNotFoundError as error:
-            self._problems.append(f"{folder.name}: {error.filename} is missing")
+            self._problems.append(_told_of(folder, filled(QT_TR_NOOP("{file} is missing"), file=error.filename)))
+
+
+def _told_of(folder: Path, told: object) -> Filled:
+    return filled(QT_TR_NOOP("{name}: {told}"), name=folder.name, told=told)
 
 
 def receipt_words(path: Path) -> str:

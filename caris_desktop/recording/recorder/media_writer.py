@@ -17,6 +17,7 @@ from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
@@ -31,6 +32,8 @@ from caris_desktop.recording.session.session_clock import SessionClock
 _log = logging.getLogger(__name__)
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
 _CROWDED_SHARE = 0.6
+VIDEO_ENDED = filled(QT_TR_NOOP("the video has ended"))
+"""Why a frame is lost that comes after an encoder has failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,7 +309,7 @@ class _CameraThread:
 
     def _write(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> None:
         if self._refused:
-            self._results.append(MediaFailed("video", self._camera, 1, False, "the video has ended"))
+            self._results.append(MediaFailed("video", self._camera, 1, False, VIDEO_ENDED))
             return
         try:
             self._video_for(image_bgr).write(image_bgr, ref)

@@ -34,7 +34,7 @@ from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile, Reserve
 from caris_desktop.recording.recorder.audio_file import AudioWriter
@@ -42,6 +42,7 @@ from caris_desktop.recording.recorder.blurring import Blurring
 from caris_desktop.recording.recorder.disk_watch import DiskLimits, DiskState, DiskWatch
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.media_writer import (
+    VIDEO_ENDED,
     MediaFailed,
     MediaWriter,
     VideoRateChanged,
@@ -188,7 +189,7 @@ class SessionRecorder:
         self._written_until_ns = max(self._written_until_ns, arrived_ns)
         spec = BY_TYPE.get(type(value))
         if spec is None:
-            self._miss(type(value).__name__, "this kind is not in the stream table")
+            self._miss(type(value).__name__, QT_TR_NOOP("this kind is not in the stream table"))
         elif spec.expected_period_s is not None and value.stamp_ns < self._goes_on_ns:
             pass  # of the pause, and only late
         elif isinstance(value, FrameRef):
@@ -212,7 +213,7 @@ class SessionRecorder:
     def note_unreadable(self) -> None:
         """Something came from the console that could not be taken apart."""
         if not self.paused:
-            self._miss("unknown", "it could not be read on its way from the console")
+            self._miss("unknown", QT_TR_NOOP("it could not be read on its way from the console"))
 
     def take_photo(self, wanted: TakePhoto) -> None:
         """Keep one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
@@ -344,7 +345,7 @@ class SessionRecorder:
             written_bytes=self._written_bytes(),
             free_bytes=disk.free_bytes,
             dropped=dict(self.dropped),
-            detail="; ".join(self._troubles()),
+            detail=joined(self._troubles(), "; "),
             bytes_per_s=disk.bytes_per_s,
             room_s=disk.room_s,
             covered_whole=self._covered_whole(),
@@ -402,7 +403,11 @@ class SessionRecorder:
     def give_up(self) -> str:
         """Once ``full``: tell why nothing more can be recorded, and end. What happened, in words for the report."""
         error = self._broken
-        what = QT_TR_NOOP("The disk is full.") if error is None else f"The disk failed: {error.strerror or error}."
+        what = (
+            QT_TR_NOOP("The disk is full.")
+            if error is None
+            else filled(QT_TR_NOOP("The disk failed: {why}."), why=error.strerror or error)
+        )
         self.problem(
             "error",
             what,
@@ -420,11 +425,13 @@ class SessionRecorder:
         if not self._video_permitted or self._video_ended:
             return
         if not self._media.wants(ref.camera):
-            self._miss(spec.name, f"{ref.camera}: left out, as {self._spared_because or 'encoding takes too long'}")
+            why = self._spared_because or filled(QT_TR_NOOP("encoding takes too long"))
+            self._miss(spec.name, filled(QT_TR_NOOP("{camera}: left out, as {why}"), camera=ref.camera, why=why))
             return
         image_bgr = self._frames.read(ref)
         if image_bgr is None:
-            self._miss(spec.name, f"{ref.camera}: overwritten before it could be read")
+            why = QT_TR_NOOP("{camera}: overwritten before it could be read")
+            self._miss(spec.name, filled(why, camera=ref.camera))
             return
 
         waits = self._blurring is not None and self._blurring.demanded
@@ -436,7 +443,8 @@ class SessionRecorder:
             if self._video_ended:
                 return
             if not self._media.add_frame(ref, covered):
-                self._miss(spec.name, f"{ref.camera}: the video encoder could not keep up")
+                late = QT_TR_NOOP("{camera}: the video encoder could not keep up")
+                self._miss(spec.name, filled(late, camera=ref.camera))
             elif not waits:
                 self._put(spec, ref, arrived_ns)
 
@@ -452,10 +460,10 @@ class SessionRecorder:
             blocks = self._audio.write(chunk)
         except OSError as error:
             _log.exception("sound of %s", chunk.source)
-            self._miss("audio", f"{chunk.source}: the disk did not take it")
+            self._miss("audio", filled(QT_TR_NOOP("{source}: the disk did not take it"), source=chunk.source))
             self._end_audio(error)
         except ValueError as error:
-            self._miss("audio", f"{chunk.source}: {error}"[:200])
+            self._miss("audio", filled(QT_TR_NOOP("{source}: {why}"), source=chunk.source, why=_short(error)))
         else:
             self._put_blocks(blocks)
 
@@ -484,10 +492,10 @@ class SessionRecorder:
             self._log.write(spec, value, arrived_ns)
         except OSError as error:
             self._on_write_error(error)
-            self._miss(spec.name, "the disk did not take it")
+            self._miss(spec.name, QT_TR_NOOP("the disk did not take it"))
         except (TypeError, ValueError) as error:
             _log.exception("a value of %s could not be written", spec.name)
-            self._miss(spec.name, f"not writable: {error}"[:200])
+            self._miss(spec.name, filled(QT_TR_NOOP("not writable: {why}"), why=_short(error)))
         self._guarded(lambda: self._plain.add(value))
         if self._offer is not None:
             self._offer(spec, value)
@@ -537,16 +545,19 @@ class SessionRecorder:
         self._record(Problem(clock.now_ns(), severity, what, meaning, advice, until, cause))
 
     def _troubles(self) -> list[str]:
-        troubles = []
+        troubles: list[str] = []
         if self._on_reserve:
-            troubles.append("the disk is full: events only, in the room kept for them")
+            troubles.append(filled(QT_TR_NOOP("the disk is full: events only, in the room kept for them")))
         elif self._video_ended:
-            troubles.append("video ended: the disk is nearly full")
+            troubles.append(filled(QT_TR_NOOP("video ended: the disk is nearly full")))
         elif self._spared_because:
-            troubles.append(f"every second frame is recorded: {self._spared_because}")
+            every_second = QT_TR_NOOP("every second frame is recorded: {why}")
+            troubles.append(filled(every_second, why=self._spared_because))
         else:
             troubles += [
-                f"{camera}: every {_ORDINALS.get(step, f'{step}th')} frame is recorded"
+                filled(
+                    _EVERY.get(step, QT_TR_NOOP("{camera}: every {step}th frame is recorded")), camera=camera, step=step
+                )
                 for camera, step in self._lowered.items()
                 if step > 1
             ]
@@ -578,10 +589,11 @@ class SessionRecorder:
             )
             return
         if failure.lost:
-            self._miss("frame", f"{failure.camera}: {failure.detail}"[:200], failure.lost)
+            why = filled(QT_TR_NOOP("{camera}: {why}"), camera=failure.camera, why=_short(failure.detail))
+            self._miss("frame", why, failure.lost)
         if failure.disk_full:
             self._end_video(filled(QT_TR_NOOP("The disk is full.")))
-        elif failure.kind == "video" and failure.detail != "the video has ended":
+        elif failure.kind == "video" and failure.detail != VIDEO_ENDED:
             self.problem(
                 "error",
                 filled(
@@ -655,11 +667,11 @@ class SessionRecorder:
         behind_s, self._behind_ns = self._behind_ns / 1e9, 0
         self._tell_behind(behind_s)
         self._spared_because = (
-            "the disk is nearly full"
+            filled(QT_TR_NOOP("the disk is nearly full"))
             if disk.stage in ("low", "out")
-            else "the disk is slow"
+            else filled(QT_TR_NOOP("the disk is slow"))
             if disk.slow
-            else "the recorder is behind"
+            else filled(QT_TR_NOOP("the recorder is behind"))
             if behind_s > _BEHIND_S
             else ""
         )
@@ -849,7 +861,17 @@ def trial_metadata(trial: dict[str, str]) -> dict[str, str]:
     return {f"{TRIAL_METADATA}{key}": value for key, value in trial.items() if value and key != "wizard"}
 
 
-_ORDINALS = {2: "second", 4: "fourth"}
+_EVERY = {
+    2: QT_TR_NOOP("{camera}: every second frame is recorded"),
+    4: QT_TR_NOOP("{camera}: every fourth frame is recorded"),
+}
+_LONGEST_REASON = 200
+
+
+def _short(why: Exception | str) -> str:
+    """As the record keeps it. What is longer comes from elsewhere, and is no text of ours."""
+    text = str(why)
+    return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON]
 
 
 def _reserve(folder: Path, limits: DiskLimits) -> Reserve:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, Encoder, add_stream
 from caris_desktop.recording.session.frame_times import INDEX_HEAD, index_cells
@@ -56,7 +57,13 @@ class VideoFile:
         self.last_stamp_ns = 0
         self.width_px, self.height_px = width_px // 2 * 2, height_px // 2 * 2
         if not (self.width_px and self.height_px):
-            raise ValueError(f"a picture of {width_px}x{height_px} pixels is too small for a video")
+            raise ValueError(
+                filled(
+                    QT_TR_NOOP("a picture of {width}x{height} pixels is too small for a video"),
+                    width=width_px,
+                    height=height_px,
+                )
+            )
         self._av = av
         self._clock = clock
         self._last_tick = -1

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec, spec_of_topic
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.mcap_blocks import BlockIndex, DamagedBlockError, Message
@@ -47,7 +48,9 @@ class SessionTimeline:
             self._index: BlockIndex = mcap_blocks.read_index(self._path)
             self._file: IO[bytes] = self._path.open("rb")
         except OSError as error:
-            raise SessionError(f"{self._path} cannot be read: {error.strerror or error}.") from error
+            raise SessionError(
+                filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=self._path, why=error.strerror or error)
+            ) from error
         anchor = session.clock.anchor
         self._session_from_utc_ns = anchor.monotonic_ns - anchor.utc_ns
         # When the last message of each block, and all before it, had arrived.
@@ -210,7 +213,9 @@ class SessionTimeline:
             _log.warning("%s: the block at byte %d is left out: %s", self._path, self._index.offsets[number], error)
             return None
         except OSError as error:
-            raise SessionError(f"{self._path} cannot be read: {error.strerror or error}.") from error
+            raise SessionError(
+                filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=self._path, why=error.strerror or error)
+            ) from error
         messages = tuple(mcap_blocks.messages_of(content))
         logged_ns = np.array([message.log_ns for message in messages], np.int64) + self._session_from_utc_ns
         if number:

@@ -12,6 +12,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import RobotChosen, ScenarioOpened, SessionStarted
 from caris_desktop.domain.recorded_form import from_message
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.format import FORMAT, TRIAL_METADATA
 from caris_desktop.recording.session.mcap_blocks import BlockIndex, Message
@@ -32,10 +33,10 @@ def holds_record(folder: Path) -> bool:
         return False
 
 
-def rebuilt_header(folder: Path, what: str) -> dict[str, Any] | None:
+def rebuilt_header(folder: Path, *, missing: bool) -> dict[str, Any] | None:
     """A head made of the events in ``folder``, that of a session which was not closed; None where they do not tell.
 
-    ``what`` says what became of ``session.json``.
+    ``missing`` says whether there was no ``session.json``, or one that was damaged.
     """
     try:
         with (folder / _EVENTS).open("rb") as file:
@@ -71,8 +72,15 @@ def rebuilt_header(folder: Path, what: str) -> dict[str, Any] | None:
                 "ended_ns": None,
                 "reason": None,
                 "losses": [
-                    f"session.json {what}. What the session is headed by was made anew from events.mcap; who the"
-                    " wizard was, the settings, and what was known to be missing are lost with it."
+                    QT_TR_NOOP(
+                        "session.json was missing. What the session is headed by was made anew from events.mcap; who"
+                        " the wizard was, the settings, and what was known to be missing are lost with it."
+                    )
+                    if missing
+                    else QT_TR_NOOP(
+                        "session.json was damaged. What the session is headed by was made anew from events.mcap; who"
+                        " the wizard was, the settings, and what was known to be missing are lost with it."
+                    )
                 ],
             }
     except (OSError, ValueError, OverflowError) as error:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.session.media_repair import content_of
 
 _MAX_TOLD = 5
@@ -36,7 +37,8 @@ def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
     """A sentence for each file that is missing or shorter than the head of a closed session says."""
     if header.get("ended_ns") is None:
         return ()
-    sentences, others = [], []
+    sentences: list[str] = []
+    others: list[str] = []
     for name, told_bytes in _told_files(header):
         path = folder / name
         try:
@@ -49,11 +51,14 @@ def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
         if what:
             sentences.append(what)
         else:
-            left = "is missing" if found_bytes < 0 else f"has {found_bytes} of {told_bytes} bytes"
-            others.append(f"{name} {left}")
-    sentences += [f"{what}." for what in others[:_MAX_TOLD]]
+            left = (
+                QT_TR_NOOP("{file} is missing.") if found_bytes < 0 else QT_TR_NOOP("{file} has {left} of {all} bytes.")
+            )
+            others.append(filled(left, file=name, left=found_bytes, all=told_bytes))
+    sentences += others[:_MAX_TOLD]
     if len(others) > _MAX_TOLD:
-        sentences.append(f"{len(others) - _MAX_TOLD} further files are missing or shorter than they were.")
+        further = len(others) - _MAX_TOLD
+        sentences.append(QT_TR_NOOP("%n further files are missing or shorter than they were.", "", further))
     return tuple(sentences)
 
 
@@ -79,13 +84,13 @@ def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, told_bytes:
     """Of a video or a sound, what it has lost in pictures and seconds; empty for other files."""
     video = _entry(header, "videos", path.name)
     if video is not None:
-        count = video.get("frames")
-        of = f"camera {video.get('camera')}"
+        told = {"file": path.name, "count": video.get("frames"), "camera": video.get("camera")}
         if found_bytes < 0:
-            return f"{path.name} is missing: all {count} pictures of {of}."
+            return filled(QT_TR_NOOP("{file} is missing: all {count} pictures of camera {camera}."), **told)
         content = content_of(path)
         left = 0 if content is None else len(content.times_s)
-        return f"{path.name} is cut off: of {count} pictures of {of}, {left} are left."
+        what = QT_TR_NOOP("{file} is cut off: of {count} pictures of camera {camera}, %n are left.", "", left)
+        return filled(what, **told)
     sound = _entry(header, "audio", path.name)
     if sound is None:
         return ""
@@ -94,9 +99,14 @@ def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, told_bytes:
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         lasts_s = 0.0
     if found_bytes < 0:
-        return f"{path.name} is missing: {lasts_s:.1f} s of sound."
+        return filled(QT_TR_NOOP("{file} is missing: {seconds} s of sound."), file=path.name, seconds=f"{lasts_s:.1f}")
     left_s = lasts_s * found_bytes / max(1, told_bytes)
-    return f"{path.name} is cut off: of {lasts_s:.1f} s of sound, {left_s:.1f} s are left."
+    return filled(
+        QT_TR_NOOP("{file} is cut off: of {seconds} s of sound, {left} s are left."),
+        file=path.name,
+        seconds=f"{lasts_s:.1f}",
+        left=f"{left_s:.1f}",
+    )
 
 
 def _entry(header: Mapping[str, Any], key: str, file_name: str) -> dict[str, Any] | None:

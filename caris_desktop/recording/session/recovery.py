@@ -17,6 +17,7 @@ from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replac
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message, schema_of, to_message
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_blocks, media_repair
@@ -30,6 +31,7 @@ from caris_desktop.recording.session.mcap_blocks import BlockIndex
 from caris_desktop.recording.session.mcap_records import MAGIC
 from caris_desktop.recording.session.mcap_rewriting import AddedMessage, rewrite
 from caris_desktop.recording.session.media_names import camera_of_video
+from caris_desktop.recording.session.repair_words import lost_values_words, new_index_words
 from caris_desktop.recording.session.session_header import SessionError, SessionTimes, inside, read_header, times_of
 
 _log = logging.getLogger(__name__)
@@ -91,14 +93,26 @@ def repair_session(folder: Path) -> RepairReport:
         if wanting == "manifest":
             return RepairReport(False)  # the recorder is just making it
         raise SessionError(
-            f"{folder} is still being recorded, or is being repaired at this moment. Open it once that has ended."
+            filled(
+                QT_TR_NOOP(
+                    "{folder} is still being recorded, or is being repaired at this moment. Open it once"
+                    " that has ended."
+                ),
+                folder=folder,
+            )
         ) from error
     except OSError as error:
         return RepairReport(
             False,
             (
-                f"The session is damaged and could not be repaired, because {folder} cannot be written "
-                f"({error.strerror or error}). It is shown as it was left.",
+                filled(
+                    QT_TR_NOOP(
+                        "The session is damaged and could not be repaired, because {folder} cannot be written ({why})."
+                        " It is shown as it was left."
+                    ),
+                    folder=folder,
+                    why=error.strerror or error,
+                ),
             ),
         )
     with lock:
@@ -109,14 +123,22 @@ def repair_session(folder: Path) -> RepairReport:
         except Exception as error:
             # What somebody's file does to a repair is no reason not to show the rest of it.
             _log.exception("repairing %s", folder)
-            why = "something in it is damaged in a way that was not foreseen; the log has the details"
+            why: object = filled(
+                QT_TR_NOOP("something in it is damaged in a way that was not foreseen; the log has the details")
+            )
             if isinstance(error, OSError):
-                why = "the disk has no room for it" if no_room(error) else str(error.strerror or error)
+                full = filled(QT_TR_NOOP("the disk has no room for it"))
+                why = full if no_room(error) else error.strerror or error
             return RepairReport(
                 False,
                 (
-                    f"The session is damaged and could not be repaired: {why}. "
-                    "It is shown as it was left; nothing of it was changed for the worse.",
+                    filled(
+                        QT_TR_NOOP(
+                            "The session is damaged and could not be repaired: {why}. It is shown as it was left;"
+                            " nothing of it was changed for the worse."
+                        ),
+                        why=why,
+                    ),
                 ),
             )
         finally:
@@ -132,7 +154,9 @@ def _wanting(folder: Path, header: dict[str, Any], times: SessionTimes) -> Liter
         if path.stat().st_size != (told_bytes_of(header, _EVENTS) or path.stat().st_size):
             return "end"
     except OSError as error:
-        raise SessionError(f"{folder / _EVENTS} cannot be read: {error.strerror or error}.") from error
+        raise SessionError(
+            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / _EVENTS, why=error.strerror or error)
+        ) from error
     lacks_manifest = header["format_version"] >= _MANIFEST_SINCE and not (folder / MANIFEST_NAME).exists()
     return "manifest" if lacks_manifest else ""
 
@@ -174,7 +198,7 @@ class _Repair:
                 self._write_header(videos, sounds)
         else:
             self._sentences.append(
-                "The list of checksums was missing and has been made now: it tells of changes from here on."
+                QT_TR_NOOP("The list of checksums was missing and has been made now: it tells of changes from here on.")
             )
         forget_counts(self._folder)
         # The one from when the session was closed says what has changed since. It is never made anew.
@@ -195,7 +219,12 @@ class _Repair:
             broken = not mcap_blocks.has_summary(path)
             index = mcap_blocks.scan(file) if broken else mcap_blocks.read_index(path)
             if broken and not index.count and magic != MAGIC[: len(magic)]:
-                raise SessionError(f"{path} is no record of events: nothing in it can be read. Nothing was changed.")
+                raise SessionError(
+                    filled(
+                        QT_TR_NOOP("{path} is no record of events: nothing in it can be read. Nothing was changed."),
+                        path=path,
+                    )
+                )
             if broken:
                 self._rewrite_events(file, index)
             else:
@@ -300,26 +329,28 @@ class _Repair:
         left, recorded = self._count_lost_values()
         lasted_s = self._times.clock.session_s(self._ended_ns)
         if self._kept(_EVENTS):
-            what = f"The recording was cut off after {lasted_s:.1f} s"
-            if self._finished:
-                what = f"{_EVENTS} was damaged after the recording had ended"
-            self._sentences.append(f"{what}. The {left} values that are left in it got a new index.")
+            what = new_index_words(left, finished=self._finished)
+            self._sentences.append(filled(what, seconds=f"{lasted_s:.1f}"))
         elif self._finished:
-            self._sentences.append(f"{_EVENTS} is not the file that was recorded; it holds {left} values.")
+            self._sentences.append(
+                QT_TR_NOOP("events.mcap is not the file that was recorded; it holds %n values.", "", left)
+            )
         lost = self._lost.total()
         if lost:
-            broken = f"; {self._damaged_bytes} bytes of it cannot be read" if self._damaged_bytes else ""
             early_s = lasted_s - max(0.0, self._times.clock.session_s(self._last_value_ns()))
-            ends = f"; it ends {early_s:.1f} s before the recording did" if self._finished and early_s > 1.0 else ""
-            self._losses.append(
-                f"{lost} of the {recorded} values that were recorded are missing from {_EVENTS}{broken}{ends}."
-            )
+            what = lost_values_words(lost, broken=bool(self._damaged_bytes), early=self._finished and early_s > 1.0)
+            told = {"recorded": recorded, "bytes": self._damaged_bytes, "seconds": f"{early_s:.1f}"}
+            self._losses.append(filled(what, **told))
         elif self._expected is None and not self._complete:
-            self._losses.append(f"How many values are missing at the end of {_EVENTS} is not known.")
+            self._losses.append(QT_TR_NOOP("How many values are missing at the end of events.mcap is not known."))
         elif self._damaged_bytes:
             self._losses.append(
-                f"{self._damaged_bytes} bytes at the end of {_EVENTS} cannot be read. Of what had been counted before,"
-                " nothing is missing."
+                QT_TR_NOOP(
+                    "%n bytes at the end of events.mcap cannot be read. Of what had been counted before, nothing is"
+                    " missing.",
+                    "",
+                    self._damaged_bytes,
+                )
             )
 
     def _count_lost_values(self) -> tuple[int, int]:
@@ -349,10 +380,13 @@ class _Repair:
             try:
                 sound = media_repair.repair_wav(path)
             except ValueError as error:
-                self._sentences.append(f"{path.name} was left as it is: {error}.")
+                self._sentences.append(
+                    filled(QT_TR_NOOP("{file} was left as it is: {error}."), file=path.name, error=error)
+                )
                 continue
             if sound.repaired:
-                self._sentences.append(f"{path.name} lacked its length; it holds {sound.duration_s:.1f} s of sound.")
+                what = QT_TR_NOOP("{file} lacked its length; it holds {seconds} s of sound.")
+                self._sentences.append(filled(what, file=path.name, seconds=f"{sound.duration_s:.1f}"))
             first = self._record.sounds.get(path.name)
             rate_hz = max(1, sound.sample_rate_hz)
             source = path.stem.removeprefix("audio-") if first is None else first.source
@@ -383,7 +417,9 @@ class _Repair:
         self._cut_tail(path)
         content = media_repair.content_of(path)
         if content is None or not content.times_s:
-            self._sentences.append(f"{path.name} holds no whole picture; it was left as it is.")
+            self._sentences.append(
+                filled(QT_TR_NOOP("{file} holds no whole picture; it was left as it is."), file=path.name)
+            )
             return None
         camera = str(told.get("camera") or camera_of_video(path.name, self._record.frames))
         recorded = self._record.frames.get(camera, [])
@@ -393,7 +429,9 @@ class _Repair:
             if index.exists():
                 self._keep(index)
             replace_file(index, lines, durable=True)
-            self._sentences.append(f"The frame times of {path.name} were brought in line with its pictures.")
+            self._sentences.append(
+                filled(QT_TR_NOOP("The frame times of {file} were brought in line with its pictures."), file=path.name)
+            )
         times = read_frame_times(index)
         stamps_ns, shown_ns = times.stamps_ns, times.shown_ns
         first_ns, last_ns = int(shown_ns[0]), int(shown_ns[-1])
@@ -430,7 +468,8 @@ class _Repair:
         with path.open("rb+") as file:
             file.truncate(whole)
             os.fsync(file.fileno())
-        self._sentences.append(f"{path.name} broke off within its last part, which is now {KEPT_FOLDER}/{kept.name}.")
+        what = QT_TR_NOOP("{file} broke off within its last part, which is now {place}.")
+        self._sentences.append(filled(what, file=path.name, place=f"{KEPT_FOLDER}/{kept.name}"))
 
     def _count_lost_frames(self, videos: list[dict[str, Any]]) -> None:
         """Frames that the record tells of and that came after the last whole part of the video."""
@@ -441,7 +480,8 @@ class _Repair:
                 self._record.dropped[BY_TYPE[FrameRef].name] += lost
                 from_ns = max(last_ns, frames[0].shown_ns)
                 lost_s = (frames[-1].shown_ns - from_ns) / 1e9
-                self._losses.append(f"The last {lost} pictures of camera {camera} ({lost_s:.1f} s) were not saved.")
+                what = QT_TR_NOOP("The last %n pictures of camera {camera} ({seconds} s) were not saved.", "", lost)
+                self._losses.append(filled(what, camera=camera, seconds=f"{lost_s:.1f}"))
 
     # The rest
 
@@ -452,7 +492,8 @@ class _Repair:
                 kept = _unused(self._folder / KEPT_FOLDER / path.name.removeprefix("."))
                 kept.parent.mkdir(exist_ok=True)
                 path.replace(kept)
-                self._sentences.append(f"A half-written file was moved to {KEPT_FOLDER}/{kept.name}.")
+                what = QT_TR_NOOP("A half-written file was moved to {place}.")
+                self._sentences.append(filled(what, place=f"{KEPT_FOLDER}/{kept.name}"))
 
     def _write_finished_header(self) -> None:
         """As the session was closed, but for its events: what it says of all else is still the measure."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION
 from caris_desktop.recording.session.header_rebuilding import holds_record, rebuilt_header
@@ -39,23 +40,46 @@ def read_header(folder: Path) -> dict[str, Any]:
         If ``folder`` is no session, or one of another program or a newer version.
     """
     if not folder.is_dir():
-        raise SessionError(f"{folder} is no folder. A session is a folder with session.json and events.mcap in it.")
+        raise SessionError(
+            filled(
+                QT_TR_NOOP("{folder} is no folder. A session is a folder with session.json and events.mcap in it."),
+                folder=folder,
+            )
+        )
     path = folder / "session.json"
     for name in ("session.json", "events.mcap"):
         if not inside(folder, name):
-            raise SessionError(f"{folder / name} is a link that leads out of the session. It is not followed.")
+            raise SessionError(
+                filled(
+                    QT_TR_NOOP("{path} is a link that leads out of the session. It is not followed."),
+                    path=folder / name,
+                )
+            )
     header = _told_header(folder, path)
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise SessionError(f"{path} does not head a session of CARIS Desktop.")
+        raise SessionError(filled(QT_TR_NOOP("{path} does not head a session of CARIS Desktop."), path=path))
     version = header.get("format_version")
     if not isinstance(version, int) or version > FORMAT_VERSION:
         raise SessionError(
-            f"{path} has version {version}; this program reads up to version {FORMAT_VERSION}. Update CARIS Desktop."
+            filled(
+                QT_TR_NOOP(
+                    "{path} has version {version}; this program reads up to version {newest}. Update CARIS Desktop."
+                ),
+                path=path,
+                version=version,
+                newest=FORMAT_VERSION,
+            )
         )
     if not (folder / "events.mcap").is_file():
         raise SessionError(
-            f"{folder} holds no events.mcap: what happened and what was said in the session is lost. Restore the file"
-            " from a copy, if there is one; what else lies in the folder was left alone."
+            filled(
+                QT_TR_NOOP(
+                    "{folder} holds no events.mcap: what happened and what was said in the session is lost."
+                    " Restore the file from a copy, if there is one; what else lies in the folder was left"
+                    " alone."
+                ),
+                folder=folder,
+            )
         )
     return header
 
@@ -70,29 +94,58 @@ def _told_header(folder: Path, path: Path) -> Any:
         with path.open("rb") as file:
             content = file.read(_MAX_HEADER_BYTES + 1)
         if len(content) > _MAX_HEADER_BYTES:
-            raise SessionError(f"{path} is far too large to head a session ({path.stat().st_size} bytes).")
+            raise SessionError(
+                filled(
+                    QT_TR_NOOP("{path} is far too large to head a session ({size} bytes)."),
+                    path=path,
+                    size=path.stat().st_size,
+                )
+            )
         return json.loads(content)
     except FileNotFoundError:
-        what = "was missing"
+        missing = True
     except OSError as error:
-        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+        raise SessionError(
+            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+        ) from error
     except (ValueError, RecursionError) as error:
         _log.warning("%s: %s", path, error)
-        what = "was damaged"
+        missing = False
     if not holds_record(folder):
-        if what == "was missing" and (folder / MANIFEST_NAME).is_file():
+        if missing and (folder / MANIFEST_NAME).is_file():
             raise SessionError(
-                f"{folder} holds neither session.json nor events.mcap any more: what happened in the session is lost."
-                " Restore them from a copy; what else lies in the folder was left alone."
+                filled(
+                    QT_TR_NOOP(
+                        "{folder} holds neither session.json nor events.mcap any more: what happened in the"
+                        " session is lost. Restore them from a copy; what else lies in the folder was left"
+                        " alone."
+                    ),
+                    folder=folder,
+                )
             )
-        if what == "was missing":
-            raise SessionError(f"{folder} is no session: it holds no session.json.")
-        raise SessionError(f"{path} is damaged, and there are no events.mcap beside it from which to make it anew.")
-    header = rebuilt_header(folder, what)
+        if missing:
+            raise SessionError(filled(QT_TR_NOOP("{folder} is no session: it holds no session.json."), folder=folder))
+        raise SessionError(
+            filled(
+                QT_TR_NOOP("{path} is damaged, and there are no events.mcap beside it from which to make it anew."),
+                path=path,
+            )
+        )
+    header = rebuilt_header(folder, missing=missing)
     if header is None:
         raise SessionError(
-            f"{folder / 'session.json'} {what}, and what is left of events.mcap does not say when the session began."
-            " Restore session.json from a copy; nothing was changed."
+            filled(
+                QT_TR_NOOP(
+                    "{path} was missing, and what is left of events.mcap does not say when the session began."
+                    " Restore session.json from a copy; nothing was changed."
+                )
+                if missing
+                else QT_TR_NOOP(
+                    "{path} was damaged, and what is left of events.mcap does not say when the session began."
+                    " Restore session.json from a copy; nothing was changed."
+                ),
+                path=path,
+            )
         )
     return header
 
@@ -112,8 +165,13 @@ def times_of(header: Mapping[str, Any], folder: Path) -> SessionTimes:
     except (KeyError, TypeError, ValueError, OverflowError, OSError) as error:
         _log.warning("%s: %r", folder / "session.json", error)
         raise SessionError(
-            f"{folder / 'session.json'} does not say when the session began. Restore it from a copy, or move it away:"
-            " it is made anew then from events.mcap, as far as that goes."
+            filled(
+                QT_TR_NOOP(
+                    "{path} does not say when the session began. Restore it from a copy, or move it away:"
+                    " it is made anew then from events.mcap, as far as that goes."
+                ),
+                path=folder / "session.json",
+            )
         ) from error
     known = isinstance(ended_ns, int) and not isinstance(ended_ns, bool)
     return SessionTimes(clock, ended_ns if known else None, str(header.get("reason") or "") if known else "")

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.losses import losses_of
@@ -87,8 +88,12 @@ class Session:
         if not self.unreadable_blocks:
             return self.losses
         blocks, values = len(self.unreadable_blocks), sum(self.unreadable_blocks.values())
-        where = "1 block" if blocks == 1 else f"{blocks} blocks"
-        return (*self.losses, f"{where} of {_EVENTS} cannot be read: {values} values are left out.")
+        what = (
+            QT_TR_NOOP("1 block of events.mcap cannot be read: {values} values are left out.")
+            if blocks == 1
+            else QT_TR_NOOP("%n blocks of events.mcap cannot be read: {values} values are left out.", "", blocks)
+        )
+        return (*self.losses, filled(what, values=values))
 
     def values(self, *streams: str) -> Iterator[tuple[StreamSpec, Any]]:
         """Every value of these streams (all of them when none is named), as recorded, in the order of recording.
@@ -166,7 +171,9 @@ def _index_of(path: Path) -> BlockIndex:
     try:
         return mcap_blocks.read_index(path)
     except OSError as error:
-        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+        raise SessionError(
+            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+        ) from error
 
 
 def _newest_ns(path: Path, clock: SessionClock) -> int:
@@ -183,7 +190,9 @@ def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Ite
     try:
         file = path.open("rb")
     except OSError as error:
-        raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+        raise SessionError(
+            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+        ) from error
     if index.damaged_bytes:
         _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
     topics = {number: its.topic for number, its in index.channels.items() if its.topic not in DERIVED_TOPICS}
@@ -203,7 +212,9 @@ def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Ite
                     unreadable[number] = mcap_blocks.listed_messages(file, index, number, every)
                 continue
             except OSError as error:
-                raise SessionError(f"{path} cannot be read: {error.strerror or error}.") from error
+                raise SessionError(
+                    filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+                ) from error
             for message in mcap_blocks.messages_of(content):
                 topic = topics.get(message.channel)
                 found = None if topic is None else read(topic, scrub(content[message.start : message.end]))

@@ -177,6 +177,7 @@ class AgreementDialog(TabAsRead, QDialog):
                 )
         except AnnotationError as error:
             refusal = str(error)
+            refusal = tr(refusal)
         if self._result is None:
             self._lines.setText(refusal)
         else:

@@ -21,7 +21,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
 from caris_desktop.ui import tokens
-from caris_desktop.ui.replay.timeline_model import vocabulary_named
+from caris_desktop.ui.replay.timeline_model import SCENARIO_LABELS, vocabulary_named, vocabulary_title
 from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -29,8 +29,6 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 
 FREE_TEXT = QT_TR_NOOP("Free text")
 OWN_LIST = QT_TR_NOOP("A list of labels…")
-SCENARIO_LABELS = QT_TR_NOOP("Labels of the scenario")
-"""In a document, and so in every language, the vocabulary has this name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +131,8 @@ class TierDialog(TabAsRead, QDialog):
         self._labels.setMinimumHeight(36)
         self._labels.addItem(tr(FREE_TEXT))
         for vocabulary in document.vocabularies:
-            words = tr("{vocabulary} (%n labels)", "", len(vocabulary.entries)).format(vocabulary=vocabulary.name)
+            title = vocabulary_title(vocabulary.name)
+            words = tr("{vocabulary} (%n labels)", "", len(vocabulary.entries)).format(vocabulary=title)
             self._labels.addItem(words, vocabulary.name)
         if self._scenario_labels and vocabulary_named(document, SCENARIO_LABELS) is None:
             self._labels.addItem(tr(SCENARIO_LABELS))

@@ -296,7 +296,8 @@ class TimelineActs(QObject):
         try:
             tier = editing.tier_of(self.document, tier_id)
         except AnnotationError as gone:
-            self.say(str(gone))
+            why = str(gone)
+            self.say(tr(why))
             return
         new = editing.next_annotation_id(self.document, tier.coder)
         if self.edit(lambda document: editing.add_annotation(document, tier_id, start_ms, end_ms)):

@@ -26,6 +26,7 @@ from caris_desktop.ui.replay.timeline_model import (
     picture_step_ms,
     ruler_ticks,
     speed_columns,
+    vocabulary_title,
     wave_columns,
 )
 from caris_desktop.ui.theme import Theme
@@ -379,7 +380,7 @@ def _detail_of(shown: Shown, row: Row) -> str:
     """What stands beside a row's name."""
     if row.own and row.tier is not None:
         same = row.tier.vocabulary.casefold() in ("", row.name.casefold())
-        return row.coder if same else f"{row.coder} · {row.tier.vocabulary}"
+        return row.coder if same else f"{row.coder} · {vocabulary_title(row.tier.vocabulary)}"
     if row.kind != "speed":
         return ""
     return tr("up to {speed} m/s").format(speed=f"{shown.fastest_mps:.1f}")
@@ -394,5 +395,5 @@ def _row_icon(row: Row) -> str:
         case "speed":
             return "gauge"
         case _:
-            name = row.name.casefold()
+            name = (row.name if row.tier is None else row.tier.name).casefold()  # as in the record
             return next((icon for word, icon in _RECORD_ICONS if word in name), "rows")

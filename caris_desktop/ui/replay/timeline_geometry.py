@@ -10,7 +10,14 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.model import Annotation
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, PAD_PX, RULER_PX, Shown
-from caris_desktop.ui.replay.timeline_model import SHORTEST_MS, Track, exact_text, length_text, snapped
+from caris_desktop.ui.replay.timeline_model import (
+    SHORTEST_MS,
+    Track,
+    exact_text,
+    length_text,
+    snapped,
+    vocabulary_title,
+)
 
 _SNAP_PX = 6
 _EDGE_PX = 6
@@ -117,7 +124,7 @@ class TimelineGeometry:
             row = self._shown.rows[hit.row]
             if not row.own:
                 return tr("{row}, from the record").format(row=row.name)
-            vocabulary = row.tier.vocabulary if row.tier is not None else ""
+            vocabulary = vocabulary_title(row.tier.vocabulary) if row.tier is not None else ""
             words = tr("{tier} of {coder} · free text")
             if vocabulary:
                 words = tr("{tier} of {coder} · labels of {vocabulary}")

@@ -208,7 +208,7 @@ def all_rows(overview: SessionOverview | None, coding: AnnotationDocument) -> li
     rows += [Row(f"sound {wave.source}", "sound", sound_name(wave.source), wave.source) for wave in overview.waveforms]
     if len(overview.speed):
         rows.append(Row("speed", "speed", tr("Speed")))
-    rows += [Row(f"record {tier.tier_id}", "tier", tier.name, tier=tier) for tier in overview.tiers.tiers]
+    rows += [Row(f"record {tier.tier_id}", "tier", tr(tier.name), tier=tier) for tier in overview.tiers.tiers]
     return rows
 
 
@@ -301,6 +301,15 @@ def snapped(at_ms: float, moments_ms: Iterable[float], *, within_ms: float) -> f
 
 def vocabulary_named(coding: AnnotationDocument, name: str) -> Vocabulary | None:
     return next((vocabulary for vocabulary in coding.vocabularies if vocabulary.name == name), None)
+
+
+SCENARIO_LABELS = QT_TR_NOOP("Labels of the scenario")
+"""In a document, and so in every language, the vocabulary has this name."""
+
+
+def vocabulary_title(name: str) -> str:
+    """What a coder wrote stays as it is."""
+    return tr(SCENARIO_LABELS) if name == SCENARIO_LABELS else name
 
 
 def initials(coder: str) -> str:

@@ -17,6 +17,7 @@ from caris_desktop.app import bodies
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import PersonForgotten, Problem
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.children import Children
@@ -24,6 +25,7 @@ from caris_desktop.live.forgetting import ForgettingAsked, ForgettingEnded, Forg
 from caris_desktop.live.services.forgetting import ForgettingService
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.store import About, PeopleStore
+from caris_desktop.recording.forgetting import media
 from caris_desktop.recording.forgetting.study import Forgotten
 
 
@@ -44,6 +46,14 @@ def die(_connection: Connection) -> None:
 
 def leave_one(connection: Connection) -> None:
     connection.send(ForgettingEnded(Forgotten(Path("receipt"), Path("review"), 2, ("thesis.docx",), ())))
+
+
+def leave_a_photo(connection: Connection, photo: Path) -> None:
+    try:
+        media.covered_picture(photo, photo.with_suffix(".part"), ())
+    except media.UnreadableMediaError as error:
+        removed = filled(QT_TR_NOOP("{why}; it was removed."), why=error)
+        connection.send(ForgettingEnded(Forgotten(Path("receipt"), None, 0, (), (removed,))))
 
 
 class Bench:
@@ -150,3 +160,14 @@ def test_where_nobody_looks_for_people_it_is_told_all_the_same(bench: Bench, qtb
     assert [(event.person_id, event.actor) for event in happened] == [("p-1", "wizard:Ann")]
     assert "still found in thesis.docx" in bench.told[-1]
     assert "but for 2 places" in bench.told[-2]
+
+
+@pytest.mark.logs("photo.png")
+@pytest.mark.usefixtures("trial_language")
+def test_what_could_not_be_done_is_said_in_the_wizards_language(bench: Bench, qtbot: QtBot, tmp_path: Path) -> None:
+    (tmp_path / "photo.png").write_bytes(b"no picture")
+    bench.body = ProcessBody("forgetting", leave_a_photo, (tmp_path / "photo.png",))
+    bench.ask(intents.ForgetPerson("p-01"))
+    qtbot.waitUntil(bench.over, timeout=30_000)
+    why = tr("{file} cannot be read as a picture").format(file="photo.png")
+    assert bench.told[-1].startswith(tr("{why}; it was removed.").format(why=why)), bench.told

@@ -1,6 +1,7 @@
 """Tiers and overview made from the record."""
 
 import json
+import pickle
 import re
 import wave
 from dataclasses import dataclass
@@ -25,16 +26,23 @@ from caris_desktop.domain.events import (
     PersonLeft,
     RecordingPaused,
     ScenarioOpened,
+    StepTicked,
     StopRequested,
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation import editing
+from caris_desktop.recording.annotation.event_summary import EVENTS_IN_WORDS, type_in_words
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview_of import BUCKET_NS, build_overview
-from caris_desktop.recording.annotation.session_tiers import session_tiers
+from caris_desktop.recording.annotation.session_tiers import SessionRecord, session_tiers, streams_of_tiers
+from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.exporters.csv import write_csv
+from caris_desktop.recording.exporters.eaf import write_eaf
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.measures import measure, read_facts
+from caris_desktop.ui.replay.timeline_model import all_rows
 from tests.recording.told_session import STARTED_NS, at, drive, exchange, heard, said, tell, tour
 
 
@@ -364,3 +372,29 @@ def test_whoever_does_not_want_to_wait_ends_it(tmp_path: Path) -> None:
 
     with pytest.raises(CancelledError):
         build_overview(told(tmp_path, []), cancel)
+
+
+def test_the_rows_of_all_events_are_known_to_whoever_translates_them(tmp_path: Path) -> None:
+    record = SessionRecord(told(tmp_path, []))
+    others = {streams.BY_NAME[name].value_type for name in streams_of_tiers()} - record._folded.keys() | {StepTicked}
+    assert {type_in_words(kind) for kind in others} == set(EVENTS_IN_WORDS)
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_rows_are_named_in_the_wizards_language_where_they_are_shown_and_in_english_in_files(tmp_path: Path) -> None:
+    appeared = PersonAppeared(at(1), "p-1", 1, number=3)
+    values = [*heard(1, 2.0, 3.5, "Hi there"), *heard(2, 3.0, 4.5, "And I"), appeared, StopRequested(at(5), "wizard")]
+    session = told(tmp_path, values)
+    overview = pickle.loads(pickle.dumps(build_overview(session)))  # noqa: S301
+    shown = [row.name for row in all_rows(overview, AnnotationDocument()) if row.tier is not None]
+    assert shown == [tr(tier.name) for tier in overview.tiers.tiers]
+    assert all(name.startswith("[") for name in shown), shown
+    speech = tr("Participant speech")
+    assert tr("{tier} ({number})").format(tier=speech, number=2) in shown
+    assert tr("Person {number}").format(number=3) in shown
+    write_csv(session, tmp_path, ExportContext())
+    write_eaf(session, tmp_path, ExportContext())
+    written = "".join(path.read_text("utf-8") for path in tmp_path.glob("*.*") if path.suffix in (".csv", ".eaf"))
+    names = [tier.name for tier in overview.tiers.tiers]
+    assert "Participant speech (2)" in names and "Person 3" in names and "Stop requested" in names
+    assert all(name in written for name in names) and speech not in written

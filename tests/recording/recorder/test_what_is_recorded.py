@@ -18,8 +18,9 @@ import pytest
 from mcap.reader import make_reader
 
 from caris_desktop.domain import clock, streams
-from caris_desktop.domain.events import Problem, RecordingPaused
+from caris_desktop.domain.events import Gap, Problem, RecordingPaused
 from caris_desktop.domain.sensing import AudioChunk, BatteryState, StatusShown
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.messages import (
@@ -226,6 +227,7 @@ def test_checksums_close_the_session_and_nobody_holds_it_any_more(recorded: Reco
         )
 
 
+@pytest.mark.usefixtures("trial_language")
 @pytest.mark.logs(r"recorder\.session_recorder: ")
 def test_with_little_room_left_every_second_frame_is_recorded_and_that_is_told(tmp_path: Path) -> None:
     ring = FrameRing.create(640 * 480 * 3)
@@ -241,6 +243,11 @@ def test_with_little_room_left_every_second_frame_is_recorded_and_that_is_told(t
     assert report.dropped == {"frame": 5}
     ((_, _, gap),) = messages(tmp_path / "s", "/event/gap")
     assert gap["reason"] == "front: left out, as the disk is nearly full"
+    (told,) = (message for message in recorder.heard if isinstance(message, Gap))
+    assert tr(told.reason) == tr("{camera}: left out, as {why}").format(
+        camera="front", why=tr("the disk is nearly full")
+    )
+    assert tr(report.detail).startswith("["), "the window says it in its language, the record in English"
     assert len(video_times_s(tmp_path / "s" / "video-front.mp4")[0]) == 5
     assert len(messages(tmp_path / "s", "/event/marked")) == 1
 

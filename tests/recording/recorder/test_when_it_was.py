@@ -136,6 +136,6 @@ def test_a_head_made_anew_does_not_take_a_measured_moment_for_an_arrival(tmp_pat
     for value in (frame, BatteryState(came_ns, 0.5)):
         log.write(BY_TYPE[type(value)], value, came_ns)
     log.close()
-    rebuilt = rebuilt_header(tmp_path, "is lost")
+    rebuilt = rebuilt_header(tmp_path, missing=True)
     assert rebuilt is not None
     assert rebuilt["clock"]["utc_ns"] - rebuilt["clock"]["monotonic_ns"] == anchor.utc_ns - anchor.monotonic_ns
