@@ -70,8 +70,10 @@ def bridge(shared_bridge: BridgeDouble, shared_link: LinkProcess) -> BridgeDoubl
         lambda: (
             time.monotonic() - shared_bridge.connected_s > ZERO_AGAIN_S[-1] + 0.1
             and (not shared_bridge.twists() or time.monotonic() - shared_bridge.twists()[-1][0] > 0.3)
+            # On a busy machine what the link reports of them is still on its way.
+            and len(shared_link.of(CommandSent)) >= len(shared_bridge.twists())
         ),
-        "silence",
+        "silence, and a report of all that was sent",
     )
     shared_bridge.lines.clear()
     shared_link.values.clear()
