@@ -449,3 +449,4 @@ def test_who_asks_for_a_panel_before_it_is_made_gets_it_as_it_was_left(
     window.open_panel(behind)
     assert behind_in(window) == set()
     assert window.board.panels[behind].isVisibleTo(window)
+    assert window.board.panels["session"].choices() == {"category": CATEGORIES[0]}
