@@ -5,13 +5,14 @@ For the small computer on the robot: it needs numpy, opencv, PyAV and aiortc, an
 
 import argparse
 import asyncio
-import ipaddress
 import logging
 import os
 import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from caris_desktop.domain.address import before_port, is_loopback_host
 
 if TYPE_CHECKING:
     from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
@@ -66,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 2
-    if not token and not _is_loopback(arguments.host):
+    if not token and not is_loopback_host(arguments.host):
         print(
             f"At {arguments.host} everybody in the network could watch: name an environment variable that holds a "
             "token with --token-env, or listen at 127.0.0.1.",
@@ -96,7 +97,7 @@ async def _serve(chosen: "ChosenCamera", host: str, port: int, token: str, micro
         )
         return 2
     at = listening.sockets[0].getsockname()
-    where = f"http://[{at[0]}]:{at[1]}" if ":" in at[0] else f"http://{at[0]}:{at[1]}"
+    where = f"http://{before_port(at[0])}:{at[1]}"
     print(f"Serving {chosen.name} at {where}/video.mjpg (MJPEG) and whep+{where}/whep (WebRTC).", flush=True)
     reading = asyncio.create_task(frames.run())
     await ended.wait()
@@ -105,10 +106,3 @@ async def _serve(chosen: "ChosenCamera", host: str, port: int, token: str, micro
     await asyncio.gather(reading, return_exceptions=True)
     await server.close()
     return 0
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

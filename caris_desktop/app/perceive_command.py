@@ -2,7 +2,6 @@
 
 import argparse
 import asyncio
-import ipaddress
 import os
 import signal
 import ssl
@@ -10,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import get_args
 
+from caris_desktop.domain.address import before_port, is_loopback_host
 from caris_desktop.perception.backends.chosen import open_chosen
 from caris_desktop.perception.backends.remote import TOKEN_VARIABLE
 from caris_desktop.perception.backends.serving import serving
@@ -83,10 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
             chosen.detector, chosen.people, host=arguments.host, port=arguments.port, token=token, tls=tls, note=_tell
         ) as server:
             host, port = server.sockets[0].getsockname()[:2]
-            shown = f"[{host}]" if ":" in host else host
-            _tell(
-                f"{chosen.detector.label} answers at {'ws' if tls is None else 'wss'}://{shown}:{port}; Ctrl+C ends it."
-            )
+            address = f"{'ws' if tls is None else 'wss'}://{before_port(host)}:{port}"
+            _tell(f"{chosen.detector.label} answers at {address}; Ctrl+C ends it.")
             await stop.wait()
 
     try:
@@ -117,7 +115,7 @@ def _tls(cert: Path | None, key: Path | None) -> ssl.SSLContext | None:
 def _check(arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None) -> None:
     if token and len(token) < LEAST_TOKEN:
         raise _WrongError(f"The token in {arguments.token_env} is short: take {LEAST_TOKEN} characters or more.")
-    if _is_loopback(arguments.host):
+    if is_loopback_host(arguments.host):
         return
     if not token:
         raise _WrongError(
@@ -129,15 +127,6 @@ def _check(arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None
             f"{arguments.host} can be reached by others, who could read the pictures on their way: give a certificate "
             "with --cert and --key, or listen at 127.0.0.1 and use an SSH tunnel."
         )
-
-
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def _tell(words: str) -> None:

@@ -1,4 +1,4 @@
-"""Network addresses as they may be shown and recorded."""
+"""Network addresses: as they may be shown and recorded, and whether they are this machine's."""
 
 import ipaddress
 from urllib.parse import urlsplit
@@ -13,13 +13,21 @@ def without_credentials(address: str) -> str:
         return ""
     if not (parts.scheme and host):
         return address if "@" not in address and "?" not in address else ""
-    shown = f"[{host}]" if ":" in host else host
-    return f"{parts.scheme}://{shown}{f':{port}' if port else ''}{parts.path}"
+    return f"{parts.scheme}://{before_port(host)}{f':{port}' if port else ''}{parts.path}"
+
+
+def before_port(host: str) -> str:
+    """``host`` as an address holds it: a number of IPv6 in brackets."""
+    return f"[{host}]" if ":" in host else host
 
 
 def is_loopback(url: str) -> bool:
     """Whether ``url`` names this machine."""
-    host = urlsplit(url).hostname or ""
+    return is_loopback_host(urlsplit(url).hostname or "")
+
+
+def is_loopback_host(host: str) -> bool:
+    """Whether ``host``, a name or a number, is this machine."""
     if host == "localhost":
         return True
     try:

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from caris_desktop.domain.address import before_port
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import wardrobe
 from caris_desktop.simulator.base import STEP_S
@@ -227,10 +228,9 @@ async def _simulate(
             "Choose another with --port, or let it choose with --port 0.\n"
         )
         return 2
-    host = f"[{args.host}]" if ":" in args.host else args.host
     scheme = "ws" if settings.tls is None else "wss"
     camera, desk = CameraProcess(), DeskCamera()
-    ready = [f"Simulated robot ready at {scheme}://{host}:{port}\n"]
+    ready = [f"Simulated robot ready at {scheme}://{before_port(args.host)}:{port}\n"]
     if args.desk_camera is not None:
         try:
             ready.append(f"Camera on the desk at http://127.0.0.1:{await desk.start(args.desk_camera)}/\n")

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, bad_address
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
-from caris_desktop.domain.address import is_loopback
+from caris_desktop.domain.address import is_loopback, is_loopback_host
 from caris_desktop.domain.translation import tr
 
 if TYPE_CHECKING:
@@ -96,11 +96,7 @@ async def _is_here(endpoint: ModelEndpoint) -> bool:
         found = await asyncio.get_running_loop().getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except OSError:
         return False
-    return bool(found) and all(is_loopback(f"//{_bracketed(str(address[0]))}") for *_, address in found)
-
-
-def _bracketed(address: str) -> str:
-    return f"[{address}]" if ":" in address else address
+    return bool(found) and all(is_loopback_host(str(address[0])) for *_, address in found)
 
 
 async def api_key(endpoint: ModelEndpoint) -> str | None:

@@ -7,7 +7,7 @@ from typing import Literal
 from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
-from caris_desktop.domain.address import is_loopback
+from caris_desktop.domain.address import before_port, is_loopback
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 
@@ -127,8 +127,7 @@ def ollama_url(environment: Mapping[str, str]) -> str:
     if name in ("0.0.0.0", "::"):  # noqa: S104 - read, not bound
         name = "127.0.0.1"
     default_port = 11434 if "://" not in host else {"http": 80, "https": 443}[parts.scheme]
-    shown = f"[{name}]" if ":" in name else name
-    return f"{parts.scheme}://{shown}:{parts.port or default_port}{parts.path.rstrip('/')}"
+    return f"{parts.scheme}://{before_port(name)}:{parts.port or default_port}{parts.path.rstrip('/')}"
 
 
 def bad_address(url: str, source: str) -> LanguageModelError:
