@@ -40,6 +40,21 @@ class LaserScan:
     map_from_laser: Pose2D | None = None
     intensities: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32), metadata={"shape": (-1,)})
 
+    def returned(self) -> NDArray[np.bool_]:
+        """Which beams ended at something in range, shape (beams,)."""
+        ranges = self.ranges_m
+        returned: NDArray[np.bool_] = np.isfinite(ranges) & (ranges >= self.range_min_m) & (ranges <= self.range_max_m)
+        return returned
+
+    def points(self, laser: Pose2D, *, behind_m: float = 0.0) -> NDArray[np.float64]:
+        """Where those beams ended, or ``behind_m`` farther out, float64 of shape (returns, 2), metres in whatever frame
+        ``laser`` is the laser's pose in.
+        """
+        returned = self.returned()
+        angles = self.angle_min_rad + self.angle_increment_rad * np.flatnonzero(returned) + laser.heading_rad
+        distances = self.ranges_m[returned].astype(np.float64) + behind_m
+        return np.column_stack((laser.x_m + distances * np.cos(angles), laser.y_m + distances * np.sin(angles)))
+
 
 @dataclass(frozen=True, slots=True)
 class Odometry:

@@ -157,16 +157,7 @@ def _points_in_robot(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.floa
         laser = map_from_robot.inverse() @ scan.map_from_laser
     if laser is None:
         return np.zeros((0, 2))
-    ranges = scan.ranges_m
-    valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
-    angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + laser.heading_rad
-    distances = ranges[valid].astype(np.float64) + _HALF_A_BODY_M
-    return np.column_stack(
-        (
-            laser.x_m + distances * np.cos(angles),
-            laser.y_m + distances * np.sin(angles),
-        )
-    )
+    return scan.points(laser, behind_m=_HALF_A_BODY_M)
 
 
 def _moved(points: NDArray[np.float64], by: Pose2D) -> NDArray[np.float64]:

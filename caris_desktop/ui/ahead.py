@@ -40,8 +40,7 @@ def ahead_of(scan: LaserScan) -> Ahead:
     with np.errstate(invalid="ignore"):
         # A beam without an answer reads inf, 0 or beyond the range; one that never looks reads nan or less than 0.
         looks = ranges >= 0.0
-        valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
-    returned = valid & (np.abs(angles) <= _AHEAD_RAD)
+        returned = scan.returned() & (np.abs(angles) <= _AHEAD_RAD)
     near = float(ranges[returned].min()) + scan.robot_from_laser.x_m if bool(returned.any()) else None
     # Directions half a degree apart, each covered where a beam that looks is next to it.
     directions = np.linspace(-_AHEAD_RAD, _AHEAD_RAD, 81)
@@ -97,15 +96,13 @@ def nearest_of(scan: LaserScan) -> tuple[float, float] | None:
     """Distance in metres and bearing in radians, counter-clockwise from ahead, of what returned nearest to the middle
     of the robot; None where nothing returned, or nobody told how the laser is mounted.
     """
-    mount, ranges = scan.robot_from_laser, scan.ranges_m
-    valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
-    if mount is None or not bool(valid.any()):
+    if scan.robot_from_laser is None:
         return None
-    angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + mount.heading_rad
-    x_m = mount.x_m + ranges[valid] * np.cos(angles)
-    y_m = mount.y_m + ranges[valid] * np.sin(angles)
-    nearest = int(np.argmin(np.hypot(x_m, y_m)))
-    return math.hypot(x_m[nearest], y_m[nearest]), math.atan2(y_m[nearest], x_m[nearest])
+    points = scan.points(scan.robot_from_laser)
+    if not len(points):
+        return None
+    x_m, y_m = points[np.argmin(np.hypot(points[:, 0], points[:, 1]))]
+    return math.hypot(x_m, y_m), math.atan2(y_m, x_m)
 
 
 def nearest_words(scan: LaserScan) -> str:

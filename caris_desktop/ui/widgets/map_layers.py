@@ -24,12 +24,7 @@ def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.fl
     """Where the beams ended, float64 of shape (returns, 2), metres in the map; none where nobody told the laser's."""
     if scan.robot_from_laser is None:
         return np.zeros((0, 2))
-    ranges = scan.ranges_m
-    valid = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
-    laser = map_from_robot @ scan.robot_from_laser
-    angles = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(valid) + laser.heading_rad
-    distances = ranges[valid].astype(np.float64)
-    return np.column_stack((laser.x_m + distances * np.cos(angles), laser.y_m + distances * np.sin(angles)))
+    return scan.points(map_from_robot @ scan.robot_from_laser)
 
 
 def distinct_dots(points_px: NDArray[np.float64], width_px: int, height_px: int) -> NDArray[np.int64]:
