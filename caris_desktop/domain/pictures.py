@@ -1,4 +1,5 @@
-"""What is shown of a camera: uint8 BGR that fits a slot of the frame ring, or a sentence that says why it cannot be.
+"""What is shown of a camera: uint8 BGR that fits a slot of the frame ring, or a sentence that says why it cannot be;
+and pictures as files.
 
 cv2 comes with the first picture: who only speaks of pictures does not wait for it.
 """
@@ -79,6 +80,18 @@ def unfolded(content: bytes) -> NDArray[np.uint8]:
     if image is None:
         raise PictureError("is neither a whole JPEG nor a whole PNG")
     return fitted(image)
+
+
+def jpeg_of(image_bgr: NDArray[np.uint8], *, quality: int, most_px: int | None = None) -> bytes:
+    """The picture as a JPEG, made smaller where it is wider than ``most_px``."""
+    import cv2
+
+    height_px, width_px = image_bgr.shape[:2]
+    if most_px is not None and width_px > most_px:
+        size_px = (most_px, max(1, round(height_px * most_px / width_px)))
+        image_bgr = np.asarray(cv2.resize(image_bgr, size_px, interpolation=cv2.INTER_AREA), np.uint8)
+    _, content = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return bytes(content.tobytes())
 
 
 def picture_size(content: bytes) -> tuple[int, int] | None:

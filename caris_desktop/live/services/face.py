@@ -19,6 +19,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import FaceChanged, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.person_marks import with_names
+from caris_desktop.domain.pictures import jpeg_of
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing, PlayedSound, joined
@@ -381,18 +382,8 @@ class FaceService(Service):
 
 
 async def _show_picture(page: "FacePage", image_bgr: NDArray[np.uint8]) -> None:
-    page.show(await asyncio.to_thread(_as_jpeg, image_bgr))
+    page.show(await asyncio.to_thread(jpeg_of, image_bgr, quality=75, most_px=_PICTURE_PX))
 
 
-def _as_jpeg(image_bgr: NDArray[np.uint8]) -> bytes:
-    import cv2
-
-    height, width = image_bgr.shape[:2]
-    if width > _PICTURE_PX:
-        size = (_PICTURE_PX, max(1, round(height * _PICTURE_PX / width)))
-        image_bgr = cv2.resize(image_bgr, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-    return cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, 75])[1].tobytes()
-
-
-def _voice_of(played: PlayedSound) -> Voice:
-    return Voice(played.stamp_ns, shares=loudness(played.samples[:, 0], played.sample_rate_hz))
+def _voice_of(played: PlayedSound) -> SpokenLoudness:
+    return SpokenLoudness(played.stamp_ns, shares=loudness(played.samples[:, 0], played.sample_rate_hz))

@@ -6,12 +6,11 @@ from collections.abc import Callable, Coroutine
 from dataclasses import field
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.pictures import PictureError, fitted
+from caris_desktop.domain.pictures import PictureError, fitted, jpeg_of
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
@@ -34,7 +33,7 @@ class Frame:
     async def jpeg(self) -> bytes:
         """Made once, whoever asks."""
         if self._jpeg is None:
-            self._jpeg = asyncio.create_task(asyncio.to_thread(_as_jpeg, self.image_bgr))
+            self._jpeg = asyncio.create_task(asyncio.to_thread(jpeg_of, self.image_bgr, quality=_JPEG_QUALITY))
         return await asyncio.shield(self._jpeg)
 
 
@@ -112,7 +111,3 @@ async def _finished(work: Coroutine[Any, Any, T]) -> T:
     except asyncio.CancelledError:
         await asyncio.wait([task])
         raise
-
-
-def _as_jpeg(image_bgr: NDArray[np.uint8]) -> bytes:
-    return bytes(cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())

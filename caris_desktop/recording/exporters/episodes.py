@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from caris_desktop.domain.events import AnswerUsed, CommandSent, GoalChanged, LlmExchange
 from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.pictures import jpeg_of
 from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry, People, PeopleInMap, RobotPose
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.pictures import camera_file_name, picture_of
@@ -190,17 +190,9 @@ class _StepPictures:
         picture = picture_of(self._videos, frame.camera, frame.stamp_ns)
         if picture is None:
             return None
-        import cv2
-
-        image_bgr: NDArray[np.uint8] = picture.image_bgr
-        height_px, width_px = image_bgr.shape[:2]
-        if width_px > PICTURE_WIDTH_PX:
-            size_px = (PICTURE_WIDTH_PX, max(1, round(height_px * PICTURE_WIDTH_PX / width_px)))
-            image_bgr = np.asarray(cv2.resize(image_bgr, size_px, interpolation=cv2.INTER_AREA), np.uint8)
-        _, jpeg = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         self._folder.mkdir(exist_ok=True)
         path = self._folder / f"{camera_file_name(frame.camera)}-{len(self.paths) + 1:06d}.jpg"
-        path.write_bytes(jpeg.tobytes())
+        path.write_bytes(jpeg_of(picture.image_bgr, quality=_JPEG_QUALITY, most_px=PICTURE_WIDTH_PX))
         self.paths.append(path)
         return path.relative_to(self._out).as_posix()
 

@@ -11,6 +11,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.pictures import jpeg_of
 from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.export import ExportContext
@@ -71,8 +72,6 @@ def write_frames(
 
 def _write_pictures(session: Session, yolo: "_Yolo", mot: "_Mot", progress: Callable[[float], None]) -> int:
     """How many moments with people had no picture."""
-    import cv2
-
     missing = 0
     span_ns = max(1, session.ended_ns - session.started_ns)
     with VideoReader(session) as videos, yolo, mot:
@@ -87,10 +86,10 @@ def _write_pictures(session: Session, yolo: "_Yolo", mot: "_Mot", progress: Call
                 missing += 1
                 continue
             boxes = _boxes(people, picture.image_bgr)
-            _, jpeg = cv2.imencode(".jpg", picture.image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+            jpeg = jpeg_of(picture.image_bgr, quality=_JPEG_QUALITY)
             for one in wanted:
                 one.pace.take(people.camera, people.stamp_ns)
-                one.add(people, boxes, picture.image_bgr).write_bytes(jpeg.tobytes())
+                one.add(people, boxes, picture.image_bgr).write_bytes(jpeg)
     return missing
 
 

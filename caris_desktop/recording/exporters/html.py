@@ -25,6 +25,7 @@ from caris_desktop.domain.events import (
     RobotChosen,
     ScenarioOpened,
 )
+from caris_desktop.domain.pictures import jpeg_of
 from caris_desktop.domain.sensing import OccupancyGrid
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError
@@ -738,12 +739,7 @@ def _thumbnail(folder: Path, file_name: str) -> str:
         return ""
     if image is None:
         return ""
-    height_px, width_px = image.shape[:2]
-    if width_px > _PHOTO_WIDTH_PX:
-        size = (_PHOTO_WIDTH_PX, max(1, round(height_px * _PHOTO_WIDTH_PX / width_px)))
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 82])
-    return base64.b64encode(content.tobytes()).decode("ascii")
+    return base64.b64encode(jpeg_of(image, quality=82, most_px=_PHOTO_WIDTH_PX)).decode("ascii")
 
 
 def _transcript(facts: SessionFacts, measures: Measures) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, RobotChosen, UtteranceChanged
 from caris_desktop.domain.foxglove import BASE, MAP
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.pictures import jpeg_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
     BatteryState,
@@ -287,15 +288,13 @@ class _Translator:
         if picture is None:
             return
         self._pace.take(ref.camera, ref.stamp_ns)
-        import cv2
-
         name = self._name_of(ref.camera)
         topic = RosTopic(f"/camera/{name}/image/compressed", "sensor_msgs/msg/CompressedImage")
-        _, jpeg = cv2.imencode(".jpg", picture.image_bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        jpeg = jpeg_of(picture.image_bgr, quality=_JPEG_QUALITY)
         yield (
             replace(topic, ros=(1,)) if encoded else topic,
             messages.encode_compressed_image(
-                _PLAIN, jpeg.tobytes(), stamp_ns=at_ns, encoding="jpeg", frame_id=_camera_frame(name)
+                _PLAIN, jpeg, stamp_ns=at_ns, encoding="jpeg", frame_id=_camera_frame(name)
             ),
         )
 
