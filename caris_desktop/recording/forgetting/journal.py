@@ -14,7 +14,6 @@ from caris_desktop.domain.value_class import dataclass
 _log = logging.getLogger(__name__)
 FOLDER = "forgotten"
 PART = ".forgetting.part"
-_BLOCK_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,8 +138,5 @@ def first_line_of(journal: Path) -> dict[str, Any]:
 
 
 def digest_of(path: Path) -> str:
-    digest = hashlib.sha256()
     with path.open("rb") as file:
-        while block := file.read(_BLOCK_BYTES):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()
