@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
-import threading
 from collections.abc import Callable
 from functools import partial
 from multiprocessing.connection import Connection
@@ -122,9 +120,6 @@ def forget(asked: ForgettingAsked, progress: Callable[[ForgettingProgress], None
 
 def run_forgetting(connection: Connection, asked: ForgettingAsked) -> None:
     """Process body: sends ForgettingProgress as it goes and ForgettingEnded at the end."""
-    if threading.current_thread() is threading.main_thread():
-        # Ctrl-C in a terminal reaches the whole process group; when to end is the console's decision.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         # The robot may be driven meanwhile.
         os.nice(10)

@@ -7,9 +7,7 @@ import os
 import platform
 import re
 import shutil
-import signal
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -183,9 +181,6 @@ def run_exports(connection: Connection, request: ExportRequest) -> None:
     Whoever started it cancels by killing it and then calls :func:`remove_partial_exports`; it also ends when the
     other end of ``connection`` is gone.
     """
-    if threading.current_thread() is threading.main_thread():
-        # Ctrl-C in a terminal reaches the whole process group; when to end is the console's decision.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         # The robot may be driven meanwhile.
         os.nice(10)
