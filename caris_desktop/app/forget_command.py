@@ -1,14 +1,14 @@
 """``caris-desktop forget``: nothing of a study shows or names a person any more."""
 
 import argparse
-import shutil
 import sys
 from pathlib import Path
 
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.live.forgetting import ForgettingAsked, ForgettingProgress, forget, person_of
+from caris_desktop.live.forgetting import ForgettingAsked, forget, person_of
 from caris_desktop.recording.forgetting.study import Forgotten, receipt_words
 from caris_desktop.recording.studies.study_index import study_dir_of
+from caris_desktop.recording.terminal import ProgressLine
 from caris_desktop.study.folder import StudyFolder
 
 _CANCELLED = 130
@@ -71,10 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
         if not (arguments.yes or _agreed(asked, person.names)):
             print("Nobody was forgotten; nothing was changed.", file=sys.stderr)
             return _CANCELLED
-        try:
-            outcome = forget(asked, _show if sys.stderr.isatty() else lambda _: None)
-        finally:
-            _show_nothing()
+        with ProgressLine() as line:
+            outcome = forget(asked, line.show)
     except ToldFailure as failure:
         print(failure, file=sys.stderr)
         return 1
@@ -114,15 +112,3 @@ def _tell(outcome: Forgotten, study: Path, person_id: str) -> None:
             file=sys.stderr,
         )
     print(f"Receipt: {outcome.receipt}")
-
-
-def _show(progress: ForgettingProgress) -> None:
-    room = max(20, shutil.get_terminal_size().columns - 8)
-    sys.stderr.write(f"\r{progress.fraction:4.0%}  {progress.what[:room]}\033[K")
-    sys.stderr.flush()
-
-
-def _show_nothing() -> None:
-    if sys.stderr.isatty():
-        sys.stderr.write("\r\033[K")
-        sys.stderr.flush()

@@ -88,7 +88,7 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
     )
 
 
-def forget(asked: ForgettingAsked, progress: Callable[[ForgettingProgress], None] = lambda _: None) -> Forgotten:
+def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lambda _f, _w: None) -> Forgotten:
     """Forget somebody, or go on with it. Takes as long as the study's films take to be encoded. Raises ToldFailure."""
     from caris_desktop.people.forgetting import erase, rewrite_texts
     from caris_desktop.recording.forgetting.study import ForgetRequest, forget_person
@@ -113,7 +113,7 @@ def forget(asked: ForgettingAsked, progress: Callable[[ForgettingProgress], None
         nonlocal told
         if fraction >= told + _PROGRESS_STEP or fraction >= 1.0:
             told = fraction
-            progress(ForgettingProgress(fraction, what))
+            progress(fraction, what)
 
     return forget_person(request, lambda: erase(asked.database, person.person_ids), tell)
 
@@ -123,9 +123,13 @@ def run_forgetting(connection: Connection, asked: ForgettingAsked) -> None:
     if hasattr(os, "nice"):
         # The robot may be driven meanwhile.
         os.nice(10)
+
+    def tell(fraction: float, what: str) -> None:
+        connection.send(ForgettingProgress(fraction, what))
+
     try:
         try:
-            ended = ForgettingEnded(forget(asked, connection.send))
+            ended = ForgettingEnded(forget(asked, tell))
         except ToldFailure as failure:
             ended = ForgettingEnded(None, (failure.what, failure.meaning, failure.advice))
         connection.send(ended)

@@ -1,7 +1,6 @@
 """``caris-desktop export``: recorded sessions as files for analysis."""
 
 import argparse
-import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +9,6 @@ from caris_desktop.recording.export import (
     BY_FORMAT,
     FORMATS,
     ExportError,
-    ExportProgress,
     ExportRequest,
     export_all,
     export_folders,
@@ -20,6 +18,7 @@ from caris_desktop.recording.session.losses import told_losses
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_header import SessionError, read_header
 from caris_desktop.recording.session.session_reader import RECOVERED
+from caris_desktop.recording.terminal import ProgressLine
 
 _CANCELLED = 130
 
@@ -66,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         nonlocal written
         written += 1
 
-    with _ProgressLine() as line:
+    with ProgressLine() as line:
         try:
             finished = export_all(request, line.show, on_written=count)
         except KeyboardInterrupt:
@@ -119,27 +118,3 @@ def _losses_since_closed(folder: Path) -> tuple[str, ...]:
     except SessionError as error:
         return (str(error),)
     return () if header.get("reason") == RECOVERED else told_losses(header)
-
-
-class _ProgressLine:
-    """One line on stderr that is written over and over; nothing where stderr is no terminal."""
-
-    def __init__(self) -> None:
-        self._shows = sys.stderr.isatty()
-
-    def __enter__(self) -> "_ProgressLine":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.clear()
-
-    def show(self, progress: ExportProgress) -> None:
-        if self._shows:
-            room = max(20, shutil.get_terminal_size().columns - 8)
-            sys.stderr.write(f"\r{progress.fraction:4.0%}  {progress.what[:room]}\033[K")
-            sys.stderr.flush()
-
-    def clear(self) -> None:
-        if self._shows:
-            sys.stderr.write("\r\033[K")
-            sys.stderr.flush()

@@ -184,15 +184,19 @@ def run_exports(connection: Connection, request: ExportRequest) -> None:
     if hasattr(os, "nice"):
         # The robot may be driven meanwhile.
         os.nice(10)
+
+    def tell(fraction: float, what: str) -> None:
+        connection.send(ExportProgress(fraction, what))
+
     try:
-        connection.send(export_all(request, connection.send))
+        connection.send(export_all(request, tell))
     except (BrokenPipeError, EOFError):
         _log.warning("nobody waits for the export any more; it ended")
 
 
 def export_all(
     request: ExportRequest,
-    progress: Callable[[ExportProgress], None] = lambda _: None,
+    progress: Callable[[float, str], None] = lambda _fraction, _what: None,
     *,
     on_written: Callable[[Path], None] = lambda _: None,
 ) -> ExportFinished:
@@ -221,7 +225,7 @@ def export_all(
     for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
 
         def tell(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
-            told(ExportProgress((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what))
+            told((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what)
 
         tell(0.0, filled("{session}", session=folder.absolute().name))  # a name, and no text of ours
         try:
@@ -247,14 +251,14 @@ def export_all(
         done_weight += weight
     for name in together if sessions else ():
         title = filled(BY_FORMAT[name].title)
-        told(ExportProgress(1.0, filled(QT_TR_NOOP("{format} of all sessions"), format=title)), now=True)
+        told(1.0, filled(QT_TR_NOOP("{format} of all sessions"), format=title), now=True)
         try:
             target = _export_together(name, sessions, request)
             written.append(target)
             on_written(target)
         except ExportError as error:
             problems.append(_told_of(title, error))
-    told(ExportProgress(1.0, QT_TR_NOOP("done")), now=True)
+    told(1.0, QT_TR_NOOP("done"), now=True)
     return ExportFinished(tuple(written), tuple(problems), tuple(notices))
 
 
@@ -572,13 +576,13 @@ def _entries(folder: Path, beginning: str) -> Sequence[Path]:
 class _Throttled:
     """Passes progress on ten times a second, and always when something else is being written."""
 
-    def __init__(self, progress: Callable[[ExportProgress], None]) -> None:
+    def __init__(self, progress: Callable[[float, str], None]) -> None:
         self._progress = progress
         self._what = ""
         self._at_s = 0.0
 
-    def __call__(self, progress: ExportProgress, *, now: bool = False) -> None:
+    def __call__(self, fraction: float, what: str, *, now: bool = False) -> None:
         now_s = time.monotonic()
-        if now or progress.what != self._what or now_s - self._at_s >= _PROGRESS_EVERY_S:
-            self._what, self._at_s = progress.what, now_s
-            self._progress(progress)
+        if now or what != self._what or now_s - self._at_s >= _PROGRESS_EVERY_S:
+            self._what, self._at_s = what, now_s
+            self._progress(fraction, what)

@@ -167,14 +167,14 @@ def test_sessions_of_one_name_do_not_meet(session: Path, tmp_path: Path) -> None
 _INTERRUPTED = """
 import signal
 import sys
-from caris_desktop.recording import command
+from caris_desktop.recording.terminal import ProgressLine
 from tests.recording.test_export_command import run
 
-def interrupt(_line, progress):
-    if progress.what.startswith("three: "):
+def interrupt(_line, _fraction, what):
+    if what.startswith("three: "):
         signal.raise_signal(signal.SIGINT)
 
-command._ProgressLine.show = interrupt
+ProgressLine.show = interrupt
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background inherits that it is ignored
 sys.exit(run(sys.argv[1], "--to", "csv", sys.argv[2]))
 """

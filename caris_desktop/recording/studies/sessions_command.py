@@ -9,6 +9,7 @@ from pathlib import Path
 from caris_desktop.recording.session.session_clock import clock_text
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.recording.studies.study_index import StudyIndex
+from caris_desktop.recording.terminal import aligned
 
 _CANCELLED = 130
 _FILTERS = (
@@ -84,14 +85,7 @@ def _list(entries: Sequence[SessionEntry]) -> list[str]:
         )
         for entry in entries
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = [
-        "  ".join(
-            text.rjust(width) if 7 <= column <= 11 else text.ljust(width)
-            for column, (text, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    lines = aligned(rows, to_the_right=lambda column: 7 <= column <= 11)
     count = len(entries)
     losses = [f"{entry.folder.name}: {loss}" for entry in entries for loss in entry.losses]
     return [*lines, f"{count} session{'' if count == 1 else 's'}", *losses]

@@ -120,18 +120,12 @@ class StudyStatistics:
     notices: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class StatisticsProgress:
-    """How far it is, 0..1, and with what, in words."""
-
-    fraction: float
-    what: str
-
-
 def study_statistics(
-    study: Path, out: Path, progress: Callable[[StatisticsProgress], None] = lambda _: None
+    study: Path, out: Path, progress: Callable[[float, str], None] = lambda _fraction, _what: None
 ) -> StudyStatistics:
-    """Bring the tables in ``out`` up to date and compute everything. ``progress`` may raise to cancel.
+    """Bring the tables in ``out`` up to date and compute everything.
+
+    ``progress`` is told how far it is, 0..1, and with what, in words; it may raise to cancel.
 
     Sessions that did not change since the last time are not exported again.
 
@@ -150,13 +144,13 @@ def study_statistics(
         known = _prepare(out)
         folders, notices = _counting(folders)
         exported, problems = _export(folders, out, known, progress)
-        progress(StatisticsProgress(0.95, "computing"))
+        progress(0.95, "computing")
         summary, measures = _compute(out)
     except OSError as error:
         raise StatisticsError(f"The statistics in {out} failed: {error.strerror or error}.") from error
     if not measures:
         raise StatisticsError(f"No session of {study} could be read. {' '.join(problems)}")
-    progress(StatisticsProgress(1.0, "done"))
+    progress(1.0, "done")
     return StudyStatistics(out, len(measures), exported, summary, measures, tuple(problems), tuple(notices))
 
 
@@ -218,7 +212,7 @@ def _save(out: Path, known: dict[str, str]) -> None:
 
 
 def _export(
-    folders: list[Path], out: Path, known: dict[str, str], progress: Callable[[StatisticsProgress], None]
+    folders: list[Path], out: Path, known: dict[str, str], progress: Callable[[float, str], None]
 ) -> tuple[int, list[str]]:
     """Bring ``out/tables`` and ``known`` up to date; how many were exported, and what went wrong."""
     tables = out / "tables"
@@ -236,7 +230,7 @@ def _export(
         signature = content_signature(folder)
 
         def tell(fraction: float, *, number: int = number, name: str = folder.name) -> None:
-            progress(StatisticsProgress(0.95 * (number + fraction) / len(folders), f"{name} to tables"))
+            progress(0.95 * (number + fraction) / len(folders), f"{name} to tables")
 
         tell(0.0)
         if known.get(folder.name) == signature and target.is_dir():

@@ -1,13 +1,13 @@
 """``caris-desktop statistics``: figures of all sessions of a study, of each condition, and the SQL behind them."""
 
 import argparse
-import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from caris_desktop.recording.studies.statistics import StatisticsError, StatisticsProgress, SummaryRow, study_statistics
+from caris_desktop.recording.studies.statistics import StatisticsError, SummaryRow, study_statistics
 from caris_desktop.recording.studies.study_index import study_dir_of
+from caris_desktop.recording.terminal import ProgressLine, aligned
 
 _CANCELLED = 130
 
@@ -23,10 +23,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0 when computed, 1 when not or when sessions were left out (stderr says which), 130 cancelled."""
-    shows = sys.stderr.isatty()
+    line = ProgressLine()
     try:
         out = args.out or study_dir_of(args.study) / "statistics"
-        made = study_statistics(args.study, out, _show if shows else lambda _: None)
+        made = study_statistics(args.study, out, line.show)
     except StatisticsError as error:
         print(error, file=sys.stderr)
         return 1
@@ -34,8 +34,7 @@ def run(args: argparse.Namespace) -> int:
         print("\nCancelled. What was exported is kept for the next time.", file=sys.stderr)
         return _CANCELLED
     finally:
-        if shows:
-            sys.stderr.write("\r\033[K")
+        line.clear()
     for problem in (*made.notices, *made.problems):
         print(problem, file=sys.stderr)
     conditions = list(dict.fromkeys(row.condition for row in made.summary))
@@ -66,21 +65,8 @@ def as_table(rows: Sequence[SummaryRow]) -> str:
         )
         for row in rows
     ]
-    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
-    return "\n".join(
-        "  ".join(
-            text.ljust(width) if column < 2 else text.rjust(width)
-            for column, (text, width) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in cells
-    )
+    return "\n".join(aligned(cells, to_the_right=lambda column: column >= 2))
 
 
 def _number(value: float) -> str:
     return f"{value:.2f}".removesuffix(".00") if abs(value) < 1e6 else f"{value:.3g}"
-
-
-def _show(progress: StatisticsProgress) -> None:
-    room = max(20, shutil.get_terminal_size().columns - 8)
-    sys.stderr.write(f"\r{progress.fraction:4.0%}  {progress.what[:room]}\033[K")
-    sys.stderr.flush()
