@@ -51,7 +51,7 @@ from caris_desktop.people.store import PeopleStore
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera, with_distinct_names
 from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
-from caris_desktop.perception.weights import ModelChoice
+from caris_desktop.perception.weights import DetectorChoice
 from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
 from caris_desktop.recording.recorder.messages import SessionHeader
 from caris_desktop.robot.link import LinkSettings
@@ -360,7 +360,7 @@ def detector_settings(scenario: Scenario) -> DetectorSettings:
     told = scenario.perception
     folder = scenario.path.parent if scenario.path is not None else None
     return DetectorSettings(
-        ModelChoice(told.model, told.sha256, folder if told.model else None, told.input_px),
+        DetectorChoice(told.model, told.sha256, folder if told.model else None, told.input_px),
         device=told.device,
         things=told.classes,
         server=told.server,

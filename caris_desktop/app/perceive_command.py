@@ -14,7 +14,7 @@ from caris_desktop.perception.backends.chosen import open_chosen
 from caris_desktop.perception.backends.remote import TOKEN_VARIABLE
 from caris_desktop.perception.backends.serving import serving
 from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, DetectorSettings, Device, default_threads
-from caris_desktop.perception.weights import ModelChoice, WeightsError
+from caris_desktop.perception.weights import DetectorChoice, WeightsError
 
 DEFAULT_PORT = 8768
 LEAST_TOKEN = 16
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         chosen = open_chosen(
             own,
             DetectorSettings(
-                ModelChoice("" if own else arguments.model, arguments.sha256, Path.cwd(), arguments.input_px),
+                DetectorChoice("" if own else arguments.model, arguments.sha256, Path.cwd(), arguments.input_px),
                 device=arguments.device,
             ),
             confidence=LEAST_CONFIDENCE,

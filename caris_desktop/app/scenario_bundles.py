@@ -20,9 +20,9 @@ from caris_desktop.robot.profile import (
 )
 from caris_desktop.scenario.bundle import (
     Bundle,
+    BundledFile,
     BundleError,
     NameConflict,
-    Part,
     PartKind,
     bundle_name,
     conflicts_of,
@@ -39,7 +39,7 @@ from caris_desktop.scenario.model import Scenario
 def share_scenario(scenario: Scenario, path: Path) -> None:
     """Write it with what of the user's own it refers to. Raises ToldFailure."""
     stem = scenario.path.stem if scenario.path is not None else scenario.title
-    own = Part("scenario", bundle_name(stem), scenario_text(scenario))
+    own = BundledFile("scenario", bundle_name(stem), scenario_text(scenario))
     try:
         write_bundle(Bundle(own, tuple(_beside(scenario))), path)
     except (BundleError, ProfileError, OSError) as error:
@@ -86,18 +86,18 @@ def _told() -> Iterator[None]:
         ) from error
 
 
-def _beside(scenario: Scenario) -> list[Part]:
+def _beside(scenario: Scenario) -> list[BundledFile]:
     """Its robot and its face, as far as they are the user's own. Nothing secret is in a profile's text."""
     parts = []
     if (user_robots_dir() / f"{scenario.robot}.yaml").is_file():
-        parts.append(Part("robot", scenario.robot, profile_text(load_profile(scenario.robot))))
+        parts.append(BundledFile("robot", scenario.robot, profile_text(load_profile(scenario.robot))))
     face = user_faces_dir() / f"{scenario.face.face}.yaml"
     if face.is_file():
-        parts.append(Part("face", scenario.face.face, face.read_text(encoding="utf-8-sig")))
+        parts.append(BundledFile("face", scenario.face.face, face.read_text(encoding="utf-8-sig")))
     return parts
 
 
-def _check(part: Part, bundle: Path) -> None:
+def _check(part: BundledFile, bundle: Path) -> None:
     shown = f"{bundle.name}, {part.kind}/{part.name}.yaml"
     if part.kind == "robot":
         parse_profile(part.text, file_name=shown, name=part.name)

@@ -32,7 +32,7 @@ MOST_STRANGERS = 60
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LooksLine:
     """Of one kind of looks: from which cosine on it speaks for a person, how strongly, and by how much the best has to
     beat the next, as evidence.
     """
@@ -45,9 +45,9 @@ class Line:
 # Of OSNet, on the simulator's people in the clothes that the benchmark does not report on: somebody in the same clothes
 # comes to 0.89 to 0.98, the stranger who looks most like anybody known to 0.88; people on a real street to 0.85 to 0.91
 # and 0.66. Of a face, as ArcFace's models tell people apart: two pictures of one lie above 0.4, of two below 0.3.
-LINES: Mapping[LooksKind, Line] = {
-    "clothing": Line(stranger_at=0.865, scale=45.0, margin=3.0),
-    "face": Line(stranger_at=0.38, scale=30.0, margin=3.0),
+LINES: Mapping[LooksKind, LooksLine] = {
+    "clothing": LooksLine(stranger_at=0.865, scale=45.0, margin=3.0),
+    "face": LooksLine(stranger_at=0.38, scale=30.0, margin=3.0),
 }
 
 
@@ -104,7 +104,7 @@ class Identities:
     ``settle``\\ d: who may still turn out to be somebody else must not stand beside them.
     """
 
-    def __init__(self, lines: Mapping[LooksKind, Line] = LINES) -> None:
+    def __init__(self, lines: Mapping[LooksKind, LooksLine] = LINES) -> None:
         self._lines = lines
         self._views: dict[str, dict[_By, Views]] = {}
         self._recent: dict[str, dict[_By, _Recent]] = {}

@@ -116,7 +116,7 @@ class StudyFaces:
 
 
 @dataclass(frozen=True, slots=True)
-class Face:
+class FaceCrop:
     """``image_bgr`` is uint8, shape (112, 112, 3); ``quality`` is 0..1."""
 
     image_bgr: NDArray[np.uint8]
@@ -157,7 +157,7 @@ class Faces:
         return []
 
 
-def face_of(image_bgr: NDArray[np.uint8], box: TrackedBox, keypoints: NDArray[np.float64] | None) -> Face | None:
+def face_of(image_bgr: NDArray[np.uint8], box: TrackedBox, keypoints: NDArray[np.float64] | None) -> FaceCrop | None:
     """The face of who is in the box, as the network expects it; None where it is too small or turned away.
 
     ``keypoints`` are those of this person, shape (17, 3): x, y in pixels, visibility.
@@ -170,10 +170,10 @@ def face_of(image_bgr: NDArray[np.uint8], box: TrackedBox, keypoints: NDArray[np
         return None
     turned = _similarity(points[:, :2], _PLACES)
     image = cv2.warpAffine(image_bgr, turned, (SIDE_PX, SIDE_PX), flags=cv2.INTER_LINEAR).astype(np.uint8)
-    return Face(image, box.quality * min(1.0, eyes_px / (2.5 * _LEAST_EYES_PX)))
+    return FaceCrop(image, box.quality * min(1.0, eyes_px / (2.5 * _LEAST_EYES_PX)))
 
 
-def _guessed(image_bgr: NDArray[np.uint8], box: TrackedBox) -> Face | None:
+def _guessed(image_bgr: NDArray[np.uint8], box: TrackedBox) -> FaceCrop | None:
     """The middle of the upper end of the box, as broad as heads are for their shoulders."""
     side = min(_HEAD_OF_WIDTH * box.width_px, box.height_px)
     left, top = box.left_px + (box.width_px - side) / 2, box.top_px
@@ -182,7 +182,7 @@ def _guessed(image_bgr: NDArray[np.uint8], box: TrackedBox) -> Face | None:
         return None
     crop = image_bgr[round(top) : round(top + side), round(left) : round(left + side)]
     image = cv2.resize(crop, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_LINEAR).astype(np.uint8)
-    return Face(image, _BY_GUESS * box.quality)
+    return FaceCrop(image, _BY_GUESS * box.quality)
 
 
 def _similarity(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:

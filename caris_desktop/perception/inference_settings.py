@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.perception.weights import ModelChoice
+from caris_desktop.perception.weights import DetectorChoice
 
 Device = Literal["auto", "cpu", "cuda", "mps"]
 TrackerName = Literal["own", "deepsort", "bytetrack", "botsort"]
@@ -31,7 +31,7 @@ class DetectorSettings:
     in this one's place, empty for none.
     """
 
-    model: ModelChoice = field(default_factory=ModelChoice)
+    model: DetectorChoice = field(default_factory=DetectorChoice)
     device: Device = "auto"
     things: tuple[str, ...] = ()
     server: str = ""

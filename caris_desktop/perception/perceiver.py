@@ -17,7 +17,7 @@ from caris_desktop.perception.blur import head_of
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.inference_messages import Look
 from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, DetectorSettings, TrackerName
-from caris_desktop.perception.portraits import Portraits
+from caris_desktop.perception.portraits import PortraitTaker
 from caris_desktop.perception.pose import Pose, Poses
 from caris_desktop.perception.tracker import PersonTracker, TrackedBox
 
@@ -72,7 +72,7 @@ class Perceiver:
         self._poses = Poses()
         self._detector = detector
         self._tracker = tracker
-        self._portraits = Portraits()
+        self._portraits = PortraitTaker()
 
     def perceive(self, image_bgr: NDArray[np.uint8], look: Look) -> Perceived:
         """Take in the next picture of a camera: uint8 BGR, shape (height, width, 3)."""

@@ -23,7 +23,7 @@ class _Best:
     worth: float
 
 
-class Portraits:
+class PortraitTaker:
     """For one thread. Of each track at most one a second, and only one that is clearly better than the last."""
 
     def __init__(self) -> None:

@@ -51,7 +51,7 @@ class WeightsError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class ModelChoice:
+class DetectorChoice:
     """Which detector a scenario names.
 
     ``source`` is the path of a file, of a folder for OpenVINO, or an address; empty for the usual search. A relative
@@ -81,7 +81,7 @@ class Weights:
 
 
 def find_weights(
-    configured: Path | ModelChoice | None = None,
+    configured: Path | DetectorChoice | None = None,
     *,
     allow_download: bool = True,
     folders: tuple[Path, ...] | None = None,
@@ -212,7 +212,7 @@ def _check_form(path: Path) -> None:
         )
 
 
-def _named(choice: ModelChoice, folders: tuple[Path, ...], *, allow_download: bool) -> Weights:
+def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download: bool) -> Weights:
     """What a scenario names. It may come from somebody else, so a pickle needs a checksum that somebody stated."""
     wanted = choice.sha256.strip().lower()
     if wanted and not _SHA256.fullmatch(wanted):
@@ -265,7 +265,7 @@ def _named(choice: ModelChoice, folders: tuple[Path, ...], *, allow_download: bo
     return replace(_of_file(path), input_px=choice.input_px, vouched_for=bool(wanted))
 
 
-def _path_of(choice: ModelChoice, folders: tuple[Path, ...]) -> Path:
+def _path_of(choice: DetectorChoice, folders: tuple[Path, ...]) -> Path:
     path = Path(choice.source).expanduser()
     if path.is_absolute():
         return path

@@ -40,7 +40,7 @@ from caris_desktop.robot.profile import (
     load_profile,
     with_ros,
 )
-from caris_desktop.robot.proposal import Offer, Proposal, may_stop, propose
+from caris_desktop.robot.proposal import Proposal, RobotOffer, may_stop, propose
 from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.wire import MEDIA_TIMINGS
 from caris_desktop.ros import joint_messages, messages, navigation_messages
@@ -84,7 +84,7 @@ class Exploration:
     """What was found at an address. ``resembles`` comes best first and may be empty."""
 
     address: str
-    offer: Offer
+    offer: RobotOffer
     proposal: Proposal
     resembles: tuple[Resemblance, ...]
 
@@ -167,7 +167,7 @@ async def explore_robot(
     return Exploration(address, offer, propose(offer), _resemblances(offer))
 
 
-async def take_offer(ros: SafeRos) -> Offer:
+async def take_offer(ros: SafeRos) -> RobotOffer:
     """Ask rosapi about everything that a proposal needs. Raises ServiceCallError."""
     inventory, (dialect, distribution) = await asyncio.gather(take_inventory(ros), _ros_version(ros))
     dialect = dialect or inventory.dialect
@@ -186,7 +186,7 @@ async def take_offer(ros: SafeRos) -> Offer:
     subscribers = await _count_nodes(ros, asked, "subscribers", "Subscribers")
     # A topic without either is one whose nodes the robot does not tell.
     told = [topic for topic in asked if publishers[topic] or subscribers[topic]]
-    return Offer(
+    return RobotOffer(
         inventory.topics,
         services,
         actions,
@@ -363,7 +363,7 @@ def _interest(kind: str) -> int | None:
     return next((rank for rank, wanted in enumerate(_OF_INTEREST) if same_type(kind, wanted)), None)
 
 
-async def _with_what_is_heard(ros: SafeRos, offer: Offer) -> Offer:
+async def _with_what_is_heard(ros: SafeRos, offer: RobotOffer) -> RobotOffer:
     frames: set[str] = set()
     joints: dict[str, None] = {}
 
@@ -393,7 +393,7 @@ async def _with_what_is_heard(ros: SafeRos, offer: Offer) -> Offer:
     return replace(offer, frames=tuple(sorted(frames)), joints=tuple(joints))
 
 
-def _resemblances(offer: Offer) -> tuple[Resemblance, ...]:
+def _resemblances(offer: RobotOffer) -> tuple[Resemblance, ...]:
     found = []
     for listed in list_profiles():
         if listed.error or listed.name.startswith("generic-"):
@@ -407,7 +407,7 @@ def _resemblances(offer: Offer) -> tuple[Resemblance, ...]:
     return tuple(each for _share, _names, each in sorted(found, key=lambda one: (-one[0], -one[1], one[2].name)))
 
 
-def _hits(profile: RobotProfile, offer: Offer) -> list[bool]:
+def _hits(profile: RobotProfile, offer: RobotOffer) -> list[bool]:
     """For each name in the profile, whether the robot has it with the right type. Controls come and go: not counted."""
     hits = [
         any(same_type(offer.topics.get(named.topic, "-"), kind) for kind in named.types)

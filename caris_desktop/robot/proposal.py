@@ -40,7 +40,7 @@ CAUTIOUS = MotionLimits(
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
+class RobotOffer:
     """What a robot has. Types are spelt as the robot spells them; an empty one is not known.
 
     ``actions`` are the action servers. ``frames`` (of tf) and ``joints`` (of its joint states) are what was heard in
@@ -97,7 +97,7 @@ class Proposal:
         return {proposal.field: proposal.value for proposal in self.fields}
 
 
-def propose(offer: Offer, *, namespace: str | None = None) -> Proposal:
+def propose(offer: RobotOffer, *, namespace: str | None = None) -> Proposal:
     """The likeliest mapping. ``namespace`` chooses between several robots on one server ("" for none)."""
     namespaces = _namespaces(offer)
     chosen_namespace = namespace if namespace is not None else namespaces[0] if namespaces else ""
@@ -129,7 +129,7 @@ def propose(offer: Offer, *, namespace: str | None = None) -> Proposal:
 
 
 def profile_of(
-    offer: Offer,
+    offer: RobotOffer,
     chosen: Mapping[str, str],
     *,
     name: str,
@@ -187,7 +187,7 @@ def profile_of(
     )
 
 
-def _navigation(offer: Offer, action: str) -> NavigationServer:
+def _navigation(offer: RobotOffer, action: str) -> NavigationServer:
     if offer.dialect is not Dialect.ROS2:
         # How fast a planner of ROS 1 is set up to drive cannot be asked for, so it is told nothing.
         return NavigationServer("move_base", action)
@@ -337,7 +337,7 @@ _TILT_JOINTS = ("head_2_joint", "headpitch", "head_tilt_joint", "head_tilt", "he
 class _Ranking:
     """Candidates from one offer, best first, those in ``namespace`` before others."""
 
-    def __init__(self, offer: Offer, namespace: str) -> None:
+    def __init__(self, offer: RobotOffer, namespace: str) -> None:
         self._offer = offer
         self._namespace = namespace
 
@@ -503,7 +503,7 @@ def _distinct_cameras(candidates: Iterable[Candidate]) -> list[Candidate]:
     return list(cameras.values())
 
 
-def _namespaces(offer: Offer) -> tuple[str, ...]:
+def _namespaces(offer: RobotOffer) -> tuple[str, ...]:
     """What stands before the velocity topics of several robots, or of one whose names all begin with it."""
     holds: dict[str, set[str]] = {}
     for topic, found_type in offer.topics.items():
@@ -519,7 +519,7 @@ def _namespaces(offer: Offer) -> tuple[str, ...]:
     return tuple(["", *found] if "/cmd_vel" in offer.topics and found else found)
 
 
-def _notes(offer: Offer, fields: Iterable[FieldProposal]) -> Iterator[str]:
+def _notes(offer: RobotOffer, fields: Iterable[FieldProposal]) -> Iterator[str]:
     values = {proposal.field: proposal.value for proposal in fields}
     slow = QT_TR_NOOP(
         "Speeds begin slow, at {speed} m/s. Set “limits” and “footprint” in the file to those of the robot."
@@ -544,15 +544,15 @@ def _notes(offer: Offer, fields: Iterable[FieldProposal]) -> Iterator[str]:
         )
 
 
-def _has_multiplexer(offer: Offer) -> bool:
+def _has_multiplexer(offer: RobotOffer) -> bool:
     return any("twist_mux" in topic or "vel_mux" in topic or topic.endswith("joy_priority") for topic in offer.topics)
 
 
-def _runs_on_simulation_time(offer: Offer) -> bool:
+def _runs_on_simulation_time(offer: RobotOffer) -> bool:
     return same_type(offer.topics.get("/clock", ""), "rosgraph_msgs/Clock") and offer.publishers.get("/clock", 1) > 0
 
 
-def _frames(offer: Offer) -> TransformFrames:
+def _frames(offer: RobotOffer) -> TransformFrames:
     def first(*names: str) -> str:
         """The one that was heard, with whatever namespace it has."""
         for name in names:
@@ -564,7 +564,7 @@ def _frames(offer: Offer) -> TransformFrames:
     return TransformFrames(first("map"), first("odom"), first("base_link", "base_footprint"))
 
 
-def _cameras(offer: Offer, chosen: Mapping[str, str]) -> Iterator[CameraTopic]:
+def _cameras(offer: RobotOffer, chosen: Mapping[str, str]) -> Iterator[CameraTopic]:
     names: set[str] = set()
     for index in range(MOST_CAMERAS):
         topic = chosen.get(f"cameras.{index}")
@@ -584,7 +584,7 @@ def _cameras(offer: Offer, chosen: Mapping[str, str]) -> Iterator[CameraTopic]:
         yield camera
 
 
-def _speech(offer: Offer, chosen: Mapping[str, str]) -> SpeechInterface | None:
+def _speech(offer: RobotOffer, chosen: Mapping[str, str]) -> SpeechInterface | None:
     name = chosen.get("speech")
     if not name:
         return None
@@ -595,7 +595,7 @@ def _speech(offer: Offer, chosen: Mapping[str, str]) -> SpeechInterface | None:
     return SpeechInterface(name, chosen.get("speech.speaking") or None, chosen.get("speech.stop") or None)
 
 
-def _audio(offer: Offer, chosen: Mapping[str, str]) -> AudioInterface | None:
+def _audio(offer: RobotOffer, chosen: Mapping[str, str]) -> AudioInterface | None:
     """Coding and rate are the usual ones, where the robot does not tell them itself."""
     topic, speaker = chosen.get("audio.topic") or None, chosen.get("audio.speaker") or None
     if topic is None:
@@ -605,7 +605,7 @@ def _audio(offer: Offer, chosen: Mapping[str, str]) -> AudioInterface | None:
     return AudioInterface(topic, "AudioDataStamped" if stamped else "AudioData", info=info, speaker=speaker)
 
 
-def _emergency_stop(offer: Offer, topic: str | None, service: str | None) -> EmergencyStopInterface | None:
+def _emergency_stop(offer: RobotOffer, topic: str | None, service: str | None) -> EmergencyStopInterface | None:
     if service is None:
         return EmergencyStopInterface(topic) if topic else None
     stops, _, releases = service.partition(" | ")
@@ -624,7 +624,7 @@ def _emergency_stop(offer: Offer, topic: str | None, service: str | None) -> Eme
     )
 
 
-def _head(offer: Offer, topic: str | None) -> HeadInterface | None:
+def _head(offer: RobotOffer, topic: str | None) -> HeadInterface | None:
     joints = _head_joints(offer)
     if topic is None or joints is None:
         return None
@@ -638,7 +638,7 @@ def _head(offer: Offer, topic: str | None) -> HeadInterface | None:
     )
 
 
-def _head_joints(offer: Offer) -> tuple[str, str] | None:
+def _head_joints(offer: RobotOffer) -> tuple[str, str] | None:
     """(pan, tilt) among the joints that were heard."""
 
     def find(known: tuple[str, ...]) -> str | None:

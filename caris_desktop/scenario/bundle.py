@@ -44,7 +44,7 @@ class BundleError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class BundledFile:
     """One YAML file, by its name without the ending."""
 
     kind: PartKind
@@ -54,8 +54,8 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    scenario: Part
-    beside: tuple[Part, ...] = ()
+    scenario: BundledFile
+    beside: tuple[BundledFile, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Unpacked:
     """
 
     path: Path
-    renamed: tuple[tuple[Part, str], ...] = ()
+    renamed: tuple[tuple[BundledFile, str], ...] = ()
     put_aside: tuple[Path, ...] = ()
 
 
@@ -75,7 +75,7 @@ class NameConflict:
     may be replaced; what comes with the program is not. ``free`` is a name that nothing has.
     """
 
-    part: Part
+    part: BundledFile
     there: Path
     text: str
     own: bool
@@ -135,7 +135,7 @@ def read_bundle(path: Path) -> Bundle:
             tr("{name} is no file with a scenario, or it was damaged on its way.").format(name=path.name)
         ) from error
     _check_version(texts.pop(_ABOUT, ""), path)
-    parts = [Part(*_kind_and_name(name), text) for name, text in texts.items()]
+    parts = [BundledFile(*_kind_and_name(name), text) for name, text in texts.items()]
     scenarios = [part for part in parts if part.kind == "scenario"]
     if len(scenarios) != 1:
         raise BundleError(
@@ -167,12 +167,12 @@ def unpack(
     What is the same is used as it is; what differs gets another name, by which the scenario then refers to it, or takes
     the place of what is put aside. Raises BundleError, and leaves everything as it was then.
     """
-    renamed: list[tuple[Part, str]] = []
+    renamed: list[tuple[BundledFile, str]] = []
     written: list[Path] = []
     aside: dict[Path, Path] = {}
     choices = {(one.kind, one.name): one for one in decided}
 
-    def name_for(part: Part) -> str:
+    def name_for(part: BundledFile) -> str:
         if known(part.kind, part.name) is None:
             return part.name
         choice = choices.get((part.kind, part.name))
@@ -194,7 +194,7 @@ def unpack(
             aside[path] = next(place for place in places if not place.exists())
             path.rename(aside[path])
 
-    def put(part: Part) -> Path:
+    def put(part: BundledFile) -> Path:
         there = known(part.kind, part.name)
         if there is not None and there[1].strip() == part.text.strip():
             return there[0]
@@ -225,7 +225,7 @@ def unpack(
     return Unpacked(path, tuple(renamed), tuple(aside.values()))
 
 
-def _free(part: Part, known: Known) -> str:
+def _free(part: BundledFile, known: Known) -> str:
     names = (part.name, *(f"{part.name[:56]}-{number}" for number in range(2, 1000)))
     return next(name for name in names if known(part.kind, name) is None)
 
@@ -288,6 +288,6 @@ def _referring(text: str, names: Mapping[tuple[PartKind, str], str]) -> str:
     return text if changed == scenario else edited(text, scenario_data(scenario), scenario_data(changed))
 
 
-def names_of(parts: Iterable[tuple[Part, str]]) -> str:
+def names_of(parts: Iterable[tuple[BundledFile, str]]) -> str:
     """What got which name, for the wizard."""
     return ", ".join(f"{part.name} → {name}" for part, name in parts)

@@ -71,7 +71,7 @@ class _State:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class UndoStep:
     """What was done, to be undone: ``path`` is the place, of which ``words`` is what a person calls it."""
 
     before: _State
@@ -96,8 +96,8 @@ class ScenarioDocument:
             raise YamlSourceError(state.unreadable.message, state.unreadable.line)
         self._saved = state
         self._state = state
-        self._undone: list[Step] = []
-        self._done: list[Step] = []
+        self._undone: list[UndoStep] = []
+        self._done: list[UndoStep] = []
         self._lines: tuple[str, LocatedData] | None = None
         self._checked: tuple[_State, tuple[Mistake, ...]] | None = None
         self._valid: Scenario | None = None
@@ -298,29 +298,29 @@ class ScenarioDocument:
         """What is done next is a step of its own."""
         if self._done and self._done[-1].goes_on:
             last = self._done[-1]
-            self._done[-1] = Step(last.before, last.path, last.words, goes_on=False)
+            self._done[-1] = UndoStep(last.before, last.path, last.words, goes_on=False)
 
     # ---- back and forth
 
     @property
-    def to_undo(self) -> Step | None:
+    def to_undo(self) -> UndoStep | None:
         return self._done[-1] if self._done else None
 
     @property
-    def to_redo(self) -> Step | None:
+    def to_redo(self) -> UndoStep | None:
         return self._undone[-1] if self._undone else None
 
-    def undo(self) -> Step | None:
+    def undo(self) -> UndoStep | None:
         return self._turn(self._done, self._undone)
 
-    def redo(self) -> Step | None:
+    def redo(self) -> UndoStep | None:
         return self._turn(self._undone, self._done)
 
-    def _turn(self, source: list[Step], target: list[Step]) -> Step | None:
+    def _turn(self, source: list[UndoStep], target: list[UndoStep]) -> UndoStep | None:
         if not source:
             return None
         step = source.pop()
-        target.append(Step(self._state, step.path, step.words, goes_on=False))
+        target.append(UndoStep(self._state, step.path, step.words, goes_on=False))
         self._state = step.before
         return step
 
@@ -392,7 +392,7 @@ class ScenarioDocument:
         last = self._done[-1] if self._done else None
         words = self.words(path)
         if last is None or not (goes_on and last.goes_on and last.path == path):
-            self._done.append(Step(self._state, path, words, goes_on))
+            self._done.append(UndoStep(self._state, path, words, goes_on))
             del self._done[:-MOST_STEPS]
         self._undone.clear()
         self._state = state

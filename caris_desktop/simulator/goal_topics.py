@@ -19,7 +19,7 @@ from caris_desktop.ros.speed_limits import NO_LIMIT, decode_reconfigured, decode
 from caris_desktop.simulator.actionlib import ActionlibServer
 from caris_desktop.simulator.dress import Navigation
 from caris_desktop.simulator.navigation import CRUISE_MPS, GoalEnded
-from caris_desktop.simulator.server import Action, Message, Service
+from caris_desktop.simulator.server import Action, Message, SimulatedService
 from caris_desktop.simulator.wiring import Wiring
 
 logger = logging.getLogger(__name__)
@@ -147,7 +147,7 @@ class NavigateToPoseAction:
         kind = action_type_name(Dialect.ROS2, "nav2_msgs", "NavigateToPose")
         wiring.server.actions[name] = Action(kind, self._start, self._cancel)
         cancel_type = service_type_name(Dialect.ROS2, "action_msgs", "CancelGoal")
-        wiring.server.services[f"{name}/_action/cancel_goal"] = Service(cancel_type, self._cancel_service)
+        wiring.server.services[f"{name}/_action/cancel_goal"] = SimulatedService(cancel_type, self._cancel_service)
         self._status = wiring.publishes(f"{name}/_action/status", "action_msgs", "GoalStatusArray", latched=True)
         wiring.obeys(told.simple_goal, "geometry_msgs", "PoseStamped", self._on_goal_pose)
         if told.speed_limit is not None:

@@ -42,7 +42,7 @@ class GoalEnded:
     detail: str
 
 
-class Navigator:
+class GoalFollower:
     """Follows one goal at a time. Pure calculation: told the pose, it answers with the twist it wants."""
 
     def __init__(self) -> None:

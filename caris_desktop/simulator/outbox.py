@@ -100,7 +100,7 @@ class _Stream:
         return next((strongest for strongest in ("cbor-raw", "cbor", "png") if strongest in wishes), "none")
 
 
-class Outbox:
+class ClientOutbox:
     """Everything on its way to one client. ``clock`` is the event loop's time.
 
     ``fragment_size`` cuts whatever is longer into pieces, as rosbridge does once any operation has named it. Called

@@ -19,7 +19,7 @@ from caris_desktop.simulator.head import MOVABLE, Head, HeadModel
 from caris_desktop.simulator.lidar import ALL_AROUND, LidarModel
 from caris_desktop.simulator.lidar import FRAME_ID as LASER_FRAME
 from caris_desktop.simulator.mapping import Mapper
-from caris_desktop.simulator.navigation import GoalEnded, Navigator, Progress
+from caris_desktop.simulator.navigation import GoalEnded, GoalFollower, Progress
 from caris_desktop.simulator.people import Crowd, Seen, Visit
 
 ROBOT_FROM_CAMERA = Pose2D(0.15, 0.0, 0.0)
@@ -91,7 +91,7 @@ class Robot:
         self.body = body
         self._crowd = Crowd(seed, visits) if populated else None
         self.head = Head(body.head)
-        self._navigator = Navigator()
+        self._follower = GoalFollower()
         self._mapper = Mapper()
         self._base = BaseState(START)
         self._odom_from_robot = Pose2D(0.0, 0.0, 0.0)
@@ -162,22 +162,22 @@ class Robot:
     @property
     def goal_id(self) -> str | None:
         """The navigation goal that is under way."""
-        return self._navigator.goal_id
+        return self._follower.goal_id
 
     def drive(self, twist: Twist2D) -> None:
         """Take a velocity command; it holds for 0.5 s. One that moves ends a navigation goal."""
         if twist.moving:
-            self._ended.extend(self._navigator.end("aborted", "somebody drives the robot directly"))
+            self._ended.extend(self._follower.end("aborted", "somebody drives the robot directly"))
         self._wanted = twist
         self._lease_until_s = self.now_s + base.LEASE_S
 
     def limit_goals(self, top_mps: float) -> None:
         """Goals are driven no faster from now on."""
-        self._navigator.limit(max(0.0, top_mps))
+        self._follower.limit(max(0.0, top_mps))
 
     @property
     def goals_at_most_mps(self) -> float:
-        return self._navigator.top_mps
+        return self._follower.top_mps
 
     def go(self, goal_id: str, target_in_map: Pose2D) -> bool:
         """Start a navigation goal. False where it is refused because of the emergency stop."""
@@ -185,7 +185,7 @@ class Robot:
             return False
         self._wanted = ZERO_TWIST
         self._ended.extend(
-            self._navigator.start(
+            self._follower.start(
                 goal_id,
                 target_in_map,
                 pose=self._navigation_pose,
@@ -197,7 +197,7 @@ class Robot:
 
     def cancel_goal(self) -> None:
         """Cancel the navigation goal that is under way, if there is one."""
-        self._ended.extend(self._navigator.end("cancelled", "the goal was cancelled"))
+        self._ended.extend(self._follower.end("cancelled", "the goal was cancelled"))
 
     def place(self, pose_in_map: Pose2D) -> bool:
         """Put the robot somewhere, standing and knowing where it is; touches and gap are counted anew.
@@ -206,7 +206,7 @@ class Robot:
         """
         if not base.is_free(pose_in_map.x_m, pose_in_map.y_m, self.body.base.radius_m, self._bodies):
             return False
-        self._ended.extend(self._navigator.end("aborted", "the robot was carried away"))
+        self._ended.extend(self._follower.end("aborted", "the robot was carried away"))
         self._base = BaseState(pose_in_map, collisions=self._base.collisions)
         self._touches_before = self._base.collisions
         self._min_gap_m = self.gap_m
@@ -233,19 +233,19 @@ class Robot:
     @property
     def path_in_map(self) -> list[tuple[float, float]]:
         """What is left of the way to the goal, beginning at the robot; empty without a goal."""
-        return self._navigator.way_from(self._navigation_pose)
+        return self._follower.way_from(self._navigation_pose)
 
     @property
     def plans_made(self) -> int:
         """Changes with each new way."""
-        return self._navigator.plans_made
+        return self._follower.plans_made
 
     def set_emergency_stop(self, stopped: bool) -> None:
         """Latch or clear the emergency stop. While latched nothing moves and goals are refused."""
         self.emergency_stopped = stopped
         self._wanted = ZERO_TWIST
         if stopped:
-            self._ended.extend(self._navigator.end("aborted", "the emergency stop was pressed"))
+            self._ended.extend(self._follower.end("aborted", "the emergency stop was pressed"))
 
     def take_ended_goals(self) -> list[GoalEnded]:
         """Goals that ended since the last call."""
@@ -255,7 +255,7 @@ class Robot:
 
     def progress(self) -> Progress | None:
         """How far the goal under way has come."""
-        return self._navigator.progress(self.now_s)
+        return self._follower.progress(self.now_s)
 
     def step(self) -> None:
         """Let 20 ms pass."""
@@ -264,9 +264,9 @@ class Robot:
             self._crowd.step(self._base.pose_in_map, STEP_S)
         self.head.step(STEP_S)
         bodies = self._bodies
-        twist, ended = self._navigator.step(self._navigation_pose, bodies, self.now_s)
+        twist, ended = self._follower.step(self._navigation_pose, bodies, self.now_s)
         self._ended.extend(ended)
-        if self._navigator.goal_id is None:
+        if self._follower.goal_id is None:
             twist = self._wanted if self.now_s <= self._lease_until_s else ZERO_TWIST
         if self.emergency_stopped:
             twist = ZERO_TWIST

@@ -7,7 +7,7 @@ from caris_desktop.ros.dialect import Dialect, encode_time, same_type, service_t
 from caris_desktop.ros.fields import text
 from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.robot_clock import RobotClock
-from caris_desktop.simulator.server import BRIDGE_NODE, ROBOT_NODE, BridgeServer, CallFailed, Message, Service
+from caris_desktop.simulator.server import BRIDGE_NODE, ROBOT_NODE, BridgeServer, CallFailed, Message, SimulatedService
 
 
 def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | None = None) -> None:
@@ -18,7 +18,7 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
 
     def offer(path: str, type_: str, call: object) -> None:
         if callable(call):
-            server.services[f"/rosapi/{path}"] = Service(service_type_name(dialect, package, type_), call)
+            server.services[f"/rosapi/{path}"] = SimulatedService(service_type_name(dialect, package, type_), call)
 
     def name_in(arguments: Message, key: str) -> str:
         return text(arguments, key, "args", most=500)

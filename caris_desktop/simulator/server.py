@@ -25,10 +25,10 @@ from caris_desktop.ros.fields import MessageError, count, message_of, text
 from caris_desktop.ros.fields import field as field_of
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_json
 from caris_desktop.simulator import typedefs
-from caris_desktop.simulator.outbox import Outbox, Published, Subscription
+from caris_desktop.simulator.outbox import ClientOutbox, Published, Subscription
 from caris_desktop.simulator.security import introduces_itself
 from caris_desktop.simulator.sent_log import ObeyedLog, SentLog
-from caris_desktop.simulator.wire import Wire
+from caris_desktop.simulator.wire import ClientWire
 
 logger = logging.getLogger(__name__)
 
@@ -69,7 +69,7 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True)
-class Service:
+class SimulatedService:
     """A service of the robot's own."""
 
     type: str
@@ -88,7 +88,7 @@ class Action:
 class Client:
     """One connected client."""
 
-    def __init__(self, number_: int, connection: ServerConnection, outbox: Outbox) -> None:
+    def __init__(self, number_: int, connection: ServerConnection, outbox: ClientOutbox) -> None:
         self.name = f"/rosbridge_client_{number_}"
         self.connection = connection
         self.outbox = outbox
@@ -150,7 +150,7 @@ class BridgeServer:
         self.dialect = dialect
         self.refusals: deque[str] = deque(maxlen=_REFUSALS_KEPT)
         self.topics: dict[str, Topic] = {}
-        self.services: dict[str, Service] = {}
+        self.services: dict[str, SimulatedService] = {}
         self.actions: dict[str, Action] = {}
         self.params: dict[str, Callable[[], Any]] = {}
         self.clients: set[Client] = set()
@@ -268,7 +268,7 @@ class BridgeServer:
         if raw is not None:
             # the system's own buffer would hold seconds of old pictures for a slow client
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
-        outbox = Outbox(asyncio.get_running_loop().time, unwritable=self._note_unwritable)
+        outbox = ClientOutbox(asyncio.get_running_loop().time, unwritable=self._note_unwritable)
         client = Client(next(self._numbers), connection, outbox)
         if self._obeyed_log is not None:
             self._obeyed_log.connected(client.name)
@@ -305,7 +305,7 @@ class BridgeServer:
             if self._log is not None:
                 self._log.delivered(client.name, published, size_bytes)
 
-        wire = Wire(client.connection, rate_bytes_s=lambda: self.rate_bytes_s, delivered=delivered)
+        wire = ClientWire(client.connection, rate_bytes_s=lambda: self.rate_bytes_s, delivered=delivered)
         try:
             with contextlib.suppress(ConnectionClosed):
                 await client.outbox.send_all(wire)

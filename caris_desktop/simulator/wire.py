@@ -23,7 +23,7 @@ Delivered = Callable[[Published, int], None]
 """Told each message of a topic, and its size in bytes, when the last piece of it has been sent."""
 
 
-class Wire:
+class ClientWire:
     """Sends to ``socket`` in order.
 
     ``rate_bytes_s`` is asked before each message; None is as fast as the socket takes it. With a rate, each message

@@ -10,7 +10,7 @@ from caris_desktop.simulator.dress import Dress
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.robot import Robot
 from caris_desktop.simulator.robot_clock import RobotClock
-from caris_desktop.simulator.server import ROBOT_NODE, BridgeServer, Message, Service, Topic
+from caris_desktop.simulator.server import ROBOT_NODE, BridgeServer, Message, SimulatedService, Topic
 
 _WRONG_FRAME = "nowhere"
 
@@ -57,7 +57,9 @@ class Wiring:
 
     def serves(self, name: str, package: str, kind: str, call: Callable[[Message], Message]) -> None:
         """Offer a service. What its type does not allow is refused as rosbridge does it."""
-        self.server.services[self.dress.absolute(name)] = Service(service_type_name(self.dialect, package, kind), call)
+        self.server.services[self.dress.absolute(name)] = SimulatedService(
+            service_type_name(self.dialect, package, kind), call
+        )
 
     def wanted(self, name: str) -> bool:
         """Whether anybody takes this topic, by its name on the wire."""

@@ -71,7 +71,7 @@ from caris_desktop.ui.window_place import Settings, WindowPlace
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 if TYPE_CHECKING:  # imported when they are first needed
-    from caris_desktop.ui.replay.replay_parts import ReplayParts
+    from caris_desktop.ui.replay.replay_parts import ReplayWidgets
     from caris_desktop.ui.robot_dialog import RobotExplorer
 
 
@@ -121,7 +121,7 @@ class MainWindow(TabAsRead, QWidget):
         self._painted = False
         self._shown_scenario: Scenario | None = None
         self._replay: ReplayControls | None = None
-        self._replay_parts: ReplayParts | None = None
+        self._replay_parts: ReplayWidgets | None = None
         self.wizards = WizardProfiles(settings, self)
         # Keys
         self.actions_table = Actions(self, console, self)
@@ -266,7 +266,7 @@ class MainWindow(TabAsRead, QWidget):
 
     def use_replay(self, replay: ReplayControls) -> None:
         """Show a recorded session: the timeline below the panels, the bar that moves through it below that."""
-        from caris_desktop.ui.replay.replay_parts import ReplayParts
+        from caris_desktop.ui.replay.replay_parts import ReplayWidgets
 
         self._replay = replay
         self.actions_table.keep_only((SAFETY_GROUP, WINDOW_GROUP, SPEAKING_GROUP))
@@ -278,7 +278,7 @@ class MainWindow(TabAsRead, QWidget):
         self._protocol.moment_wanted.connect(replay.seek)
         self.closing.use_replay()
         self.layout_keeper.use_replay()
-        parts = ReplayParts(self.theme, replay, self._console.state, self.actions_table)
+        parts = ReplayWidgets(self.theme, replay, self._console.state, self.actions_table)
         # Built anew with what a replay can do: no Photo, for one.
         self.show_scenario(self._console.scenario)
         parts.arrange(self.dock_host, self._middle, self._column, self._status_bar)

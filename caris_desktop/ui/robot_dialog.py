@@ -26,7 +26,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import ProfileError, RobotProfile, SecuritySettings, check_address
-from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
+from caris_desktop.robot.proposal import Proposal, RobotOffer, profile_of, propose
 from caris_desktop.ui import tokens
 from caris_desktop.ui.robot_rows import MappingRow, NoteLine
 from caris_desktop.ui.tab_order import TabAsRead
@@ -77,7 +77,7 @@ class RobotExplorer(Protocol):
     def cancel(self) -> None: ...
 
 
-def offer_lines(offer: Offer) -> list[str]:
+def offer_lines(offer: RobotOffer) -> list[str]:
     """Everything that the robot has, one a line: kind, name, type."""
     return [
         f"{kind}   {name}   {found_type}".rstrip()

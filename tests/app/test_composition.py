@@ -7,7 +7,7 @@ import pytest
 from caris_desktop.app import composition
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.services.cameras import WantedCameras
-from caris_desktop.perception.weights import ModelChoice
+from caris_desktop.perception.weights import DetectorChoice
 from caris_desktop.scenario.model import Scenario
 
 
@@ -93,7 +93,7 @@ def test_a_scenario_says_how_people_are_found(tmp_path: Path) -> None:
     assert settings.tracker == "bytetrack"
     assert (settings.detector.device, settings.detector.things) == ("cpu", ("chair", "dog"))
     assert settings.detector.server == "wss://lab:1"
-    assert settings.detector.model == ModelChoice("beside.onnx", "", tmp_path, 640)
+    assert settings.detector.model == DetectorChoice("beside.onnx", "", tmp_path, 640)
     assert people.as_told(people.inference, scenario_with("", tmp_path)) == people.inference, "no change, no new start"
 
 

@@ -13,7 +13,7 @@ from caris_desktop.perception.appearance import AppearanceError, AppearanceModel
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.following import LOST_S
 from caris_desktop.perception.inference_messages import Look
-from caris_desktop.perception.portraits import Portraits
+from caris_desktop.perception.portraits import PortraitTaker
 from caris_desktop.perception.tracker import PersonTracker, TrackedBox
 from tests.perception.networks import colours_of_places
 
@@ -105,7 +105,7 @@ def test_who_comes_back_in_another_place_has_their_number_again(model: Appearanc
 
 
 def test_a_portrait_is_made_once_a_second_at_most_and_only_of_a_better_view() -> None:
-    portraits = Portraits()
+    portraits = PortraitTaker()
     image, _ = picture({50: RED})
 
     def taken(stamp_s: float, quality: float) -> list[float]:
@@ -122,7 +122,7 @@ def test_a_portrait_is_made_once_a_second_at_most_and_only_of_a_better_view() ->
 def test_a_portrait_shows_who_it_is_of() -> None:
     image, _ = picture({50: RED})
     box = TrackedBox(7, 50.0, 150.0, 80.0, 250.0, 0.9, 0, 0.9)
-    (portrait,) = Portraits().taken(image, look(3.0).frame, [box])
+    (portrait,) = PortraitTaker().taken(image, look(3.0).frame, [box])
     assert (portrait.track, portrait.camera, portrait.stamp_ns) == (7, "front", 3_000_000_000)
     shown = cv2.imdecode(np.frombuffer(portrait.jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert shown is not None

@@ -11,7 +11,7 @@ import pytest
 from caris_desktop.domain.model_files import models_dirs
 from caris_desktop.perception import weights
 from caris_desktop.perception.weights import (
-    ModelChoice,
+    DetectorChoice,
     WeightsError,
     download_default,
     find_weights,
@@ -201,36 +201,38 @@ def _sum(content: bytes) -> str:
 
 def test_what_a_scenario_names_lies_beside_it_or_in_a_models_folder(tmp_path: Path, folders: tuple[Path, Path]) -> None:
     (folders[0] / "other.onnx").write_bytes(b"network")
-    choice = ModelChoice("other.onnx", folder=tmp_path, input_px=640)
+    choice = DetectorChoice("other.onnx", folder=tmp_path, input_px=640)
     found = find_weights(choice, folders=folders)
     assert (found.path, found.input_px, found.vouched_for) == (folders[0] / "other.onnx", 640, False)
     (tmp_path / "other.onnx").write_bytes(b"network")
     assert find_weights(choice, folders=folders).path == tmp_path / "other.onnx"
-    assert find_weights(ModelChoice(str(folders[0] / "other.onnx")), folders=folders).path == folders[0] / "other.onnx"
+    assert (
+        find_weights(DetectorChoice(str(folders[0] / "other.onnx")), folders=folders).path == folders[0] / "other.onnx"
+    )
 
 
 def test_without_a_name_the_size_of_a_scenario_counts_all_the_same(folders: tuple[Path, Path]) -> None:
     (folders[0] / "yolov8n.onnx").touch()
-    assert find_weights(ModelChoice(input_px=640), folders=folders).input_px == 640
+    assert find_weights(DetectorChoice(input_px=640), folders=folders).input_px == 640
 
 
 def test_a_wrong_checksum_is_refused(folders: tuple[Path, Path]) -> None:
     (folders[0] / "other.onnx").write_bytes(b"network")
-    right = ModelChoice("other.onnx", sha256=_sum(b"network").upper())
+    right = DetectorChoice("other.onnx", sha256=_sum(b"network").upper())
     assert find_weights(right, folders=folders).vouched_for
     with pytest.raises(WeightsError, match=r"other\.onnx is not the file that the scenario means") as caught:
-        find_weights(ModelChoice("other.onnx", sha256=_sum(b"another")), folders=folders)
+        find_weights(DetectorChoice("other.onnx", sha256=_sum(b"another")), folders=folders)
     assert _sum(b"network") in caught.value.searched[0]
     with pytest.raises(WeightsError, match="is not a SHA-256"):
-        find_weights(ModelChoice("other.onnx", sha256="abc"), folders=folders)
+        find_weights(DetectorChoice("other.onnx", sha256="abc"), folders=folders)
 
 
 def test_a_pickle_that_a_scenario_names_needs_a_checksum(folders: tuple[Path, Path]) -> None:
     (folders[0] / "other.pt").write_bytes(b"pickle")
     with pytest.raises(WeightsError, match="can bring code") as caught:
-        find_weights(ModelChoice("other.pt"), folders=folders)
+        find_weights(DetectorChoice("other.pt"), folders=folders)
     assert _sum(b"pickle") in caught.value.advice
-    assert find_weights(ModelChoice("other.pt", _sum(b"pickle")), folders=folders).vouched_for
+    assert find_weights(DetectorChoice("other.pt", _sum(b"pickle")), folders=folders).vouched_for
 
 
 @pytest.mark.parametrize(
@@ -247,7 +249,7 @@ def test_what_a_scenario_names_wrongly_is_told(folders: tuple[Path, Path], sourc
     (folders[0] / "empty").mkdir()
     (folders[0].parent / "other.onnx").touch()
     with pytest.raises(WeightsError, match=words):
-        find_weights(ModelChoice(source), folders=folders)
+        find_weights(DetectorChoice(source), folders=folders)
 
 
 def test_a_folder_for_openvino_has_the_checksum_of_both_its_files(folders: tuple[Path, Path]) -> None:
@@ -255,16 +257,16 @@ def test_a_folder_for_openvino_has_the_checksum_of_both_its_files(folders: tuple
     model.mkdir()
     (model / "yolov8n.xml").write_bytes(b"graph")
     (model / "yolov8n.bin").write_bytes(b"weights")
-    assert find_weights(ModelChoice(model.name, _sum(b"graphweights")), folders=folders).path == model
+    assert find_weights(DetectorChoice(model.name, _sum(b"graphweights")), folders=folders).path == model
     (model / "yolov8n.bin").write_bytes(b"weight")
     with pytest.raises(WeightsError, match="checksum"):
-        find_weights(ModelChoice(model.name, _sum(b"graphweights")), folders=folders)
+        find_weights(DetectorChoice(model.name, _sum(b"graphweights")), folders=folders)
 
 
 def test_a_named_address_is_fetched_once(folders: tuple[Path, Path], server: tuple[str, dict[str, bytes]]) -> None:
     address, files = server
     files["/a/my.onnx"] = b"network"
-    choice = ModelChoice(f"{address}/a/my.onnx?download=1", _sum(b"network"))
+    choice = DetectorChoice(f"{address}/a/my.onnx?download=1", _sum(b"network"))
     files["/a/my.onnx?download=1"] = files.pop("/a/my.onnx")
     found = find_weights(choice, folders=folders)
     assert found.path.read_bytes() == b"network"
@@ -291,5 +293,5 @@ def test_an_address_that_gives_no_such_file_is_told(
 ) -> None:
     server[1]["/my.onnx"] = b"network"
     with pytest.raises(WeightsError, match=words):
-        find_weights(ModelChoice(address.format(server[0]), sha256), folders=folders)
+        find_weights(DetectorChoice(address.format(server[0]), sha256), folders=folders)
     assert [path for folder in folders for path in folder.rglob("*") if path.is_file()] == []

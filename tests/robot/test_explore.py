@@ -29,7 +29,7 @@ from caris_desktop.robot.profile import (
     read_profile,
     save_profile,
 )
-from caris_desktop.robot.proposal import Offer, Proposal, profile_of, propose
+from caris_desktop.robot.proposal import Proposal, RobotOffer, profile_of, propose
 from caris_desktop.ros.dialect import Dialect
 from tests.support.simulated_robot import SimulatedRobot
 
@@ -55,8 +55,8 @@ ROS1 = {
 }
 
 
-def offer(topics: dict[str, str], **more: object) -> Offer:
-    return Offer(topics, dialect=Dialect.ROS1, **more)  # type: ignore[arg-type]  # the words of the tests below
+def offer(topics: dict[str, str], **more: object) -> RobotOffer:
+    return RobotOffer(topics, dialect=Dialect.ROS1, **more)  # type: ignore[arg-type]  # the words of the tests below
 
 
 def chosen(topics: dict[str, str], **more: object) -> dict[str, str]:
@@ -238,7 +238,7 @@ def test_a_head_needs_joints_that_are_known() -> None:
 
 
 def test_a_robot_that_offers_nothing_is_proposed_nothing_and_still_makes_a_profile(tmp_path: Path) -> None:
-    nothing = Offer({})
+    nothing = RobotOffer({})
     proposal = propose(nothing)
     assert set(proposal.chosen.values()) == {""}
     assert any("Nothing was found to drive with" in note for note in proposal.notes)

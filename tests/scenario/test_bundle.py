@@ -10,7 +10,7 @@ import pytest
 
 from caris_desktop.domain.intents import SameName
 from caris_desktop.scenario import bundle as bundles
-from caris_desktop.scenario.bundle import Bundle, BundleError, Part, PartKind, read_bundle, unpack, write_bundle
+from caris_desktop.scenario.bundle import Bundle, BundledFile, BundleError, PartKind, read_bundle, unpack, write_bundle
 from caris_desktop.scenario.file import MAX_FILE_BYTES, load_scenario
 
 SCENARIO = """\
@@ -22,8 +22,8 @@ face:
   face: round
 layout: {panel: video}
 """
-ROBOT, FACE = Part("robot", "lab", "name: one\n"), Part("face", "round", "title: Round\n")
-GIVEN = Bundle(Part("scenario", "visit", SCENARIO), (ROBOT, FACE))
+ROBOT, FACE = BundledFile("robot", "lab", "name: one\n"), BundledFile("face", "round", "title: Round\n")
+GIVEN = Bundle(BundledFile("scenario", "visit", SCENARIO), (ROBOT, FACE))
 ABOUT = {"about.json": json.dumps({"format": "caris-scenario", "version": 1})}
 
 NEWER = {"about.json": json.dumps({"format": "caris-scenario", "version": 2})}

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from caris_desktop.ros.rosbridge import decode_json
-from caris_desktop.simulator.outbox import UNBOUNDED_LENGTH, Outbox, Published, Subscription
+from caris_desktop.simulator.outbox import UNBOUNDED_LENGTH, ClientOutbox, Published, Subscription
 
 
 class Clock:
@@ -34,7 +34,7 @@ class Socket:
         return [operation["msg"]["n"] for operation in self.sent if operation["op"] == "publish"]
 
 
-async def drain(outbox: Outbox, socket: Socket) -> None:
+async def drain(outbox: ClientOutbox, socket: Socket) -> None:
     """Let the outbox send all that it may send now."""
     sender = asyncio.create_task(outbox.send_all(socket))
     for _ in range(1000):
@@ -49,7 +49,7 @@ def message(number: int, topic: str = "/t") -> Published:
 @pytest.mark.parametrize(("length", "kept"), [(1, [9]), (3, [7, 8, 9]), (0, list(range(10)))])
 def test_the_newest_of_a_full_queue_stay(length: int, kept: list[int]) -> None:
     async def scenario() -> None:
-        outbox, socket = Outbox(Clock()), Socket()
+        outbox, socket = ClientOutbox(Clock()), Socket()
         outbox.subscribe("/t", "", Subscription(queue_length=length))
         for number in range(10):
             outbox.put(message(number))
@@ -61,7 +61,7 @@ def test_the_newest_of_a_full_queue_stay(length: int, kept: list[int]) -> None:
 
 def test_even_an_unbounded_queue_has_an_end() -> None:
     async def scenario() -> None:
-        outbox, socket = Outbox(Clock()), Socket()
+        outbox, socket = ClientOutbox(Clock()), Socket()
         outbox.subscribe("/t", "", Subscription())
         for number in range(UNBOUNDED_LENGTH + 50):
             outbox.put(message(number))
@@ -75,7 +75,7 @@ def test_even_an_unbounded_queue_has_an_end() -> None:
 def test_a_throttle_with_a_queue_sends_the_newest_when_it_may() -> None:
     async def scenario() -> None:
         clock = Clock()
-        outbox, socket = Outbox(clock), Socket()
+        outbox, socket = ClientOutbox(clock), Socket()
         outbox.subscribe("/t", "", Subscription(throttle_s=50.0, queue_length=1))
         for number in range(3):
             outbox.put(message(number))
@@ -91,7 +91,7 @@ def test_a_throttle_with_a_queue_sends_the_newest_when_it_may() -> None:
 def test_a_throttle_without_a_queue_drops_what_comes_too_soon() -> None:
     async def scenario() -> None:
         clock = Clock()
-        outbox, socket = Outbox(clock), Socket()
+        outbox, socket = ClientOutbox(clock), Socket()
         outbox.subscribe("/t", "", Subscription(throttle_s=1.0))
         for number in range(3):
             outbox.put(message(number))
@@ -105,7 +105,7 @@ def test_a_throttle_without_a_queue_drops_what_comes_too_soon() -> None:
 
 def test_the_order_across_topics_is_kept_and_answers_go_first() -> None:
     async def scenario() -> None:
-        outbox, socket = Outbox(Clock()), Socket()
+        outbox, socket = ClientOutbox(Clock()), Socket()
         for topic in ("/a", "/b"):
             outbox.subscribe(topic, "", Subscription())
         for number, topic in enumerate(("/b", "/a", "/a", "/b")):

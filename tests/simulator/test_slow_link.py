@@ -11,7 +11,7 @@ import pytest
 from caris_desktop.ros.rosbridge import ProtocolError, decode_cbor, decode_json
 from caris_desktop.simulator.faults import malformed_messages
 from caris_desktop.simulator.outbox import Published
-from caris_desktop.simulator.wire import BUFFER_BYTES, Wire
+from caris_desktop.simulator.wire import BUFFER_BYTES, ClientWire
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 
@@ -33,7 +33,7 @@ def test_a_slow_wire_delays_each_message_by_its_bytes_and_keeps_the_order() -> N
     async def scenario() -> None:
         socket = Socket()
         delivered: list[tuple[int, int]] = []
-        wire = Wire(
+        wire = ClientWire(
             socket, rate_bytes_s=lambda: 100_000.0, delivered=lambda of, size: delivered.append((of.sequence, size))
         )
         start_s = time.monotonic()
@@ -53,7 +53,7 @@ def test_a_full_wire_makes_its_sender_wait_and_a_fast_one_does_not() -> None:
     async def scenario() -> None:
         socket = Socket()
         rate: list[float | None] = [1000.0]
-        wire = Wire(socket, rate_bytes_s=lambda: rate[0])
+        wire = ClientWire(socket, rate_bytes_s=lambda: rate[0])
         await wire.send(b"x" * 40)
         await wire.send(b"x" * BUFFER_BYTES)
         with pytest.raises(TimeoutError):
@@ -75,7 +75,7 @@ def test_an_error_of_the_socket_reaches_the_sender() -> None:
             raise ConnectionResetError("gone")
 
     async def scenario() -> None:
-        wire = Wire(Broken(), rate_bytes_s=lambda: 1e6)
+        wire = ClientWire(Broken(), rate_bytes_s=lambda: 1e6)
         with pytest.raises(ConnectionResetError):
             for _ in range(10):
                 await wire.send(b"x")

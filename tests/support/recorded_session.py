@@ -60,7 +60,7 @@ from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import FASTEST
-from caris_desktop.recording.recorder.video_file import VideoFile
+from caris_desktop.recording.recorder.video_file import VideoFileWriter
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, AudioInfo, VideoInfo
 from caris_desktop.recording.session.manifest import session_files, write_manifest
 from caris_desktop.recording.session.media_names import video_file_name
@@ -567,7 +567,7 @@ def _begin_videos(folder: Path, plan: SessionPlan, *, killed: bool) -> Callable[
 def _write_video(folder: Path, plan: SessionPlan, camera: str, killed: bool) -> VideoInfo:
     width_px, height_px = plan.size_px
     path = folder / video_file_name(camera, set())
-    video = VideoFile(
+    video = VideoFileWriter(
         path, width_px=width_px, height_px=height_px, encoder=FASTEST, clock=_clock_of(plan), on_full=lambda: False
     )
     number_of_camera = plan.cameras.index(camera)

@@ -13,7 +13,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.explore import Exploration, Resemblance, StreamCheck
 from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile
-from caris_desktop.robot.proposal import Offer, propose
+from caris_desktop.robot.proposal import RobotOffer, propose
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.robot_dialog import RobotDialog
@@ -22,7 +22,7 @@ from tests.ui.fake_console import FakeConsole
 
 pytestmark = pytest.mark.panels("drive")
 
-OFFER = Offer(
+OFFER = RobotOffer(
     {
         "/cmd_vel": "geometry_msgs/Twist", "/scan": "sensor_msgs/LaserScan", "/scan_rear": "sensor_msgs/LaserScan",
         "/odom": "nav_msgs/Odometry", "/amcl_pose": "geometry_msgs/PoseWithCovarianceStamped",
@@ -98,7 +98,7 @@ def look(dialog: RobotDialog, explorer: MemoryExplorer, address: str = ADDRESS) 
     QTest.keyClick(find(dialog, "robot_address"), Qt.Key.Key_Return)
 
 
-def find_it(dialog: RobotDialog, explorer: MemoryExplorer, offer: Offer = OFFER, *likes: Resemblance) -> None:
+def find_it(dialog: RobotDialog, explorer: MemoryExplorer, offer: RobotOffer = OFFER, *likes: Resemblance) -> None:
     look(dialog, explorer)
     explorer.done(Exploration(ADDRESS, offer, propose(offer), likes))
 

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QPlainTextEdit, QWid
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.intents import ImportScenario, SameName
-from caris_desktop.scenario.bundle import ImportQuestion, NameConflict, Part
+from caris_desktop.scenario.bundle import BundledFile, ImportQuestion, NameConflict
 from caris_desktop.scenario.file import scenario_text
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui import samples
@@ -22,8 +22,10 @@ FILE = Path("/received/tour.caris")
 QUESTION = ImportQuestion(
     FILE,
     (
-        NameConflict(Part("scenario", "tour", THEIRS), Path("/mine/tour.yaml"), THERE, True, "tour-2"),
-        NameConflict(Part("robot", "tiago", "title: Theirs"), Path("/came/tiago.yaml"), "title: x", False, "tiago-2"),
+        NameConflict(BundledFile("scenario", "tour", THEIRS), Path("/mine/tour.yaml"), THERE, True, "tour-2"),
+        NameConflict(
+            BundledFile("robot", "tiago", "title: Theirs"), Path("/came/tiago.yaml"), "title: x", False, "tiago-2"
+        ),
     ),
 )
 

@@ -36,7 +36,7 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True)
-class Voice:
+class SpokenLoudness:
     """How loud what is said is over time: ``shares`` as ``loudness`` gives them, empty where nobody knows."""
 
     started_ns: int
@@ -63,7 +63,7 @@ class FaceMotion:
         self._face = face
         self._expression = face.expressions[0]
         self._gaze = (0.0, 0.0)
-        self._voice: Voice | None = None
+        self._voice: SpokenLoudness | None = None
         self._hearing = False
         self._look = self._at_rest()
         self._at_ns: int | None = None
@@ -85,7 +85,7 @@ class FaceMotion:
         """Where the eyes go, -1 to 1 as seen on the screen."""
         self._gaze = (max(-1.0, min(1.0, right)), max(-1.0, min(1.0, up)))
 
-    def speak(self, voice: Voice | None) -> None:
+    def speak(self, voice: SpokenLoudness | None) -> None:
         """The mouth moves with this; None: it is closed."""
         self._voice = voice
 

@@ -37,7 +37,7 @@ class HeardWord:
         return replace(self, start_s=self.start_s + seconds, end_s=self.end_s + seconds)
 
 
-class Agreement:
+class AgreedWords:
     """The words of one turn. What is committed never changes."""
 
     def __init__(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.agreement import Agreement, HeardWord
+from caris_desktop.conversation.listening.agreement import AgreedWords, HeardWord
 from caris_desktop.conversation.listening.engine import HeardText
 from caris_desktop.conversation.listening.plausible import within_voice, without_repetition
 from caris_desktop.conversation.listening.turn_model import SECONDS as JUDGED_S
@@ -57,7 +57,7 @@ class HeardTurn:
         """Where the voice began, also where that was the robot's."""
         self.voice_began_ns = voice_began_ns
         self.voice_ended_ns = voice_began_ns
-        self.words = Agreement()
+        self.words = AgreedWords()
         self.language = ""
         self.turn_over: float | None = None
         self.sounds_over: float | None = None

@@ -53,7 +53,7 @@ _EXAMPLES: tuple[tuple[str, Mapping[str, str]], ...] = (
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class ReplyGrounds:
     """What a reply is grounded in. ``turns`` (of ``turns_told``) came before what was ``said`` now; a text is empty
     where that is not known.
 
@@ -79,7 +79,7 @@ def turns_told(turns: Iterable[Turn]) -> list[Turn]:
     return told[-(-too_many // _TURNS_LEFT_OUT) * _TURNS_LEFT_OUT :]
 
 
-def reply_messages(situation: Situation, *, with_examples: bool) -> tuple[ChatMessage, ...]:
+def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[ChatMessage, ...]:
     """The messages of a question for replies; ``with_examples`` for a model that is too small to do without."""
     system = _bounded(situation.system_prompt.strip(), MAX_SYSTEM_CHARACTERS)
     messages = [ChatMessage("system", f"{system}\n\n{_INSTRUCTION}".strip())]

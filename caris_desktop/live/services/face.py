@@ -13,7 +13,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.conversation.face.drawing import Drawing, drawing_of, words_alone
 from caris_desktop.conversation.face.file import DEFAULT_FACE, Face, FaceError, load_face, parse_face, save_face
-from caris_desktop.conversation.face.motion import FaceMotion, Voice, loudness
+from caris_desktop.conversation.face.motion import FaceMotion, SpokenLoudness, loudness
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import FaceChanged, UtteranceChanged
@@ -286,7 +286,7 @@ class FaceService(Service):
         if event.state == "started":
             self._speaking_id = event.utterance_id
             played = self._voices.get(event.utterance_id)
-            self._motion.speak(Voice(event.stamp_ns) if played is None else _voice_of(played))
+            self._motion.speak(SpokenLoudness(event.stamp_ns) if played is None else _voice_of(played))
             self._caption = self._with_names(event.text)
             self._state.face.set(replace(self._state.face.value, speaking=True))
             self._move()

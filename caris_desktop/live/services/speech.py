@@ -34,7 +34,7 @@ from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import sentences
 
 
-class RobotVoice:
+class LinkVoice:
     """The robot speaks; its link reports."""
 
     def __init__(self, state: LiveState, robot: RobotPort) -> None:
@@ -81,7 +81,7 @@ class SpeechService(Service):
         self._phrases: tuple[str, ...] = ()
         self._suggested: dict[str, str] = {}
         self._prepared: tuple[str, ...] = ()
-        voices: dict[VoiceKind, Voice] = {"robot": RobotVoice(state, robot), "computer": _Computer(self)}
+        voices: dict[VoiceKind, Voice] = {"robot": LinkVoice(state, robot), "computer": _Computer(self)}
         self._permitted = True
         self._started = self._stopped = False
         self._both = voices["both"] = BothVoices(dict(voices), self._report_both)

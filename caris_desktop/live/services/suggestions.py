@@ -241,7 +241,7 @@ class SuggestionsService(Service):
                 return labels.get(marked, "somebody")
 
             return prompt.reply_messages(
-                prompt.Situation(
+                prompt.ReplyGrounds(
                     settings.system_prompt,
                     begun.text,
                     [replace(turn, text=person_marks.with_names(turn.text, labelled)) for turn in turns],

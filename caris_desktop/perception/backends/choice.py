@@ -44,7 +44,7 @@ _CONFIDENCE_WITHIN = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class MeasuredChoice:
     """What was measured. ``runtime`` is the chosen one; ``ms`` the time of one picture by runtime, ``why_not`` what was
     wrong with the others, in words.
     """
@@ -109,11 +109,11 @@ def _openers(
 
     def exported() -> Path:
         if not export.is_file():
-            from caris_desktop.perception.backends.export import ExportError, export_onnx
+            from caris_desktop.perception.backends.export import ModelExportError, export_onnx
 
             try:
                 export_onnx(weights, export, threads=threads)
-            except ExportError as error:
+            except ModelExportError as error:
                 raise WeightsError(filled(QT_TR_NOOP("it cannot be exported ({error})"), error=error)) from error
         return export
 
@@ -128,7 +128,7 @@ def _openers(
 
 def _measure(
     openers: dict[str, Callable[[], Detector]], pictures: Sequence[NDArray[np.uint8]]
-) -> tuple[Detector, Choice]:
+) -> tuple[Detector, MeasuredChoice]:
     first, *others = openers
     opened = {first: openers[first]()}
     why_not: dict[str, str] = {}
@@ -155,7 +155,7 @@ def _measure(
     for name in preferred[1:]:
         if ms[name] < _WORTH_IT * ms[runtime]:
             runtime = name
-    return opened[runtime], Choice(runtime, ms, why_not)
+    return opened[runtime], MeasuredChoice(runtime, ms, why_not)
 
 
 def _time(opened: dict[str, Detector], pictures: Sequence[NDArray[np.uint8]]) -> dict[str, float]:
@@ -190,7 +190,7 @@ def _has_all(wanted: Detections, found: Detections) -> bool:
     return True
 
 
-def _labelled(detector: Detector, choice: Choice) -> Detector:
+def _labelled(detector: Detector, choice: MeasuredChoice) -> Detector:
     detector.label += choice.shown
     return detector
 
@@ -236,10 +236,10 @@ def _user_cache_dir() -> Path:
     return platformdirs.user_cache_path("caris-desktop", appauthor=False) / "detectors"
 
 
-def _recall(path: Path) -> Choice | None:
+def _recall(path: Path) -> MeasuredChoice | None:
     try:
         told: Any = json.loads(path.read_text(encoding="utf-8"))
-        return Choice(
+        return MeasuredChoice(
             str(told["runtime"]),
             {str(name): float(ms) for name, ms in told["ms"].items()},
             {str(name): str(why) for name, why in told["why_not"].items()},
@@ -248,7 +248,7 @@ def _recall(path: Path) -> Choice | None:
         return None
 
 
-def _remember(path: Path, choice: Choice) -> None:
+def _remember(path: Path, choice: MeasuredChoice) -> None:
     told = {"runtime": choice.runtime, "ms": choice.ms, "why_not": choice.why_not}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -21,7 +21,7 @@ from caris_desktop.perception.weights import Weights
 _OPSET = 17
 
 
-class ExportError(Exception):
+class ModelExportError(Exception):
     """These weights cannot be exported; says why."""
 
 
@@ -38,10 +38,10 @@ def export_onnx(weights: Weights, target: Path, *, threads: int) -> None:
         content = _exported(load_model(weights))
         target.parent.mkdir(parents=True, exist_ok=True)
         replace_file(target, content, durable=False)
-    except ExportError:
+    except ModelExportError:
         raise
     except Exception as error:  # torch has types of its own for what it cannot export
-        raise ExportError(" ".join(f"{type(error).__name__}: {error}".split())) from error
+        raise ModelExportError(" ".join(f"{type(error).__name__}: {error}".split())) from error
 
 
 def _exported(model: Any) -> bytes:
@@ -53,7 +53,7 @@ def _exported(model: Any) -> bytes:
     network = copy.deepcopy(model.model).float().cpu().eval().fuse()
     head = network.model[-1]
     if not isinstance(head, Detect) or isinstance(head, Segment | OBB):
-        raise ExportError(filled(QT_TR_NOOP("it is no detector of boxes")))
+        raise ModelExportError(filled(QT_TR_NOOP("it is no detector of boxes")))
     for part in network.modules():
         if isinstance(part, Detect):
             # What ultralytics' own exporter sets.

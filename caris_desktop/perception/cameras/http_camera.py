@@ -51,7 +51,7 @@ class HttpCamera:
                 )
             raise NotMultipartError(f"{response.status} {response.headers.get('Content-Type')}")
         self._response = response
-        self._parts = Parts(boundary[1])
+        self._parts = MultipartReader(boundary[1])
         path = response.headers.get(CLOCK_HEADER, "")
         if path.startswith("/"):
             self._clock = ServedClock(chosen, path)
@@ -110,7 +110,7 @@ class HttpCamera:
         return self._clock.here(int(stamp))
 
 
-class Parts:
+class MultipartReader:
     """Takes a multipart stream apart as it comes: parts with their length told, or ended by the next boundary."""
 
     def __init__(self, boundary: str) -> None:

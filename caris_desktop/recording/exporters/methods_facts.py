@@ -99,7 +99,7 @@ def _streams(session: Session) -> frozenset[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Practice:
+class PracticeSession:
     """A practice session of a wizard. ``score`` (of 100) is that of the guided exercise; None for practice without."""
 
     wizard: str
@@ -108,9 +108,9 @@ class Practice:
     score: int | None = None
 
 
-def practice_beside(sessions: Sequence[Session]) -> list[Practice]:
+def practice_beside(sessions: Sequence[Session]) -> list[PracticeSession]:
     """The practice sessions in the folders that ``sessions`` lie in."""
-    found: dict[Any, Practice] = {}
+    found: dict[Any, PracticeSession] = {}
     for parent in sorted({session.folder.absolute().parent for session in sessions}):
         try:
             folders = session_folders(parent)
@@ -128,7 +128,7 @@ def practice_beside(sessions: Sequence[Session]) -> list[Practice]:
             utc_ns = session.clock.anchor.utc_ns_at(session.started_ns)
             # A copy of it is not a second one.
             wizard = sessions[0].wizard_name(wizard_of(session))
-            found.setdefault(session.identity, Practice(wizard, utc_ns, session.duration_s, _score(session)))
+            found.setdefault(session.identity, PracticeSession(wizard, utc_ns, session.duration_s, _score(session)))
     return list(found.values())
 
 
@@ -158,7 +158,7 @@ class StudyFacts:
     ``practice`` are the wizards' practice sessions, which do not count, and neither do ``copies`` of sessions.
     """
 
-    def __init__(self, known: Sequence[KnownSession], practice: Sequence[Practice], copies: int = 0) -> None:
+    def __init__(self, known: Sequence[KnownSession], practice: Sequence[PracticeSession], copies: int = 0) -> None:
         self.copies = copies
         self.known = sorted(known, key=lambda one: one.session.clock.anchor.utc_ns_at(one.session.started_ns))
         self.practice = practice
@@ -167,13 +167,13 @@ class StudyFacts:
     def wizards(self) -> list[str]:
         return distinct(wizard_of(one.session) for one in self.known)
 
-    def training(self) -> dict[str, list[Practice]]:
+    def training(self) -> dict[str, list[PracticeSession]]:
         """Each wizard's practice before the first session that counts."""
         first_ns: dict[str, int] = {}
         for one in reversed(self.known):
             session = one.session
             first_ns[wizard_of(session).casefold()] = session.clock.anchor.utc_ns_at(session.started_ns)
-        practised: dict[str, list[Practice]] = {}
+        practised: dict[str, list[PracticeSession]] = {}
         for name in self.wizards():
             own = [
                 item

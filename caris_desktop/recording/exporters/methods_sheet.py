@@ -32,7 +32,7 @@ from caris_desktop.recording.exporters.drawings import duration_text
 from caris_desktop.recording.exporters.html import distance_text, model_name
 from caris_desktop.recording.exporters.methods_facts import (
     PRACTICE,
-    Practice,
+    PracticeSession,
     StudyFacts,
     practice_beside,
     purpose_of,
@@ -753,7 +753,7 @@ class _Answers:
         ]
 
 
-def _best_score(runs: Sequence[Practice]) -> str:
+def _best_score(runs: Sequence[PracticeSession]) -> str:
     scores = [run.score for run in runs if run.score is not None]
     return f", {max(scores)} of 100 points in the guided exercise" if scores else ""
 

@@ -1,6 +1,6 @@
 """The pictures that recorded values speak of, and how many of them to take."""
 
-from caris_desktop.recording.replay.video_reader import Picture, RecordedFrame, VideoReader
+from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoPicture, VideoReader
 from caris_desktop.recording.session.media_names import in_file_names
 
 # Neighbouring frames of the fastest cameras are 4 ms apart; a video rounds its times to 11 µs.
@@ -13,7 +13,7 @@ def info_of(videos: VideoReader, camera: str, stamp_ns: int) -> RecordedFrame | 
     return None if info is None or abs(info.stamp_ns - stamp_ns) > _SAME_FRAME_NS else info
 
 
-def picture_of(videos: VideoReader, camera: str, stamp_ns: int) -> Picture | None:
+def picture_of(videos: VideoReader, camera: str, stamp_ns: int) -> VideoPicture | None:
     """The frame of ``camera`` stamped ``stamp_ns``; None where the video lacks it. Quickest in the order of time."""
     info = info_of(videos, camera, stamp_ns)
     return None if info is None else videos.frame(camera, info.number)

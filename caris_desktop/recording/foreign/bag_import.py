@@ -31,9 +31,9 @@ from caris_desktop.recording.foreign.bag_files import (
 from caris_desktop.recording.foreign.bag_messages import MessageReader, NotUnderstoodError
 from caris_desktop.recording.foreign.bag_values import (
     SESSION_TOPIC,
+    BagPicture,
     Casting,
     OwnSession,
-    Picture,
     Role,
     ValueMaker,
     cast_channels,
@@ -43,7 +43,7 @@ from caris_desktop.recording.foreign.bag_values import (
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import x264
-from caris_desktop.recording.recorder.video_file import VideoFile
+from caris_desktop.recording.recorder.video_file import VideoFileWriter
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, VideoInfo
 from caris_desktop.recording.session.frame_times import index_path
 from caris_desktop.recording.session.manifest import write_manifest
@@ -269,7 +269,7 @@ class _SessionWriter:
             DiskFile(folder / "events.mcap"), anchor=clock.anchor, metadata={"program_version": __version__}
         )
         self._plain = PlainFiles(folder, clock, on_full=lambda: False)
-        self._videos: dict[str, VideoFile] = {}
+        self._videos: dict[str, VideoFileWriter] = {}
         self._names: set[str] = set()
         self._sequences: Counter[str] = Counter()
         self._finished: list[VideoInfo] = []
@@ -286,7 +286,7 @@ class _SessionWriter:
         """Raises OSError."""
         if self._waiting:
             self._put_waiting(arrived_ns)
-        if isinstance(value, Picture):
+        if isinstance(value, BagPicture):
             self._put_picture(value, arrived_ns)
             return
         spec = BY_TYPE[type(value)]
@@ -335,7 +335,7 @@ class _SessionWriter:
                 del self._waiting[kind]
                 self._write(value, now_ns)
 
-    def _put_picture(self, picture: Picture, arrived_ns: int) -> None:
+    def _put_picture(self, picture: BagPicture, arrived_ns: int) -> None:
         camera = picture.camera
         if camera in self.without_video:
             raise MessageError(f"the video of this camera has ended: {self.without_video[camera]}")
@@ -356,14 +356,14 @@ class _SessionWriter:
         self._sequences[camera] = sequence
         self._write(ref, arrived_ns)
 
-    def _video_for(self, camera: str, width_px: int, height_px: int) -> VideoFile:
+    def _video_for(self, camera: str, width_px: int, height_px: int) -> VideoFileWriter:
         video = self._videos.get(camera)
         if video is not None and (video.width_px, video.height_px) == (width_px // 2 * 2, height_px // 2 * 2):
             return video
         if video is not None:
             self._close_video(camera)
         name = video_file_name(camera, self._names)
-        video = VideoFile(
+        video = VideoFileWriter(
             self._folder / name,
             width_px=width_px,
             height_px=height_px,

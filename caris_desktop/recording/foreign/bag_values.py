@@ -60,7 +60,7 @@ _HEARD_WORDS = ("asr", "stt", "transcript", "recogni", "heard", "participant", "
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class BagPicture:
     """One camera image. ``image_bgr`` is uint8, shape (height, width, 3)."""
 
     camera: str
@@ -336,10 +336,10 @@ class ValueMaker:
         match role.kind:
             case "image":
                 raw = decode_image(message)
-                yield Picture(role.camera, raw.robot_stamp_ns, raw.image_bgr)
+                yield BagPicture(role.camera, raw.robot_stamp_ns, raw.image_bgr)
             case "compressed_image":
                 image = messages.decode_compressed_image(message)
-                yield Picture(role.camera, image.robot_stamp_ns, _unfolded_image(image.content))
+                yield BagPicture(role.camera, image.robot_stamp_ns, _unfolded_image(image.content))
             case "compressed_video":
                 yield from self._video_frames(role.camera, message)
             case "camera_info":
@@ -430,7 +430,7 @@ class ValueMaker:
             at_ns, f"bag-{self._utterances}", speaker, said, "heard", "finished", detail=f"from {channel.topic}"
         )
 
-    def _video_frames(self, camera: str, message: Message) -> Iterator[Picture]:
+    def _video_frames(self, camera: str, message: Message) -> Iterator[BagPicture]:
         """What a packet of video shows, by all those before it. One decoder for each camera."""
         import av
 
@@ -448,7 +448,7 @@ class ValueMaker:
         except av.error.FFmpegError as error:
             raise MessageError(f"video that cannot be decoded ({error})") from error
         for frame in frames:
-            yield Picture(camera, video.robot_stamp_ns, frame.to_ndarray(format="bgr24"))
+            yield BagPicture(camera, video.robot_stamp_ns, frame.to_ndarray(format="bgr24"))
 
     def _own_value(self, stream: str, message: Message, at_ns: int) -> Iterator[Any]:
         try:

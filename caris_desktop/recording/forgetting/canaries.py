@@ -35,7 +35,7 @@ class ForgettingStopped(ToldFailure):
 
 
 @dataclass(frozen=True)
-class Words:
+class PersonNames:
     """The names of one person. Parts of a name of several are found as well, since people are called by them."""
 
     names: tuple[str, ...]
@@ -97,7 +97,7 @@ class Words:
 class Canaries:
     """All of it. ``pictures`` are bytes that nobody else's data holds: portraits and vectors, as they are."""
 
-    words: Words
+    words: PersonNames
     pictures: tuple[bytes, ...] = field(default=(), repr=False)
 
     @cached_property
@@ -180,4 +180,4 @@ def _in_base64(piece: bytes) -> Iterator[bytes]:
 
 
 def all_of(names: Iterable[str], pictures: Iterable[bytes]) -> Canaries:
-    return Canaries(Words(tuple(dict.fromkeys(name for name in names if name.strip()))), tuple(pictures))
+    return Canaries(PersonNames(tuple(dict.fromkeys(name for name in names if name.strip()))), tuple(pictures))

@@ -9,7 +9,7 @@ from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting.canaries import ForgettingStopped
-from caris_desktop.recording.forgetting.texts import Decision, Place
+from caris_desktop.recording.forgetting.texts import Decision, Passage
 
 _HEAD = """\
 # Texts that may name the person who is being forgotten. Write what is to become of each in place of the ?:
@@ -33,7 +33,7 @@ class Review:
     decisions: Mapping[str, Decision]
 
 
-def write_review(path: Path, person_id: str, names: Iterable[str], places: Iterable[Place]) -> None:
+def write_review(path: Path, person_id: str, names: Iterable[str], places: Iterable[Passage]) -> None:
     """Raises OSError."""
     lines = [_HEAD, f"{_PERSON}{person_id}\n", f"{_NAMES}{' | '.join(names)}\n"]
     file = None

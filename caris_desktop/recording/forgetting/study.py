@@ -18,7 +18,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting import media, texts
 from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
-from caris_desktop.recording.forgetting.canaries import ForgettingStopped, Words, all_of
+from caris_desktop.recording.forgetting.canaries import ForgettingStopped, PersonNames, all_of
 from caris_desktop.recording.forgetting.exports import Exports
 from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, first_line_of, path_of
 from caris_desktop.recording.forgetting.kept_texts import KeptTexts, Rewrite
@@ -162,7 +162,7 @@ class _Forgetting:
         self._erase = erase
         self._progress = progress
         self._canaries = all_of(request.names, request.pictures)
-        self._words: Words = self._canaries.words
+        self._words: PersonNames = self._canaries.words
         self._search = ByteSearch(self._canaries)
         self._texts = TextWork(self._words, request.decisions, request.otherwise)
         self._journal = Journal(self._study, request.person_ids[0], without_names=self._without_names)

@@ -9,7 +9,7 @@ from typing import Literal
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.forgetting.canaries import FORGOTTEN, FORGOTTEN_IN_YAML, Words
+from caris_desktop.recording.forgetting.canaries import FORGOTTEN, FORGOTTEN_IN_YAML, PersonNames
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session import mcap_records as records
@@ -28,7 +28,7 @@ _AS_IT_IS = {"utf-8": "surrogateescape", "utf-16-le": "surrogatepass", "utf-16-b
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Passage:
     """Where the person may be named: the words before, the name as it stands there, and the words behind.
 
     Places with the same words in one file are one, ``count`` times. ``where`` is a line, or a moment of the session.
@@ -49,17 +49,17 @@ class Place:
 class TextWork:
     """The texts of one forgetting. ``decisions`` are by key of place; ``otherwise`` is for those without one."""
 
-    words: Words
+    words: PersonNames
     decisions: Mapping[str, Decision]
     otherwise: Decision
-    places: dict[str, Place] = field(default_factory=dict)
+    places: dict[str, Passage] = field(default_factory=dict)
 
-    def decided(self, place: Place) -> Decision:
+    def decided(self, place: Passage) -> Decision:
         """What nobody can do to a whole file is no decision about it."""
         decision = self.decisions.get(place.key) or self.otherwise
         return "" if place.kind == "file" and decision == "redact" else decision
 
-    def open_places(self) -> list[Place]:
+    def open_places(self) -> list[Passage]:
         """Those that wait for somebody to decide."""
         return [place for place in self.places.values() if not self.decided(place)]
 
@@ -75,7 +75,7 @@ class TextWork:
             key = _key(file, before, text[start:end], behind)
             known = self.places.get(key)
             if known is None:
-                self.places[key] = Place(key, file, where(), before, text[start:end], behind)
+                self.places[key] = Passage(key, file, where(), before, text[start:end], behind)
             else:
                 self.places[key] = replace(known, count=known.count + 1)
             found.append((start, end, self.decided(self.places[key])))
@@ -83,13 +83,13 @@ class TextWork:
 
     def note_file(self, file: str, words: str, *, count: int = 1) -> Decision:
         """A file that cannot be changed inside shows or names the person."""
-        return self._noted(Place(_key(file, "", "", ""), file, "in it", "", words.strip(), "", "file", count))
+        return self._noted(Passage(_key(file, "", "", ""), file, "in it", "", words.strip(), "", "file", count))
 
     def note_name(self, file: str, name: str) -> Decision:
         """The name of a file names the person."""
-        return self._noted(Place(_key(file, "", "name", ""), file, "its name", "", name, "", "file name"))
+        return self._noted(Passage(_key(file, "", "name", ""), file, "its name", "", name, "", "file name"))
 
-    def _noted(self, place: Place) -> Decision:
+    def _noted(self, place: Passage) -> Decision:
         self.places[place.key] = place
         return self.decided(place)
 

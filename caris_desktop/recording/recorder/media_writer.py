@@ -23,7 +23,7 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
 from caris_desktop.recording.recorder.messages import TakePhoto
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
-from caris_desktop.recording.recorder.video_file import VideoFile
+from caris_desktop.recording.recorder.video_file import VideoFileWriter
 from caris_desktop.recording.recorder.video_rate import Change, VideoRate
 from caris_desktop.recording.session.format import VideoInfo
 from caris_desktop.recording.session.media_names import video_file_name
@@ -169,7 +169,7 @@ class MediaWriter:
             self._cameras[name] = camera
         return camera
 
-    def _new_video(self, camera: str, image_bgr: NDArray[np.uint8], fast: bool) -> VideoFile:
+    def _new_video(self, camera: str, image_bgr: NDArray[np.uint8], fast: bool) -> VideoFileWriter:
         """In the thread of the camera. The first encoder that opens is taken."""
         height_px, width_px = image_bgr.shape[:2]
         with self._budget.lock:
@@ -178,7 +178,7 @@ class MediaWriter:
         choices = self._encoders.choose(width_px, height_px, fast=fast)
         for encoder in choices:
             try:
-                return VideoFile(
+                return VideoFileWriter(
                     self._folder / name,
                     width_px=width_px,
                     height_px=height_px,
@@ -225,7 +225,7 @@ class _CameraThread:
     def __init__(
         self,
         camera: str,
-        new_video: Callable[[str, NDArray[np.uint8], bool], VideoFile],
+        new_video: Callable[[str, NDArray[np.uint8], bool], VideoFileWriter],
         note_failure: Callable[[Encoder], None],
         results: deque[MediaResult],
         budget: _Budget,
@@ -241,7 +241,7 @@ class _CameraThread:
         self._ended = False
         self._refused = False
         self._fast = False
-        self._video: VideoFile | None = None
+        self._video: VideoFileWriter | None = None
         self._finished: list[VideoInfo] = []
         self._finished_bytes = 0
         self.left_out = 0
@@ -331,7 +331,7 @@ class _CameraThread:
                 MediaFailed("video" if self._refused else "encoder", self._camera, lost, full, str(error))
             )
 
-    def _video_for(self, image_bgr: NDArray[np.uint8]) -> VideoFile:
+    def _video_for(self, image_bgr: NDArray[np.uint8]) -> VideoFileWriter:
         video = self._video
         if video is not None and (video.height_px, video.width_px) == tuple(
             size_px // 2 * 2 for size_px in image_bgr.shape[:2]
@@ -353,13 +353,13 @@ class _CameraThread:
             self._results.append(MediaFailed("video index", self._camera, video.lost, full, str(error)))
         self._finish(video)
 
-    def _finish(self, video: VideoFile) -> None:
+    def _finish(self, video: VideoFileWriter) -> None:
         self._finished.append(self._info(video))
         self._finished_bytes += video.written_bytes
         self.left_out = 0
         self._video = None
 
-    def _info(self, video: VideoFile) -> VideoInfo:
+    def _info(self, video: VideoFileWriter) -> VideoInfo:
         duration_s = (video.last_stamp_ns - video.first_stamp_ns) / 1e9
         return VideoInfo(
             file_name=video.path.name,

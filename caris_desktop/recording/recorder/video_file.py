@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 KEY_FRAME_EVERY_S = 0.4
 
 
-class VideoFile:
+class VideoFileWriter:
     """Frames of one size, shown at the times they were taken (or else arrived): time 0 is ``first_stamp_ns``.
 
     The lines of the index are written just before their frames, so that after a kill every frame has its line; the

@@ -42,7 +42,7 @@ class RecordedFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class VideoPicture:
     """A frame with its pixels: uint8 BGR, shape (height, width, 3)."""
 
     info: RecordedFrame
@@ -81,7 +81,7 @@ class VideoReader:
         number = int(np.searchsorted(self._stamps_ns(camera), stamp_ns, side="right")) - 1
         return None if number < 0 else self._info(camera, number)
 
-    def frame_at(self, camera: str, stamp_ns: int, *, nearest_key: bool = False) -> Picture | None:
+    def frame_at(self, camera: str, stamp_ns: int, *, nearest_key: bool = False) -> VideoPicture | None:
         """As :meth:`info_at`, with the picture.
 
         ``nearest_key`` gives the key frame at or before it, which is quick anywhere; the info says which that was.
@@ -89,7 +89,7 @@ class VideoReader:
         found = self.info_at(camera, stamp_ns)
         return None if found is None else self.frame(camera, found.number, nearest_key=nearest_key)
 
-    def frame(self, camera: str, number: int, *, nearest_key: bool = False) -> Picture | None:
+    def frame(self, camera: str, number: int, *, nearest_key: bool = False) -> VideoPicture | None:
         """A frame by its number; None where there is none, or where it cannot be decoded."""
         place = self._place(camera, number)
         if place is None:
@@ -100,7 +100,7 @@ class VideoReader:
             return None
         found, picture = decoded
         info = self._info(camera, number - at + found)
-        return None if info is None else Picture(info, picture.to_ndarray(format="bgr24"))
+        return None if info is None else VideoPicture(info, picture.to_ndarray(format="bgr24"))
 
     def thumbnail(self, camera: str, stamp_ns: int, width_px: int) -> NDArray[np.uint8] | None:
         """A small picture of about that moment: the key frame at or before it, ``width_px`` wide."""

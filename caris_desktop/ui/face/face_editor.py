@@ -30,7 +30,7 @@ from caris_desktop.conversation.face.file import (
     face_text,
     load_face,
 )
-from caris_desktop.conversation.face.motion import FaceMotion, Voice
+from caris_desktop.conversation.face.motion import FaceMotion, SpokenLoudness
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.declared import Key, keys_of
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -182,7 +182,7 @@ class FaceEditor(TabAsRead, QDialog):
                 slider.show_value(getattr(expression, attribute))
 
     def _on_speak(self, on: bool) -> None:
-        self._motion.speak(Voice(clock.now_ns()) if on else None)
+        self._motion.speak(SpokenLoudness(clock.now_ns()) if on else None)
 
     def _on_keep(self) -> None:
         name = self._name.text().strip()

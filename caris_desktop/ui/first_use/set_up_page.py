@@ -12,7 +12,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens
 from caris_desktop.ui.first_use.choice_buttons import ChoiceButton, StepButton
 from caris_desktop.ui.first_use.step_pages import StepPage, page_maker
-from caris_desktop.ui.first_use.steps import Step, StepName, steps_for
+from caris_desktop.ui.first_use.steps import SetUpStep, StepName, steps_for
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preflight.preflight_words import worst
 from caris_desktop.ui.robot_choice import RobotChooser
@@ -44,7 +44,7 @@ class SetUpPage(Overlay):
         column = QVBoxLayout(self.card)
         column.setContentsMargins(28, 22, 28, 20)
         column.addWidget(self._pages)
-        self._steps: tuple[Step, ...] = ()
+        self._steps: tuple[SetUpStep, ...] = ()
         self._step_buttons: dict[StepName, StepButton] = {}
         self._step_page: QWidget | None = None
         console.state.preflight.changed.connect(self._show_checks)

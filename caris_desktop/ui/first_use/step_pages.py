@@ -13,7 +13,7 @@ from caris_desktop.live.distant_ear import ear_of
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
-from caris_desktop.ui.first_use.steps import Step, StepName
+from caris_desktop.ui.first_use.steps import SetUpStep, StepName
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.speak.voice_choices import voice_choices
@@ -31,7 +31,7 @@ _PICTURE_PX = QSize(480, 270)
 class StepPage(QWidget):
     """What the step is about, how it stands, and what to do about it."""
 
-    def __init__(self, theme: Theme, console: WizardConsole, step: Step) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, step: SetUpStep) -> None:
         super().__init__()
         self.setObjectName(f"first_use_step_{step.name}")
         self.theme, self.console, self.step = theme, console, step
@@ -91,7 +91,7 @@ class StepPage(QWidget):
 class RobotPage(StepPage):
     """The robots that there are profiles of, and a look for others."""
 
-    def __init__(self, theme: Theme, console: WizardConsole, step: Step, robots: RobotChooser) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, step: SetUpStep, robots: RobotChooser) -> None:
         self._robots = robots
         super().__init__(theme, console, step)
 
@@ -300,7 +300,7 @@ class ModelPage(StepPage):
 
 def page_maker(
     theme: Theme, console: WizardConsole, robots: RobotChooser
-) -> dict[StepName, Callable[[Step], StepPage]]:
+) -> dict[StepName, Callable[[SetUpStep], StepPage]]:
     """Makes the page of a step by its name."""
     return {
         "robot": lambda step: RobotPage(theme, console, step, robots),

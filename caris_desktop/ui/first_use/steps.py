@@ -11,7 +11,7 @@ StepName = Literal["robot", "camera", "sound", "model"]
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class SetUpStep:
     """``checks`` are the ids of those that tell how it stands; without any of them the scenario has no need of it."""
 
     name: StepName
@@ -24,29 +24,29 @@ class Step:
         return tuple(check for check in checks if check.id in self.checks)
 
 
-STEPS: tuple[Step, ...] = (
-    Step(
+STEPS: tuple[SetUpStep, ...] = (
+    SetUpStep(
         "robot",
         QT_TR_NOOP("Robot"),
         QT_TR_NOOP("Choose the robot. It has to run rosbridge, and be in the same network as this computer."),
         "robot",
         ("robot",),
     ),
-    Step(
+    SetUpStep(
         "camera",
         QT_TR_NOOP("Camera"),
         QT_TR_NOOP("This is what the robot sees now. Which cameras are used, the scenario says."),
         "camera",
         ("video",),
     ),
-    Step(
+    SetUpStep(
         "sound",
         QT_TR_NOOP("Sound"),
         QT_TR_NOOP("Hear that the robot speaks, and see that the microphone hears."),
         "speaker-high",
         ("voice", "microphone"),
     ),
-    Step(
+    SetUpStep(
         "model",
         QT_TR_NOOP("Language model"),
         QT_TR_NOOP("It suggests what to say. You can do everything without one."),
@@ -56,6 +56,6 @@ STEPS: tuple[Step, ...] = (
 )
 
 
-def steps_for(checks: Sequence[PreflightCheck]) -> tuple[Step, ...]:
+def steps_for(checks: Sequence[PreflightCheck]) -> tuple[SetUpStep, ...]:
     """Those that the scenario has need of."""
     return tuple(step for step in STEPS if step.of(checks))

@@ -22,7 +22,7 @@ from caris_desktop.ui.speak.field import SpeakField
 from caris_desktop.ui.speak.gap_row import GapRow
 from caris_desktop.ui.speak.phrase_rows import PhraseRows
 from caris_desktop.ui.speak.queue_list import ROW_PX, QueueList
-from caris_desktop.ui.speak.voice_choices import VoiceChoice, voice_choices
+from caris_desktop.ui.speak.voice_choices import VoiceLine, voice_choices
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.key_cap import KeyCap
 from caris_desktop.ui.widgets.talk_button import TALK, TalkButton
@@ -221,7 +221,7 @@ class SpeakPanel(Panel):
             self._voice_menu.addSeparator()
         self._voice_menu.popup(self._voice.mapToGlobal(QPoint(0, self._voice.height() + 4)))
 
-    def _add_choice(self, menu: QMenu, choice: VoiceChoice) -> None:
+    def _add_choice(self, menu: QMenu, choice: VoiceLine) -> None:
         action = menu.addAction(choice.text)
         action.setCheckable(True)
         action.setChecked(choice.chosen)

@@ -12,7 +12,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
 
 
-class Face(QWidget):
+class FacePicture(QWidget):
     def __init__(self, theme: Theme, pixmaps: PortraitPixmaps, size_px: int) -> None:
         super().__init__()
         self._theme = theme

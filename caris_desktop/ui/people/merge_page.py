@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
-from caris_desktop.ui.people.face import Face
+from caris_desktop.ui.people.face import FacePicture
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import found, in_order
 from caris_desktop.ui.theme import Theme
@@ -48,7 +48,7 @@ class MergePage(QWidget):
         self._field.returnPressed.connect(self._choose_first)
         self._offered = [ActionButton(theme, "", may_shrink=True, height_px=32) for _ in range(_OFFERED)]
         self._ids = [""] * _OFFERED
-        self._faces = (Face(theme, pixmaps, _PORTRAIT_PX), Face(theme, pixmaps, _PORTRAIT_PX))
+        self._faces = (FacePicture(theme, pixmaps, _PORTRAIT_PX), FacePicture(theme, pixmaps, _PORTRAIT_PX))
         self._names = (QLabel(), QLabel())
         self._both = QWidget()
         both = QHBoxLayout(self._both)

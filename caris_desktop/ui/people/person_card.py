@@ -17,7 +17,7 @@ from caris_desktop.live.status import PersonHistory
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.people.about_page import AboutPage
-from caris_desktop.ui.people.face import Face
+from caris_desktop.ui.people.face import FacePicture
 from caris_desktop.ui.people.forget_page import ForgetPage
 from caris_desktop.ui.people.merge_page import MergePage
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
@@ -62,7 +62,7 @@ class PersonCard(QWidget):
         self._beside = QRect()
         self._dragged: QPoint | None = None
         self._focus_before: QWidget | None = None
-        self._face = Face(theme, pixmaps, _PORTRAIT_PX)
+        self._face = FacePicture(theme, pixmaps, _PORTRAIT_PX)
         self._name = CutLabel()
         self._name.setObjectName("person_card_name")
         self._seen = CutLabel()

@@ -23,7 +23,7 @@ DRAWER_BELOW_PX = _LEAST_PANELS_PX + 8 + LOW_PX
 """Where the panels and the timeline have no more room than this together, one of them is open at a time."""
 
 
-class ReplayParts(QObject):
+class ReplayWidgets(QObject):
     """The timeline and the bar, with their keys; ``arrange`` puts them into the window."""
 
     def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:

@@ -13,7 +13,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.key_path import KeyPath, name_of
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.document import Mistake, ScenarioDocument, Step
+from caris_desktop.scenario.document import Mistake, ScenarioDocument, UndoStep
 from caris_desktop.ui.theme import Theme
 
 
@@ -64,12 +64,12 @@ class Editing(QObject):
         self.document.pause()
         self.told(reshaped=True)
 
-    def undo(self) -> Step | None:
+    def undo(self) -> UndoStep | None:
         step = self.document.undo()
         self.told(reshaped=True)
         return step
 
-    def redo(self) -> Step | None:
+    def redo(self) -> UndoStep | None:
         step = self.document.redo()
         self.told(reshaped=True)
         return step

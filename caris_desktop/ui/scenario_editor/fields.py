@@ -24,7 +24,7 @@ _MOST_PROSE_LINES = 14
 _SHORT_UNITS = {"metres": "m", "degrees": "°", "seconds": "s", "minutes": "min", "pixels": "px"}
 
 
-class Part(QWidget):
+class FormPart(QWidget):
     """A piece of the form for one place of the file."""
 
     def __init__(self, context: FormContext, path: KeyPath) -> None:
@@ -41,7 +41,7 @@ class Part(QWidget):
         raise NotImplementedError
 
 
-class Field(Part):
+class Field(FormPart):
     """A single value with its title, what it means, and what is wrong with it.
 
     ``compact`` is for rows: what it means is only in its tip.

@@ -38,7 +38,7 @@ from caris_desktop.ui import tokens
 from caris_desktop.ui.scenario_editor.arranging import drop, show_at_once
 from caris_desktop.ui.scenario_editor.editing import FormContext, readable, sentence_at
 from caris_desktop.ui.scenario_editor.entries import card_name, in_one_row, kinds_of_entries
-from caris_desktop.ui.scenario_editor.fields import ChoiceField, Field, NumberField, Part, field_for
+from caris_desktop.ui.scenario_editor.fields import ChoiceField, Field, FormPart, NumberField, field_for
 from caris_desktop.ui.scenario_editor.keys_of_entries import key_of_entry
 from caris_desktop.ui.scenario_editor.robot_here import POSE_KEYS, RobotHere
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -50,7 +50,7 @@ _ROWS_AT_ONCE = 4
 _CAP_COLUMN_PX: dict[str | int, int] = {"phrases": 34, "places": 48}
 
 
-def part_for(context: FormContext, path: KeyPath, key: Key) -> Part:
+def part_for(context: FormContext, path: KeyPath, key: Key) -> FormPart:
     """The piece of the form for a key of a group."""
     form = key.form
     if item_of(form.kind) is not None:
@@ -65,7 +65,7 @@ def part_for(context: FormContext, path: KeyPath, key: Key) -> Part:
     return field_for(context, path, form, key)
 
 
-class _Holder(Part):
+class _Holder(FormPart):
     """Has parts below it, and words of its own: a title, what it means, what is wrong with it as a whole."""
 
     def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key | None, said: str = "") -> None:
@@ -76,7 +76,7 @@ class _Holder(Part):
         # The page is called like this already.
         headed = key is not None and self.title == section_of(key)
         self.context = context if headed else context.inside(self.title)
-        self.parts: list[Part] = []
+        self.parts: list[FormPart] = []
         self.column = QVBoxLayout(self)
         self.column.setContentsMargins(0, 0, 0, 0)
         self.column.setSpacing(12)
@@ -352,7 +352,7 @@ class ListPart(_Holder):
             self.refresh()
 
 
-class EntryRow(Part):
+class EntryRow(FormPart):
     """One entry of a list. Small ones are a row, large ones a card that folds."""
 
     def __init__(self, holder: ListPart, index: int, group: Group | None) -> None:
@@ -366,7 +366,7 @@ class EntryRow(Part):
         self._in_row = self._group is None or in_one_row(self._group) or self._is_text_group
         self._folds = not self._in_row
         self._open = False
-        self._body: Part | None = None
+        self._body: FormPart | None = None
         self.fields: list[Field] = []
         self._more: QWidget | None = None
         self._mistake: QLabel | None = None
@@ -529,7 +529,7 @@ class EntryRow(Part):
             self._body.setVisible(self._open)
         self.refresh()
 
-    def _make_body(self) -> Part:
+    def _make_body(self) -> FormPart:
         if self._group is not None and (text_of(self._form.kind) is not None or is_group(self._form.kind)):
             return GroupPart(self.context, self.path, self._form, group=self._group)
         return OneOfGroups(self.context, self.path, self._form)

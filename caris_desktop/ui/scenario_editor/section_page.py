@@ -9,7 +9,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.scenario_editor.arranging import show_at_once
 from caris_desktop.ui.scenario_editor.editing import FormContext
-from caris_desktop.ui.scenario_editor.fields import Field, Part
+from caris_desktop.ui.scenario_editor.fields import Field, FormPart
 from caris_desktop.ui.scenario_editor.groups import part_for
 from caris_desktop.ui.scenario_editor.sections import Section
 
@@ -23,7 +23,7 @@ class SectionPage(QScrollArea):
         super().__init__()
         self.section = section
         self._context = context
-        self.parts: list[Part] = []
+        self.parts: list[FormPart] = []
         self._column: QVBoxLayout | None = None
         self._stale = False
         self._next = QTimer(self, singleShot=True, interval=0)

@@ -27,7 +27,7 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import SavedScenario
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.document import ScenarioDocument, Step
+from caris_desktop.scenario.document import ScenarioDocument, UndoStep
 from caris_desktop.scenario.library import own_file, user_scenarios_dir
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui import tokens
@@ -349,7 +349,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         self.text_page.flush()
         self._show_step(self.editing.redo())
 
-    def _show_step(self, step: Step | None) -> None:
+    def _show_step(self, step: UndoStep | None) -> None:
         if step is not None and step.path and isinstance(self.stack.currentWidget(), SectionPage):
             self.reveal(step.path)
 
@@ -540,7 +540,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         QPainter(self).fillRect(self.rect(), self._theme.color("window"))
 
 
-def _step_words(text: str, step: Step | None) -> str:
+def _step_words(text: str, step: UndoStep | None) -> str:
     return text.format(what=" › ".join(step.words) or tr("the text")) if step is not None else ""
 
 

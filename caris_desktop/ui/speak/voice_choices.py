@@ -20,7 +20,7 @@ _VOLUMES = ((0.25, QT_TR_NOOP("Quietly")), (0.5, QT_TR_NOOP("At half volume")), 
 
 
 @dataclass(frozen=True, slots=True)
-class VoiceChoice:
+class VoiceLine:
     """One line of the menu. ``chosen``: it is so now. ``id`` is the same in every language."""
 
     id: str
@@ -29,15 +29,15 @@ class VoiceChoice:
     intent: SetVoice
 
 
-def voice_choices(voice: VoiceStatus) -> list[list[VoiceChoice]]:
+def voice_choices(voice: VoiceStatus) -> list[list[VoiceLine]]:
     """Group by group; of this computer's voice only where it speaks."""
 
-    def choice(known_as: str, *, text: str = "", chosen: bool, **changes: object) -> VoiceChoice:
+    def choice(known_as: str, *, text: str = "", chosen: bool, **changes: object) -> VoiceLine:
         now: dict[str, object] = {
             "output": voice.output, "name": voice.name, "language": voice.language, "rate": voice.rate,
             "volume": voice.volume,
         }  # fmt: skip
-        return VoiceChoice(known_as, text or tr(known_as), chosen, SetVoice(**{**now, **changes}))  # type: ignore[arg-type]
+        return VoiceLine(known_as, text or tr(known_as), chosen, SetVoice(**{**now, **changes}))  # type: ignore[arg-type]
 
     groups = [[choice(text, chosen=voice.output == output, output=output) for output, text in _OUTPUTS]]
     if voice.output == "robot":

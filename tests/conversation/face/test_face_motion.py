@@ -5,7 +5,7 @@ import numpy as np
 
 from caris_desktop.conversation.face.drawing import Box, Lips, Words, drawing_of
 from caris_desktop.conversation.face.file import Face
-from caris_desktop.conversation.face.motion import FaceMotion, Look, Voice, loudness
+from caris_desktop.conversation.face.motion import FaceMotion, Look, SpokenLoudness, loudness
 
 FRAME_NS = 40_000_000
 UNBLINKING = Face("A", blink_every_s=0.0)
@@ -45,7 +45,7 @@ def test_the_mouth_opens_with_the_sound_and_closes_with_its_end() -> None:
     second = np.arange(rate_hz) / rate_hz
     loud = (8000 * np.sin(440 * 2 * np.pi * second)).astype(np.int16)
     shares = loudness(np.concatenate([loud, np.zeros(rate_hz, np.int16), loud // 2]), rate_hz)
-    motion.speak(Voice(1_000_000_000, shares=shares))
+    motion.speak(SpokenLoudness(1_000_000_000, shares=shares))
     said = [look.mouth_open for look in looks(motion, 3, from_s=1)]
     assert min(said[2:23]) > 0.9 and max(said[27:48]) == 0.0 and 0.4 < np.mean(said[52:73]) < 0.6
     motion.speak(None)
@@ -54,7 +54,7 @@ def test_the_mouth_opens_with_the_sound_and_closes_with_its_end() -> None:
 
 def test_a_voice_that_nobody_hears_here_moves_the_mouth_in_syllables_until_it_ends() -> None:
     motion = FaceMotion(UNBLINKING)
-    motion.speak(Voice(0))
+    motion.speak(SpokenLoudness(0))
     said = [look.mouth_open for look in looks(motion, 4)]
     opened = sum(now > 0.3 >= before for before, now in itertools.pairwise(said))
     assert 8 <= opened <= 24

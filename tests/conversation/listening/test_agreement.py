@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from caris_desktop.conversation.listening.agreement import Agreement, HeardWord
+from caris_desktop.conversation.listening.agreement import AgreedWords, HeardWord
 from caris_desktop.conversation.listening.plausible import is_nothing, within_voice, without_repetition
 
 
@@ -12,7 +12,7 @@ def heard(text: str, from_s: float = 0.0) -> list[HeardWord]:
 
 
 def test_words_are_committed_once_two_passes_agree() -> None:
-    words = Agreement()
+    words = AgreedWords()
     words.take(heard("I came hear"))
     assert (words.committed, words.tentative) == ("", "I came hear")
     words.take(heard("I came here with"))
@@ -25,7 +25,7 @@ def test_what_is_committed_never_changes_whatever_comes_later() -> None:
     chance = np.random.default_rng(3)
     vocabulary = ["where", "is", "the", "old", "robot", "tram", "lab", "please", "thank", "you"]
     for _ in range(100):
-        words, before = Agreement(), ""
+        words, before = AgreedWords(), ""
         sentence = chance.choice(vocabulary, 16)
         for length in range(1, 17):
             words.take(heard(" ".join(np.where(chance.random(length) > 0.2, sentence[:length], "um"))))
@@ -34,7 +34,7 @@ def test_what_is_committed_never_changes_whatever_comes_later() -> None:
 
 
 def test_a_pass_that_writes_the_committed_words_otherwise_does_not_bring_them_twice() -> None:
-    words = Agreement()
+    words = AgreedWords()
     words.take(heard("Where is the robotics lab"))
     words.take(heard("Where is the robotics lab"))
     words.take(heard("Wears the robotics lab please?"))
@@ -42,7 +42,7 @@ def test_a_pass_that_writes_the_committed_words_otherwise_does_not_bring_them_tw
 
 
 def test_a_pass_that_leaves_out_the_beginning_does_not_bring_the_rest_twice() -> None:
-    words = Agreement()
+    words = AgreedWords()
     words.take(heard("Well I was thinking where is the robotics lab"))
     words.take(heard("Well I was thinking where is the robotics lab"))
     words.take(heard("where is the robotics lab please?"))
@@ -50,14 +50,14 @@ def test_a_pass_that_leaves_out_the_beginning_does_not_bring_the_rest_twice() ->
 
 
 def test_punctuation_and_case_do_not_keep_passes_from_agreeing() -> None:
-    words = Agreement()
+    words = AgreedWords()
     words.take(heard("well, I was"))
     words.take(heard("Well I was thinking."))
     assert words.committed == "Well I was"
 
 
 def test_sound_is_cut_behind_the_last_committed_sentence() -> None:
-    words = Agreement()
+    words = AgreedWords()
     for _ in range(2):
         words.take(heard("Good afternoon. Could you"))
     assert words.cut_at_s() == heard("Good afternoon. Could you")[1].end_s

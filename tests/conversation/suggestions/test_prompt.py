@@ -2,7 +2,7 @@
 
 import pytest
 
-from caris_desktop.conversation.suggestions.prompt import MAX_TURNS, Situation, reply_messages, turns_told
+from caris_desktop.conversation.suggestions.prompt import MAX_TURNS, ReplyGrounds, reply_messages, turns_told
 from caris_desktop.conversation.transcript import Turn
 from tests.conversation.test_prompts import HOSTILE
 
@@ -10,7 +10,7 @@ from tests.conversation.test_prompts import HOSTILE
 @pytest.mark.parametrize("hostile", HOSTILE)
 def test_nothing_that_is_said_and_no_name_ends_its_quotation(hostile: str) -> None:
     turns = [Turn("u-1", "participant", hostile, "heard", "finished", 1, 2)]
-    situation = Situation("You guide tours.", hostile, turns, hostile, hostile, [hostile])
+    situation = ReplyGrounds("You guide tours.", hostile, turns, hostile, hostile, [hostile])
     system, said, *more = reply_messages(situation, with_examples=False)
     assert (system.role, said.role, more) == ("system", "user", [])
     earlier, now = said.content.split("\n")

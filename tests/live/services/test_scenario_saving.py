@@ -16,7 +16,7 @@ from caris_desktop.live.services.scenario import Imported, ScenarioParts, Scenar
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import SavedScenario
-from caris_desktop.scenario.bundle import ImportQuestion, NameConflict, Part
+from caris_desktop.scenario.bundle import BundledFile, ImportQuestion, NameConflict
 from caris_desktop.scenario.model import PanelLeaf, Scenario
 
 OPEN = Scenario("Open", PanelLeaf("map"), path=Path("/scenarios/open.yaml"))
@@ -130,7 +130,9 @@ def test_names_that_are_taken_are_asked_about_before_anything_is_done(bench: Ben
     told: list[Problem] = []
     bench.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
     received = Path("/received/open.caris")
-    bench.conflicts = (NameConflict(Part("scenario", "open", "Theirs"), OPEN.path or Path(), "Open", True, "open-2"),)
+    bench.conflicts = (
+        NameConflict(BundledFile("scenario", "open", "Theirs"), OPEN.path or Path(), "Open", True, "open-2"),
+    )
     do = bench.service.handlers()[intents.ImportScenario]
     for incomplete in ((), (intents.SameName("robot", "open"),)):
         with qtbot.waitSignal(bench.state.import_question.changed):

@@ -7,7 +7,7 @@ import pytest
 from caris_desktop.domain.onnx_graph import with_metadata
 from caris_desktop.perception.backends.chosen import open_chosen
 from caris_desktop.perception.inference_settings import DetectorSettings
-from caris_desktop.perception.weights import ModelChoice, WeightsError
+from caris_desktop.perception.weights import DetectorChoice, WeightsError
 from tests.perception.shared_data import INT8_WEIGHTS, OSNET_WEIGHTS, YOLOX_WEIGHTS, needs_int8_weights
 
 needs_yolox = pytest.mark.skipif(not YOLOX_WEIGHTS.is_file(), reason=f"needs {YOLOX_WEIGHTS}")
@@ -53,7 +53,7 @@ def test_what_is_not_there_is_told(tmp_path: Path) -> None:
 
 @needs_yolox
 def test_the_size_of_a_scenario_is_that_of_a_network_that_takes_any_and_of_no_other() -> None:
-    settings = DetectorSettings(ModelChoice(input_px=640))
+    settings = DetectorSettings(DetectorChoice(input_px=640))
     chosen = open_chosen(YOLOX_WEIGHTS, settings, confidence=0.1, threads=1, allow_download=False)
     assert "416x416 px" in chosen.detector.label
     assert chosen.people == (0,)

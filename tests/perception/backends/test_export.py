@@ -23,7 +23,7 @@ def refuse(event, arguments):
 
 sys.addaudithook(refuse)
 folder = Path(sys.argv[1])
-from caris_desktop.perception.backends.export import ExportError, export_onnx
+from caris_desktop.perception.backends.export import ModelExportError, export_onnx
 from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
 from caris_desktop.perception.weights import Weights
 prepare_ultralytics(threads=1, cache_dir=folder)
@@ -55,7 +55,7 @@ for name in ("yolov8n", "yolov8n-pose", "yolov8n-cls"):
                 found, told["undecoded"] = decode(found, (height, width), 1e-6), True
             told["differences"].append(float(np.abs(found - expected).max()))
             told["shape"] = [list(found.shape), list(expected.shape)]
-    except ExportError as error:
+    except ModelExportError as error:
         told["error"] = str(error)
     told["onnx"] = "onnx" in sys.modules
     print(json.dumps(told))

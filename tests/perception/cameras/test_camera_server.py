@@ -17,7 +17,7 @@ from caris_desktop.perception.cameras import camera_server, newest_frame
 from caris_desktop.perception.cameras.camera_server import CameraServer
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
-from caris_desktop.perception.cameras.http_camera import Parts
+from caris_desktop.perception.cameras.http_camera import MultipartReader
 from caris_desktop.perception.cameras.newest_frame import NewestFrame
 from caris_desktop.perception.cameras.served_sound import PIECE, RATE_HZ, ServedSound, Take
 from caris_desktop.perception.cameras.webrtc_camera import WebRtcCamera
@@ -121,7 +121,7 @@ def test_pictures_come_one_after_the_other_with_the_time_at_which_they_were_take
         for client in (one, other):
             status, head, _ = await client.ask("GET", "/video.mjpg")
             assert (status, head["x-clock"]) == (200, "/clock")
-            parts = Parts(head["content-type"].partition("boundary=")[2])
+            parts = MultipartReader(head["content-type"].partition("boundary=")[2])
             captured = []
             while len(captured) < 5:
                 part = parts.add(await client.reader.read(4096))
@@ -148,7 +148,7 @@ def test_who_was_slow_gets_the_newest_picture_and_not_what_it_missed() -> None:
     async def test(frames: NewestFrame, new_client: Callable[[], Awaitable[Client]]) -> None:
         client = await new_client()
         _, head, _ = await client.ask("GET", "/video.mjpg")
-        parts = Parts(head["content-type"].partition("boundary=")[2])
+        parts = MultipartReader(head["content-type"].partition("boundary=")[2])
         stalled_at = frames.sequence
         await frames.after(stalled_at + 15)
         went_on_ns = clock.now_ns()

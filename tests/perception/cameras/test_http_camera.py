@@ -19,7 +19,7 @@ from caris_desktop.perception.cameras import camera_process, http_camera
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import parse_camera
 from caris_desktop.perception.cameras.far_clock import FarClock
-from caris_desktop.perception.cameras.http_camera import HttpCamera, Parts
+from caris_desktop.perception.cameras.http_camera import HttpCamera, MultipartReader
 from caris_desktop.perception.cameras.open_camera import open_camera
 from tests.perception.cameras.running_camera import RunningCamera, has_state, write_video
 
@@ -134,14 +134,17 @@ def test_parts_are_told_apart_with_and_without_their_length_however_they_come() 
     with_length = b"preface" + b"".join(part(content) for content in contents)
     without = b"".join(b"--frame\r\nX-A: b\r\n\r\n" + content + b"\r\n" for content in contents) + b"--frame"
     for stream in (with_length, without):
-        parts = Parts("frame")
+        parts = MultipartReader("frame")
         found = [parts.add(stream[at : at + 1]) for at in range(len(stream))]
         assert [each[1] for each in found if each is not None] == contents
-    assert Parts("frame").add(with_length) == ({"": "", "content-type": "image/jpeg", "content-length": "5"}, b"third")
+    assert MultipartReader("frame").add(with_length) == (
+        {"": "", "content-type": "image/jpeg", "content-length": "5"},
+        b"third",
+    )
     with pytest.raises(OSError, match="too large"):
-        Parts("frame").add(b"--frame\r\nContent-Length: 999999999\r\n\r\n")
+        MultipartReader("frame").add(b"--frame\r\nContent-Length: 999999999\r\n\r\n")
     with pytest.raises(OSError, match="endless"):
-        Parts("frame").add(b"--frame\r\n" + b"a" * 20_000)
+        MultipartReader("frame").add(b"--frame\r\n" + b"a" * 20_000)
 
 
 def test_a_token_goes_with_the_request_and_its_refusal_is_told(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:

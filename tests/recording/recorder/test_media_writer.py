@@ -17,7 +17,7 @@ from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.media_writer import MediaFailed, MediaWriter
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder
 from caris_desktop.recording.recorder.video_encoders import Encoder, Encoders
-from caris_desktop.recording.recorder.video_file import VideoFile
+from caris_desktop.recording.recorder.video_file import VideoFileWriter
 from caris_desktop.recording.session.session_clock import SessionClock
 from tests.recording.driving import mark, picture, start
 from tests.recording.recorder.test_recorder_process import video_times_s
@@ -51,14 +51,14 @@ def record(folder: Path, cameras: tuple[str, ...], frames: int) -> tuple[MediaWr
 def test_an_encoder_that_fails_midway_costs_a_moment_and_not_the_video(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write = VideoFile.write
+    write = VideoFileWriter.write
 
-    def fail_at_fifteen(self: VideoFile, image_bgr: np.ndarray, ref: FrameRef) -> None:
+    def fail_at_fifteen(self: VideoFileWriter, image_bgr: np.ndarray, ref: FrameRef) -> None:
         if self.encoder == CARD and ref.sequence == 15:
             self._stream = HungStream()
         write(self, image_bgr, ref)
 
-    monkeypatch.setattr(VideoFile, "write", fail_at_fifteen)
+    monkeypatch.setattr(VideoFileWriter, "write", fail_at_fifteen)
     writer, failures = record(tmp_path, ("front",), 30)
     first, second = writer.infos()
     assert first.encoder == "a card"
@@ -98,16 +98,16 @@ def test_where_a_card_opens_only_one_encoder_the_other_camera_gets_the_processor
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[str] = []
-    begin = VideoFile.__init__
+    begin = VideoFileWriter.__init__
 
-    def open_once(self: VideoFile, path: Path, *, encoder: Encoder, **options: object) -> None:
+    def open_once(self: VideoFileWriter, path: Path, *, encoder: Encoder, **options: object) -> None:
         if encoder == CARD:
             if opened:
                 raise OSError(12, "no session left")
             opened.append(path.name)
         begin(self, path, encoder=encoder, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(VideoFile, "__init__", open_once)
+    monkeypatch.setattr(VideoFileWriter, "__init__", open_once)
     writer, failures = record(tmp_path, ("front", "side"), 5)
     assert not failures
     assert {info.encoder == "a card" for info in writer.infos()} == {True, False}

@@ -12,7 +12,7 @@ import pytest
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders, works, x264
-from caris_desktop.recording.recorder.video_file import VideoFile
+from caris_desktop.recording.recorder.video_file import VideoFileWriter
 from caris_desktop.recording.session.frame_times import moments_words, read_frame_times
 from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.media_repair import content_of, index_lines
@@ -24,8 +24,10 @@ SECOND = 1_000_000_000
 CLOCK = SessionClock(ClockAnchor(monotonic_ns=0, utc_ns=1_795_000_000 * SECOND), started_ns=SECOND)
 
 
-def write(path: Path, stamps_ms: list[int], *, width_px: int = 64, height_px: int = 48) -> VideoFile:
-    video = VideoFile(path, width_px=width_px, height_px=height_px, encoder=FASTEST, clock=CLOCK, on_full=lambda: False)
+def write(path: Path, stamps_ms: list[int], *, width_px: int = 64, height_px: int = 48) -> VideoFileWriter:
+    video = VideoFileWriter(
+        path, width_px=width_px, height_px=height_px, encoder=FASTEST, clock=CLOCK, on_full=lambda: False
+    )
     for number, stamp_ms in enumerate(stamps_ms):
         image_bgr = picture(number, width_px=width_px, height_px=height_px)
         robot_stamp_ns = 7 * SECOND + number if number % 2 else None
@@ -100,7 +102,7 @@ def test_the_index_tells_of_each_frame_when_it_is_shown_and_when_it_was_taken(tm
 def test_frames_are_shown_when_they_were_taken_as_far_as_that_is_known(tmp_path: Path) -> None:
     """Taken every 100 ms, under way for longer and longer, and the first one of an unknown moment."""
     path = tmp_path / "video-front.mp4"
-    video = VideoFile(path, width_px=64, height_px=48, encoder=FASTEST, clock=CLOCK, on_full=lambda: False)
+    video = VideoFileWriter(path, width_px=64, height_px=48, encoder=FASTEST, clock=CLOCK, on_full=lambda: False)
     taken_ms, came_ms = [None, 100, 200, 300, 400], [80, 140, 260, 380, 500]
     for number, (taken, came) in enumerate(zip(taken_ms, came_ms, strict=True)):
         ref = FrameRef(SECOND + came * 1_000_000, 5, "front", "r", 0, number, 64, 48)
@@ -123,7 +125,7 @@ def test_frames_are_shown_when_they_were_taken_as_far_as_that_is_known(tmp_path:
 
 def test_a_lost_index_is_made_anew_with_the_moments_of_the_record(tmp_path: Path) -> None:
     path = tmp_path / "video-front.mp4"
-    video = VideoFile(path, width_px=64, height_px=48, encoder=FASTEST, clock=CLOCK, on_full=lambda: False)
+    video = VideoFileWriter(path, width_px=64, height_px=48, encoder=FASTEST, clock=CLOCK, on_full=lambda: False)
     refs = []
     for number in range(6):
         taken_ns = SECOND + number * 100_000_000
@@ -179,7 +181,7 @@ def test_an_encoder_that_failed_is_not_chosen_again() -> None:
 
 def test_a_file_that_no_encoder_opens_leaves_nothing_behind(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="another_world"):
-        VideoFile(
+        VideoFileWriter(
             tmp_path / "v.mp4",
             width_px=64,
             height_px=48,

@@ -84,15 +84,15 @@ def slow_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """Encoding takes 70 ms a frame for the first frames, then as long as it does; patience ends after 1.5 s, and
     the encoder is the fastest from the beginning.
     """
-    write = video_file.VideoFile.write
+    write = video_file.VideoFileWriter.write
     left = itertools.count(36, -1)
 
-    def write_slowly(self: video_file.VideoFile, image_bgr: np.ndarray, ref: FrameRef) -> None:
+    def write_slowly(self: video_file.VideoFileWriter, image_bgr: np.ndarray, ref: FrameRef) -> None:
         if next(left) > 0:
             time.sleep(0.07)
         write(self, image_bgr, ref)
 
-    monkeypatch.setattr(video_file.VideoFile, "write", write_slowly)
+    monkeypatch.setattr(video_file.VideoFileWriter, "write", write_slowly)
     monkeypatch.setattr(video_rate, "_CALM_NS", 1_500_000_000)
     monkeypatch.setattr(video_encoders, "_SHARE_OF_IDLE", 0.0)
 

@@ -10,7 +10,7 @@ import pytest
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.recorder.video_encoders import FASTEST
-from caris_desktop.recording.recorder.video_file import VideoFile
+from caris_desktop.recording.recorder.video_file import VideoFileWriter
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import open_session
@@ -76,7 +76,7 @@ def test_several_files_of_a_camera_are_one(folder: Path, whole_session: MadeSess
     """The camera changed its size after a pause."""
     session = open_session(folder)
     begin_ns = whole_session.plan.ended_ns + 5 * 10**9
-    video = VideoFile(
+    video = VideoFileWriter(
         folder / "video-front-2.mp4",
         width_px=320,
         height_px=180,
