@@ -97,7 +97,7 @@ class QuestionBand(Band):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "question_band", role="amber")
-        self._do: Callable[[], None] | None = None
+        self._do: Callable[[], object] | None = None
         self.yes = ActionButton(theme, tr("Yes"), height_px=_BUTTON_PX)
         self.yes.setObjectName("question_yes")
         self.yes.clicked.connect(self._on_yes)
@@ -107,7 +107,7 @@ class QuestionBand(Band):
         self.row.addWidget(self.yes)
         self.row.addWidget(no)
 
-    def ask(self, question: str, answer: str, do: Callable[[], None]) -> None:
+    def ask(self, question: str, answer: str, do: Callable[[], object]) -> None:
         """Show the question; ``answer`` is the button that runs ``do``. An earlier question goes away."""
         self._do = do
         self.say(question)

@@ -2,16 +2,16 @@
 
 from collections.abc import Callable
 from datetime import datetime
+from functools import partial
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.events import GoalChanged
-from caris_desktop.domain.intents import INTENTS, Intent
+from caris_desktop.domain.intents import INTENTS
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import MapStatus
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.studies.query import SessionEntry
-from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.ui.action_rows import (
@@ -124,12 +124,6 @@ class PaletteEntries:
             *self._settings.now(),
         ]
 
-    def _doer(self, intent: Intent) -> Callable[[], None]:
-        def do() -> None:
-            self._console.do(intent)
-
-        return do
-
     def _rows(self) -> list[ActionSpec]:
         """The rows of the table that can be run now. The places come by themselves, all of them, and so do the commands
         of the layout, which say what they would undo.
@@ -176,7 +170,7 @@ class PaletteEntries:
                         tr("Say"),
                         "chat-text",
                         key,
-                        self._doer(say(phrase)),
+                        partial(self._console.do, say(phrase)),
                         also=group.title,
                         acts=True,
                         id=f"Say: {phrase.say}",
@@ -193,7 +187,7 @@ class PaletteEntries:
                 tr(TWICE),
                 "lock-open",
                 "",
-                self._doer(intents.ReleaseEmergencyStop()),
+                partial(self._console.do, intents.ReleaseEmergencyStop()),
                 also=tr("unlock free reset clear drive again"),
                 deliberate=True,
                 first=True,
@@ -212,7 +206,7 @@ class PaletteEntries:
                 tr("Do"),
                 "x",
                 "",
-                self._doer(intents.CancelGoal()),
+                partial(self._console.do, intents.CancelGoal()),
                 also=tr("cancel goal way"),
                 id=f"Do: Stop going to {goal.place or 'the chosen point'}",
             )
@@ -225,7 +219,7 @@ class PaletteEntries:
                 tr("Place"),
                 "flag",
                 self._parts.actions.key_text(f"place_{number}"),
-                self._doer(intents.GoToPlace(place.name)),
+                partial(self._console.do, intents.GoToPlace(place.name)),
                 also=tr("drive move navigate send take robot"),
                 acts=True,
                 id=f"Place: Go to {place.name}",
@@ -281,8 +275,8 @@ class PaletteEntries:
             ]
         return entries
 
-    def _control_user(self, control: RobotControl, value: ControlValue) -> Callable[[], None]:
-        use = self._doer(intents.UseControl(control.id, value))
+    def _control_user(self, control: RobotControl, value: ControlValue) -> Callable[[], object]:
+        use = partial(self._console.do, intents.UseControl(control.id, value))
         if not control.confirm:
             return use
         return lambda: self._question.ask(question_for(control, value), tr("Do it"), use)
@@ -299,7 +293,7 @@ class PaletteEntries:
                     tr("Map"),
                     "floppy-disk",
                     "",
-                    self._doer(intents.SaveMap(name)),
+                    partial(self._console.do, intents.SaveMap(name)),
                     id="save map",
                 )
             )
@@ -310,7 +304,7 @@ class PaletteEntries:
                     tr("Map"),
                     "map-trifold",
                     "",
-                    self._doer(intents.SetMapping(mapping=True)),
+                    partial(self._console.do, intents.SetMapping(mapping=True)),
                     id="Map: Start mapping",
                 )
             )
@@ -321,7 +315,7 @@ class PaletteEntries:
                     tr("Map"),
                     "map-trifold",
                     "",
-                    self._doer(intents.SetMapping(mapping=False)),
+                    partial(self._console.do, intents.SetMapping(mapping=False)),
                     also=tr("localization localisation end"),
                     id="Map: Stop mapping, keep the map",
                 )
@@ -330,17 +324,13 @@ class PaletteEntries:
 
     def _of_cameras(self) -> list[Entry]:
         state = self._state
-
-        def chooser(name: str) -> Callable[[], None]:
-            return lambda: state.choose_camera(name)
-
         return [
             Entry(
                 tr("Show the camera {name}").format(name=name),
                 tr("Video"),
                 "video-camera",
                 "",
-                chooser(name),
+                partial(state.choose_camera, name),
                 also=tr("picture"),
                 id=f"Video: Show the camera {name}",
             )
@@ -476,12 +466,12 @@ class PaletteEntries:
                     tr("Do"),
                     "record" if paused else "pause",
                     "",
-                    self._doer(intents.PauseRecording(not paused)),
+                    partial(self._console.do, intents.PauseRecording(not paused)),
                     also=tr("resume continue break"),
                     id="Do: Go on recording" if paused else "Do: Pause recording",
                 )
             )
-            stop = self._doer(intents.StopRecording())
+            stop = partial(self._console.do, intents.StopRecording())
             entries.append(Entry(tr("Stop recording"), tr("Do"), "stop", "", stop, id="Do: Stop recording"))
         else:
             entries.append(
@@ -537,17 +527,13 @@ class PaletteEntries:
 
     def of_scenarios(self) -> list[Entry]:
         parts = self._parts
-
-        def opener(choice: ScenarioChoice) -> Callable[[], None]:
-            return lambda: parts.open_scenario(choice.path)
-
         return [
             Entry(
                 tr("Open scenario {title}").format(title=choice.title),
                 tr("Scenario"),
                 "map-trifold",
                 "",
-                opener(choice),
+                partial(parts.open_scenario, choice.path),
                 id=f"Scenario: Open scenario {choice.title}",
             )
             for choice in parts.scenarios.now()

@@ -21,7 +21,7 @@ class Entry:
     kind: str
     icon: str
     key: str
-    do: Callable[[], None]
+    do: Callable[[], object]
     also: str = ""
     acts: bool = False
     deliberate: bool = False

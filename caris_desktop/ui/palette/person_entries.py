@@ -1,6 +1,6 @@
 """What can be found of people: each of them, and the question that is asked about one."""
 
-from collections.abc import Callable
+from functools import partial
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
@@ -36,7 +36,7 @@ class PersonEntries:
                         tr("Person"),
                         icon,
                         table.key_text(action_id),
-                        self._runner(action_id),
+                        partial(table.run, action_id),
                         also=tr("confirm reject"),
                         acts=True,
                         id=f"row {action_id}",
@@ -52,7 +52,7 @@ class PersonEntries:
                     tr("Select"),
                     "user",
                     "",
-                    self._selector(person),
+                    partial(self._select, person),
                     also=also,
                     acts=True,
                     id=f"person {known_as} select",
@@ -66,7 +66,7 @@ class PersonEntries:
                     tr("Person"),
                     "identification-card",
                     "",
-                    self._shower(person, card=True),
+                    partial(self._show, person, card=True),
                     acts=True,
                     id=f"person {known_as} card",
                 )
@@ -78,7 +78,7 @@ class PersonEntries:
                         tr("Person"),
                         "pencil-simple",
                         "",
-                        self._shower(person, rename=True),
+                        partial(self._show, person, rename=True),
                         acts=True,
                         id=f"person {known_as} rename",
                     )
@@ -90,34 +90,22 @@ class PersonEntries:
                     tr("Do"),
                     "arrow-u-up-left",
                     "",
-                    self._undo,
+                    partial(self._console.do, intents.UndoPeople()),
                     also=tr("take back name merge"),
                     id="Do: Undo the last change to people",
                 )
             )
         return entries
 
-    def _undo(self) -> None:
-        self._console.do(intents.UndoPeople())
+    def _select(self, person: PersonRow) -> None:
+        self._console.do(intents.AttendPerson(person.person_id))
+        panel = self._parts.panels.panels.get("people")
+        if panel is not None:
+            panel.show_person(person.person_id)
 
-    def _runner(self, action_id: str) -> Callable[[], None]:
-        return lambda: self._parts.actions.run(action_id)
-
-    def _selector(self, person: PersonRow) -> Callable[[], None]:
-        def select() -> None:
-            self._console.do(intents.AttendPerson(person.person_id))
-            panel = self._parts.panels.panels.get("people")
-            if panel is not None:
-                panel.show_person(person.person_id)
-
-        return select
-
-    def _shower(self, person: PersonRow, *, rename: bool = False, card: bool = False) -> Callable[[], None]:
-        def show() -> None:
-            panels = self._parts.panels
-            panels.open("people")
-            panel = panels.panels.get("people")
-            if panel is not None:
-                panel.show_person(person.person_id, rename=rename, card=card)
-
-        return show
+    def _show(self, person: PersonRow, *, rename: bool = False, card: bool = False) -> None:
+        panels = self._parts.panels
+        panels.open("people")
+        panel = panels.panels.get("people")
+        if panel is not None:
+            panel.show_person(person.person_id, rename=rename, card=card)

@@ -1,11 +1,10 @@
 """The settings that Find anything changes: how it looks, sounds and hears, who decides what, and who the wizard is."""
 
-from collections.abc import Callable
+from functools import partial
 
 from PySide6.QtCore import QLocale
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.scenario.assistance import levels_up_to
@@ -14,7 +13,7 @@ from caris_desktop.ui.appearance import percent_of, scale_words
 from caris_desktop.ui.palette.entry import Entry
 from caris_desktop.ui.sound_menu import sound_choices
 from caris_desktop.ui.speak.voice_choices import voice_choices
-from caris_desktop.ui.theme import SCALES, ThemeChoice
+from caris_desktop.ui.theme import SCALES
 from caris_desktop.ui.window_parts import THEME_WORDS, WindowParts
 
 TWICE = QT_TR_NOOP("choose it, then Enter twice")
@@ -41,12 +40,6 @@ class SettingEntries:
             *self._of_wizards(),
         ]
 
-    def _doer(self, intent: Intent) -> Callable[[], None]:
-        def do() -> None:
-            self._console.do(intent)
-
-        return do
-
     def _of_voices(self) -> list[Entry]:
         return [
             Entry(
@@ -54,7 +47,7 @@ class SettingEntries:
                 tr("Voice"),
                 "sliders-horizontal",
                 "",
-                self._doer(choice.intent),
+                partial(self._console.do, choice.intent),
                 also=tr("speak voice"),
                 acts=True,
                 id=f"Voice: {choice.id}",
@@ -73,7 +66,7 @@ class SettingEntries:
                 tr("Do"),
                 "sliders-horizontal",
                 "",
-                self._doer(intents.SetLevel(function, level)),
+                partial(self._console.do, intents.SetLevel(function, level)),
                 also=tr("assistant level suggestions proposals"),
                 id=f"Do: {title}: {event_words.LEVELS[level].lower()}",
             )
@@ -86,7 +79,7 @@ class SettingEntries:
     def _of_guard(self) -> list[Entry]:
         drive: DriveStatus = self._state.drive.value
         if drive.guard == "overridden":
-            on = self._doer(intents.SetGuard(on=True))
+            on = partial(self._console.do, intents.SetGuard(on=True))
             text = tr("Switch the obstacle guard on")
             return [Entry(text, tr("Do"), "shield-check", "", on, id="Do: Switch the obstacle guard on")]
         if drive.guard == "absent" or not self._console.scenario.permissions.driving:
@@ -97,7 +90,7 @@ class SettingEntries:
                 tr(TWICE),
                 "shield-slash",
                 "",
-                self._doer(intents.SetGuard(on=False)),
+                partial(self._console.do, intents.SetGuard(on=False)),
                 deliberate=True,
                 again=tr("Press Enter again to switch the guard off"),
                 id="Switch the obstacle guard off",
@@ -106,17 +99,13 @@ class SettingEntries:
 
     def _of_wizards(self) -> list[Entry]:
         wizards = self._parts.wizards
-
-        def chooser(name: str) -> Callable[[], None]:
-            return lambda: wizards.choose(name)
-
         return [
             Entry(
                 tr("Wizard: {name}").format(name=name or tr("nobody in particular")),
                 tr("Wizard"),
                 "user-gear",
                 "",
-                chooser(name),
+                partial(wizards.choose, name),
                 also=tr("who is at the console profile keys"),
                 id=f"Wizard: Wizard: {name or 'nobody in particular'}",
             )
@@ -131,7 +120,7 @@ class SettingEntries:
                 tr("Sound"),
                 "microphone",
                 "",
-                self._doer(choice.intent),
+                partial(self._console.do, choice.intent),
                 also=tr("device input volume"),
                 id=f"Sound: {choice.id}",
             )
@@ -141,17 +130,13 @@ class SettingEntries:
 
     def _of_sizes(self) -> list[Entry]:
         appearance = self._parts.appearance
-
-        def chooser(scale: str) -> Callable[[], None]:
-            return lambda: appearance.choose_scale(scale)
-
         return [
             Entry(
                 scale_words(scale),
                 tr("Window"),
                 "text-aa",
                 "",
-                chooser(scale),
+                partial(appearance.choose_scale, scale),
                 also=tr("larger text zoom scale"),
                 id=f"Window: Size: {f'{percent_of(scale)} % from the next start' if scale else 'as the system has it'}",
             )
@@ -161,17 +146,13 @@ class SettingEntries:
 
     def _of_languages(self) -> list[Entry]:
         appearance = self._parts.appearance
-
-        def chooser(name: str) -> Callable[[], None]:
-            return lambda: appearance.choose_language(name)
-
         return [
             Entry(
                 tr("Language: {name} from the next start").format(name=QLocale(name).nativeLanguageName()),
                 tr("Window"),
                 "translate",
                 "",
-                chooser(name),
+                partial(appearance.choose_language, name),
                 also=tr("translation"),
                 id=f"Window: Language: {QLocale(name).nativeLanguageName()} from the next start",
             )
@@ -180,18 +161,14 @@ class SettingEntries:
         ]
 
     def of_themes(self) -> list[Entry]:
-        parts = self._parts
-
-        def chooser(choice: ThemeChoice) -> Callable[[], None]:
-            return lambda: parts.appearance.choose_theme(choice)
-
+        appearance = self._parts.appearance
         return [
             Entry(
                 tr("Appearance: {theme}").format(theme=tr(words)),
                 tr("Window"),
                 "moon",
                 "",
-                chooser(choice),
+                partial(appearance.choose_theme, choice),
                 id=f"Window: Appearance: {words.lower()}",
             )
             for choice, words in THEME_WORDS.items()

@@ -1,9 +1,8 @@
 """What can be found of the protocol: each step, and each branch of the present one."""
 
-from collections.abc import Callable
+from functools import partial
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.palette.entry import Entry
@@ -11,18 +10,13 @@ from caris_desktop.ui.step_acts import present_step, target_of
 
 
 def step_entries(console: WizardConsole) -> list[Entry]:
-    def doer(intent: Intent) -> Callable[[], None]:
-        def do() -> None:
-            console.do(intent)
-
-        return do
-
     scenario = console.scenario
     step = present_step(scenario, console.state)
     branches = [
         Entry(
             tr("{what}: on to {step}").format(what=branch.title, step=target_of(scenario, branch).title),
-            tr("Branch"), "git-branch", "", doer(intents.TakeBranch(branch.title)), also=tr("branch protocol"),
+            tr("Branch"), "git-branch", "", partial(console.do, intents.TakeBranch(branch.title)),
+            also=tr("branch protocol"),
             id=f"Branch: {branch.title}: on to {target_of(scenario, branch).title}",
         )
         for branch in (() if step is None else step.branches)
@@ -30,7 +24,8 @@ def step_entries(console: WizardConsole) -> list[Entry]:
     steps = [
         Entry(
             tr("Step {number}: {title}").format(number=number, title=one.title), tr("Step"), "list-numbers", "",
-            doer(intents.GoToStep(one.step_id)), also=tr("protocol jump begin"), id=f"Step: Step {number}: {one.title}",
+            partial(console.do, intents.GoToStep(one.step_id)), also=tr("protocol jump begin"),
+            id=f"Step: Step {number}: {one.title}",
         )
         for number, one in enumerate(scenario.protocol.steps, start=1)
     ]  # fmt: skip
