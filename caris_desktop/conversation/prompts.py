@@ -64,19 +64,24 @@ def build_messages(question: str, *, system_prompt: str, along: Along = Along())
     """
     turns = _newest_turns(along)
     data = context_lines(along)
-    system = _shortened(system_prompt.strip(), MAX_SYSTEM_CHARACTERS)
+    system = cut_to(system_prompt.strip(), MAX_SYSTEM_CHARACTERS)
     if turns or data:
         system = f"{system}\n\n{DATA_RULE}".strip()
     messages = [ChatMessage("system", system)] if system else []
-    asked = _shortened(question.strip(), MAX_QUESTION_CHARACTERS)
+    asked = cut_to(question.strip(), MAX_QUESTION_CHARACTERS)
     last = "\n".join((*data.values(), f"The question: {asked}")) if data else asked
-    for message in (*turns, ChatMessage("user", last)):
-        # Some chat templates insist on alternating roles.
-        if messages and messages[-1].role == message.role:
-            messages[-1] = ChatMessage(message.role, f"{messages[-1].content}\n{message.content}")
+    return alternating((*messages, *turns, ChatMessage("user", last)))
+
+
+def alternating(messages: Iterable[ChatMessage]) -> tuple[ChatMessage, ...]:
+    """Some chat templates insist on alternating roles."""
+    joined: list[ChatMessage] = []
+    for message in messages:
+        if joined and joined[-1].role == message.role:
+            joined[-1] = ChatMessage(message.role, f"{joined[-1].content}\n{message.content}")
         else:
-            messages.append(message)
-    return tuple(messages)
+            joined.append(message)
+    return tuple(joined)
 
 
 def context_lines(along: Along) -> dict[str, str]:
@@ -110,7 +115,7 @@ def characters_too_long(question: str) -> int:
 
 def quoted(text: str, most_characters: int) -> str:
     """One line in quotation marks, which nothing within can end."""
-    return f'"{_shortened(_one_line(text), most_characters).translate(_QUOTATION_MARKS)}"'
+    return f'"{cut_to(_one_line(text), most_characters).translate(_QUOTATION_MARKS)}"'
 
 
 def _newest_turns(along: Along) -> list[ChatMessage]:
@@ -132,7 +137,7 @@ def _told_turns(turns: Sequence[Turn]) -> list[tuple[Turn, str]]:
     for turn in reversed(turns):
         if not turn.said or not turn.text.strip():
             continue
-        text = _shortened(_one_line(turn.text), MAX_TURN_CHARACTERS)
+        text = cut_to(_one_line(turn.text), MAX_TURN_CHARACTERS)
         left -= len(text) + 1
         if left < 0:
             break
@@ -154,7 +159,7 @@ def _newest_notes(notes: Sequence[str]) -> list[str]:
 
 
 def _counted(name: str, number: int) -> str:
-    name = _shortened(_one_line(name), MAX_LABEL_CHARACTERS)
+    name = cut_to(_one_line(name), MAX_LABEL_CHARACTERS)
     if number == 1:
         return f"1 {name}"
     return f"{number} {name}{'es' if name.endswith(('s', 'x', 'ch', 'sh')) else 's'}"
@@ -166,5 +171,5 @@ def _one_line(text: str) -> str:
     return " ".join("".join(shown).split()).translate(_TEMPLATE_MARKS)
 
 
-def _shortened(text: str, characters: int) -> str:
-    return text if len(text) <= characters else text[: characters - 1].rstrip() + "…"
+def cut_to(text: str, most_characters: int) -> str:
+    return text if len(text) <= most_characters else text[: most_characters - 1].rstrip() + "…"

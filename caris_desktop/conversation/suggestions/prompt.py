@@ -9,7 +9,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from caris_desktop.conversation.prompts import quoted
+from caris_desktop.conversation.prompts import alternating, cut_to, quoted
 from caris_desktop.conversation.suggestions.actions import NONE, Offer
 from caris_desktop.conversation.transcript import Turn
 from caris_desktop.domain.events import ChatMessage
@@ -81,7 +81,7 @@ def turns_told(turns: Iterable[Turn]) -> list[Turn]:
 
 def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[ChatMessage, ...]:
     """The messages of a question for replies; ``with_examples`` for a model that is too small to do without."""
-    system = _bounded(situation.system_prompt.strip(), MAX_SYSTEM_CHARACTERS)
+    system = cut_to(situation.system_prompt.strip(), MAX_SYSTEM_CHARACTERS)
     messages = [ChatMessage("system", f"{system}\n\n{_INSTRUCTION}".strip())]
     for said, replies in _EXAMPLES if with_examples else ():
         messages.append(ChatMessage("user", _said(said)))
@@ -96,7 +96,7 @@ def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[Cha
         if text
     )  # fmt: skip
     messages.append(ChatMessage("user", f"({context}) {_said(situation.said)}" if context else _said(situation.said)))
-    return _alternating(messages)
+    return alternating(messages)
 
 
 def action_messages(asked: Sequence[ChatMessage], replies: str, offer: Offer) -> tuple[ChatMessage, ...]:
@@ -137,18 +137,3 @@ def replies_schema(*, whole_sentences: bool) -> dict[str, Any]:
 
 def _said(text: str) -> str:
     return quoted(text, MAX_TURN_CHARACTERS)
-
-
-def _bounded(text: str, most_characters: int) -> str:
-    return text if len(text) <= most_characters else text[: most_characters - 1].rstrip() + "…"
-
-
-def _alternating(messages: Sequence[ChatMessage]) -> tuple[ChatMessage, ...]:
-    """Some chat templates insist on alternating roles."""
-    joined: list[ChatMessage] = []
-    for message in messages:
-        if joined and joined[-1].role == message.role:
-            joined[-1] = ChatMessage(message.role, f"{joined[-1].content}\n{message.content}")
-        else:
-            joined.append(message)
-    return tuple(joined)

@@ -1,5 +1,6 @@
 """Annotations of a session: tiers of labelled stretches of time, as in ELAN. Plain values; editing gives new ones."""
 
+from collections.abc import Iterable
 from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
@@ -39,6 +40,16 @@ class Tier:
     coder: str = ""
     vocabulary: str = ""
     participant: str = ""
+
+
+def shown_names(tiers: Iterable[Tier]) -> dict[str, str]:
+    """The name of each tier id, with the coder where several tiers are called so."""
+    tiers = tuple(tiers)
+    names = [tier.name for tier in tiers]
+    return {
+        tier.tier_id: f"{tier.name}@{tier.coder}" if names.count(tier.name) > 1 and tier.coder else tier.name
+        for tier in tiers
+    }
 
 
 @dataclass(frozen=True, slots=True)

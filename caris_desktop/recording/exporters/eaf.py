@@ -23,7 +23,7 @@ from caris_desktop.domain.sensing import AudioBlock
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.eaf_import import PROPERTY
 from caris_desktop.recording.annotation.editing import merge_documents, plain_text
-from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
+from caris_desktop.recording.annotation.model import AnnotationDocument, shown_names
 from caris_desktop.recording.annotation.overview_of import WavReader, sound_runs
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.export import ExportContext
@@ -100,7 +100,7 @@ def eaf_text(document: AnnotationDocument, *, media: Iterable[LinkedMedia] = (),
     if licence:
         url = licence if re.match(r"https?://", licence) else f"https://spdx.org/licenses/{quote(licence)}.html"
         _child(root, "LICENSE", plain_text(licence), LICENSE_URL=url)
-    names = _tier_names(document.tiers)
+    names = _unique(shown_names(document.tiers))
     ids = _annotation_ids(document)
     _add_header(root, document, names, ids, media)
     slots = _add_time_order(root, document)
@@ -199,17 +199,6 @@ def _child(parent: ElementTree.Element, tag: str, text: str | None = None, /, **
     element = ElementTree.SubElement(parent, tag, attributes)
     element.text = text
     return element
-
-
-def _tier_names(tiers: Iterable[Tier]) -> dict[str, str]:
-    """What ELAN shows for each tier id: the name, with the coder where several tiers are called so."""
-    tiers = tuple(tiers)
-    names = [tier.name for tier in tiers]
-    wanted = {
-        tier.tier_id: f"{tier.name}@{tier.coder}" if names.count(tier.name) > 1 and tier.coder else tier.name
-        for tier in tiers
-    }
-    return _unique(wanted)
 
 
 def _unique(wanted: dict[str, str]) -> dict[str, str]:

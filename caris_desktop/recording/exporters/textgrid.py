@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.recording.annotation.model import shown_names
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.tables import plain_text
 from caris_desktop.recording.session.marks import final_marks
@@ -53,7 +53,7 @@ def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[
 
     record = session_tiers(session, lambda fraction: context.progress(0.8 * fraction))
     coded = coding_of(session, on_damaged=context.warn)
-    names = _names(record, coded)
+    names = shown_names((*record.tiers, *coded.tiers))
     tiers = _Tiers(
         tuple(
             (
@@ -123,16 +123,6 @@ def _grid(tiers: _Tiers, span: _Span) -> str:
     for number, tier in enumerate(written, start=1):
         lines += [f"    item [{number}]:", *(f"        {line}" for line in tier)]
     return "\n".join(lines) + "\n"
-
-
-def _names(*documents: AnnotationDocument) -> dict[str, str]:
-    """The name of each tier id, with the coder where several tiers are called so."""
-    tiers = [tier for document in documents for tier in document.tiers]
-    names = [tier.name for tier in tiers]
-    return {
-        tier.tier_id: f"{tier.name}@{tier.coder}" if names.count(tier.name) > 1 and tier.coder else tier.name
-        for tier in tiers
-    }
 
 
 def _moments(session: Session) -> list[tuple[int, str]]:
