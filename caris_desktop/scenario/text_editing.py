@@ -180,29 +180,15 @@ class _Editor:
         return [self._removed(parent, key.start_mark, node, introduced_by="")]
 
     def entry_added_at(self, root: MappingNode, path: KeyPath, value: Any) -> list[_Edit]:
-        *above, place = path
-        parent: Node = root
-        for part in above:
-            found = _child(parent, part)
-            if found is None:
-                raise UnusualLayoutError
-            parent = found
-        if not isinstance(parent, SequenceNode) or not isinstance(place, int) or not parent.value:
+        parent, place = _list_and_place(root, path)
+        if not parent.value:
             raise UnusualLayoutError
         if parent.flow_style and len(self._line_at(parent)) + len(_flow(value)) > LINE_WIDTH:
             raise UnusualLayoutError
         return [self._added_item(parent, parent.value[place - 1] if place else None, value)]
 
     def entry_moved(self, root: MappingNode, path: KeyPath, place: int) -> list[_Edit]:
-        *above, index = path
-        parent: Node = root
-        for part in above:
-            found = _child(parent, part)
-            if found is None:
-                raise UnusualLayoutError
-            parent = found
-        if not isinstance(parent, SequenceNode) or not isinstance(index, int):
-            raise UnusualLayoutError
+        parent, index = _list_and_place(root, path)
         ranges = [self._span(parent, number) for number in range(len(parent.value))]
         pieces = [self._text[start:end] for start, end in ranges]
         pieces.insert(place, pieces.pop(index))
@@ -463,6 +449,17 @@ class _Editor:
     def _block(self, value: Any, column: int) -> str:
         """Lines that stand at ``column``; the first has no indentation. What is short goes on one line."""
         return (self._line_end + " " * column).join(_block_lines(value, column))
+
+
+def _list_and_place(root: Node, path: KeyPath) -> tuple[SequenceNode, int]:
+    """The list in which the place lies, and where in it. Raises UnusualLayoutError where there is none."""
+    *above, place = path
+    parent: Node | None = root
+    for part in above:
+        parent = None if parent is None else _child(parent, part)
+    if not isinstance(parent, SequenceNode) or not isinstance(place, int):
+        raise UnusualLayoutError
+    return parent, place
 
 
 def _child(node: Node, part: str | int) -> Node | None:

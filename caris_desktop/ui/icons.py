@@ -65,16 +65,12 @@ def draw_icon(painter: QPainter, rect: QRectF, name: str, color: QColor | str) -
     painter.restore()
 
 
-def icon_pixmap(name: str, color: QColor | str, size_px: int, ratio: float = 1.0) -> QPixmap:
-    pixmap = QPixmap(round(size_px * ratio), round(size_px * ratio))
-    pixmap.setDevicePixelRatio(ratio)
+def icon(name: str, color: QColor | str, size_px: int = 18) -> QIcon:
+    pixmap = QPixmap(2 * size_px, 2 * size_px)
+    pixmap.setDevicePixelRatio(2.0)
     pixmap.fill(Qt.GlobalColor.transparent)
     painter = QPainter(pixmap)
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     draw_icon(painter, QRectF(0, 0, size_px, size_px), name, color)
     painter.end()
-    return pixmap
-
-
-def icon(name: str, color: QColor | str, size_px: int = 18) -> QIcon:
-    return QIcon(icon_pixmap(name, color, size_px, 2.0))
+    return QIcon(pixmap)

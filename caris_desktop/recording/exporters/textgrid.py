@@ -106,7 +106,7 @@ def _grid(tiers: _Tiers, span: _Span) -> str:
     moments = [(at_us - span.first_us, text) for at_us, text in tiers.moments]
     moments = [(at_us, text) for at_us, text in moments if 0 <= at_us <= whole_us]
     if moments:
-        written.append(_point_tier(_MARKS_TIER, moments, whole_us))
+        written.append(_moments_tier(moments, whole_us))
     if not written:
         # Praat opens no TextGrid without a tier.
         written.append(_interval_tier("Session", [], whole_us))
@@ -162,8 +162,8 @@ def _interval_tier(name: str, intervals: Iterable[_Interval], whole_us: int) -> 
     return lines
 
 
-def _point_tier(name: str, points: list[tuple[int, str]], whole_us: int) -> list[str]:
-    lines = [*_head("TextTier", name, whole_us), f"points: size = {len(points)}"]
+def _moments_tier(points: list[tuple[int, str]], whole_us: int) -> list[str]:
+    lines = [*_head("TextTier", _MARKS_TIER, whole_us), f"points: size = {len(points)}"]
     for number, (at_us, text) in enumerate(points, start=1):
         lines += [f"points [{number}]:", f"    number = {_seconds(at_us)}", f"    mark = {_quoted(text)}"]
     return lines

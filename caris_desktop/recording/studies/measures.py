@@ -663,12 +663,12 @@ class Figure:
     of: Callable[[Measures], float | None]
 
 
-def _speech_s(speaker: Speaker) -> Callable[[Measures], float]:
-    return lambda measures: measures.talk[speaker].speech_s if speaker in measures.talk else 0.0
+def _robot_talk_s(measures: Measures) -> float:
+    return measures.talk["robot"].speech_s if "robot" in measures.talk else 0.0
 
 
-def _utterances(speaker: Speaker) -> Callable[[Measures], float]:
-    return lambda measures: measures.talk[speaker].utterances if speaker in measures.talk else 0
+def _robot_utterances(measures: Measures) -> float:
+    return measures.talk["robot"].utterances if "robot" in measures.talk else 0
 
 
 def _from(origin: str) -> Callable[[Measures], float]:
@@ -736,10 +736,10 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure("participant_talk_s", "s", "How long participants spoke; nothing where nobody was transcribed.",
            lambda m: m.talk["participant"].speech_s if "participant" in m.talk else None),
-    Figure("robot_talk_s", "s", "How long the robot spoke.", _speech_s("robot")),
+    Figure("robot_talk_s", "s", "How long the robot spoke.", _robot_talk_s),
     Figure("participant_utterances", "", "What participants said, in utterances; nothing where nobody was.",
            lambda m: m.talk["participant"].utterances if "participant" in m.talk else None),
-    Figure("robot_utterances", "", "What the robot said, in utterances.", _utterances("robot")),
+    Figure("robot_utterances", "", "What the robot said, in utterances.", _robot_utterances),
     Figure("typed_utterances", "", "Robot utterances that the wizard typed.", _from("typed")),
     Figure("phrase_utterances", "", "Robot utterances from the scenario's phrases.", _from("phrase")),
     Figure("filler_utterances", "", "Robot utterances that fill a wait.", _from("filler")),

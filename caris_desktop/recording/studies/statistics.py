@@ -73,6 +73,12 @@ _TABLES: dict[str, dict[str, str]] = {
     "event_problem": {"stamp_ns": "BIGINT"},
     "visits": {"stamp_ns": "BIGINT", "end_ns": "BIGINT", "person_id": "VARCHAR"},
 }  # fmt: skip
+_OTHER_VIEWS = {
+    "labels": "labels", "codes": "codes", "models": "models", "gaps": "gaps_by_means", "steps": "steps",
+    "alarms": "alarm_causes",
+}  # fmt: skip
+"""The file of each view that has one, besides measures and summary."""
+
 _UNITS = {
     **{figure.name: (figure.unit, figure.description) for figure in FIGURES},
     "each_response_time_s": ("s", "Every response time, of all sessions together."),
@@ -286,12 +292,7 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
             database.execute(queries(out, tables=str(tables)))
             measures = _rows(database, "SELECT * FROM measures ORDER BY session")
             rows = _rows(database, "SELECT * FROM summary")
-            labels = _rows(database, "SELECT * FROM labels")
-            codes = _rows(database, "SELECT * FROM codes")
-            models = _rows(database, "SELECT * FROM models")
-            gaps = _rows(database, "SELECT * FROM gaps_by_means")
-            steps = _rows(database, "SELECT * FROM steps")
-            alarms = _rows(database, "SELECT * FROM alarm_causes")
+            others = {name: _rows(database, f"SELECT * FROM {view}") for name, view in _OTHER_VIEWS.items()}  # noqa: S608
     except duckdb.Error as error:
         _log.exception("the statistics of %s", out)
         raise StatisticsError(f"The tables in {out} cannot be computed with: {error}") from error
@@ -315,12 +316,8 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
         sorted(summary, key=lambda row: (row.condition is not None, row.condition or "", order[row.measure]))
     )
     _write_csv(out / "measures.csv", measures)
-    _write_csv(out / "labels.csv", labels)
-    _write_csv(out / "codes.csv", codes)
-    _write_csv(out / "models.csv", models)
-    _write_csv(out / "gaps.csv", gaps)
-    _write_csv(out / "steps.csv", steps)
-    _write_csv(out / "alarms.csv", alarms)
+    for name, found in others.items():
+        _write_csv(out / f"{name}.csv", found)
     _write_csv(
         out / "summary.csv",
         [
