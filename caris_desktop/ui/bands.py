@@ -2,8 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QRectF
-from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QWidget
 
 from caris_desktop.domain import intents
@@ -44,12 +43,13 @@ class Band(QWidget):
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self._theme.color(self._role), 1.4))
-        painter.setBrush(self._theme.color(f"{self._role}_soft"))
-        painter.drawRoundedRect(
-            QRectF(self.rect()).adjusted(0.7, 0.7, -0.7, -0.7), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
+        self._theme.paint_box(
+            self,
+            ground=f"{self._role}_soft",
+            line=self._role,
+            radius_px=tokens.PANEL_RADIUS_PX,
+            line_px=1.4,
+            inset_px=(0.7, 0.7),
         )
 
 

@@ -357,11 +357,7 @@ class GamepadView(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         theme = self._theme
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(theme.color("line"), 1))
-        painter.setBrush(theme.color("raised"))
-        painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), 8, 8)
+        painter = theme.paint_box(self, ground="raised", line="line", radius_px=8)
         painter.setFont(theme.font(tokens.STATUS_PX))
         if not self._raw.axes and not self._raw.buttons:
             painter.setPen(theme.color("dim"))

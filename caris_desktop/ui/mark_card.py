@@ -3,7 +3,7 @@
 import time
 
 from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import Marked
@@ -16,7 +16,6 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
-from caris_desktop.ui.widgets.floating_card import draw_card
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 WIDTH_PX = 720
@@ -397,8 +396,9 @@ class MarkCard(QWidget):
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        draw_card(painter, self._theme, QRectF(self.rect()).adjusted(1, 1, -1, -1))
+        painter = self._theme.paint_box(
+            self, ground="panel", line="blue", radius_px=tokens.PANEL_RADIUS_PX, line_px=1.2, inset_px=(1, 1)
+        )
         kind = "" if self._mark is None else self._mark.kind
         name = "note-pencil" if self.writes_note or kind == "note" else "bookmark-simple"
         name = "warning" if kind == "wizard_error" else name

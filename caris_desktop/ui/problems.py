@@ -5,7 +5,7 @@ what happened, what it means, what to do. Never a box in the way.
 from collections.abc import Sequence
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QMouseEvent, QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import ANSWER, Problem, Severity
@@ -291,12 +291,8 @@ class ProblemCard(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         icon, role, _ = LOOKS[self.problem.severity]
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self._theme.color(role), 1.2))
-        painter.setBrush(self._theme.color("panel"))
-        painter.drawRoundedRect(
-            QRectF(self.rect()).adjusted(1, 1, -1, -1), tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX
+        painter = self._theme.paint_box(
+            self, ground="panel", line=role, radius_px=tokens.PANEL_RADIUS_PX, line_px=1.2, inset_px=(1, 1)
         )
         draw_icon(painter, QRectF(14, 13, 22, 22), icon, self._theme.color(role))
 

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
-from PySide6.QtCore import QObject, Qt, Signal
-from PySide6.QtGui import QColor, QFont, QFontDatabase, QGuiApplication, QPalette
+from PySide6.QtCore import QObject, QRectF, Qt, Signal
+from PySide6.QtGui import QColor, QFont, QFontDatabase, QGuiApplication, QPainter, QPalette, QPen
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.ui import tokens
@@ -78,6 +78,27 @@ class Theme(QObject):
             font.setWeight(QFont.Weight(weight))
             self._fonts[size_px, weight] = font
         return font
+
+    def paint_box(
+        self,
+        widget: QWidget,
+        *,
+        ground: str,
+        line: str,
+        radius_px: float,
+        line_px: float = 1.0,
+        inset_px: tuple[float, float] = (0.5, 0.5),
+    ) -> QPainter:
+        """Paint a widget as a rounded box with a line round it, in colours of these roles. ``inset_px``: how far inside
+        of the widget to left and right, above and below. The painter goes on smoothly.
+        """
+        painter = QPainter(widget)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self.color(line), line_px))
+        painter.setBrush(self.color(ground))
+        across, down = inset_px
+        painter.drawRoundedRect(QRectF(widget.rect()).adjusted(across, down, -across, -down), radius_px, radius_px)
+        return painter
 
     def _on_system_scheme_changed(self, scheme: Qt.ColorScheme) -> None:
         self._system_scheme = scheme

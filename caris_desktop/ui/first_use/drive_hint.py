@@ -3,7 +3,7 @@
 import math
 
 from PySide6.QtCore import QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.geometry import Pose2D
@@ -120,10 +120,7 @@ class DriveHint(QWidget):
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter, theme = QPainter(self), self._theme
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(theme.color("blue"))
-        painter.setBrush(theme.color("blue_soft"))
-        painter.drawRoundedRect(QRectF(self.rect()).adjusted(8.5, 3.5, -8.5, -3.5), 8, 8)
+        theme = self._theme
+        painter = theme.paint_box(self, ground="blue_soft", line="blue", radius_px=8, inset_px=(8.5, 3.5))
         icon = "check-circle" if self._leave.isActive() else "game-controller"
         draw_icon(painter, QRectF(20, self.height() / 2 - 9, 18, 18), icon, theme.color("blue"))

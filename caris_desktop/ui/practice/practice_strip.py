@@ -17,7 +17,6 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.practice.training_record import PracticeRun, keep, practised
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.floating_card import draw_card
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 _BUTTON_PX = 30
@@ -184,5 +183,6 @@ class PracticeStrip(QWidget):
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        draw_card(painter, self._theme, QRectF(self.rect()).adjusted(8.6, 1, -8.6, -1))
+        self._theme.paint_box(
+            self, ground="panel", line="blue", radius_px=tokens.PANEL_RADIUS_PX, line_px=1.2, inset_px=(8.6, 1)
+        )

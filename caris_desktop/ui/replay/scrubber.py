@@ -318,12 +318,8 @@ class MomentBubble(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         theme = self._theme
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter = theme.paint_box(self, ground="panel", line="line_strong", radius_px=8)
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-        painter.setPen(QPen(theme.color("line_strong"), 1))
-        painter.setBrush(theme.color("panel"))
-        painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), 8, 8)
         top = 8.0
         if self._with_picture:
             place = QRectF((self.width() - _PICTURE.width()) / 2, top, _PICTURE.width(), _PICTURE.height())

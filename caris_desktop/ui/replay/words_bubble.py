@@ -1,7 +1,7 @@
 """Says in words, beside the thing itself, why something was refused."""
 
 from PySide6.QtCore import QRect, QRectF, Qt, QTimer
-from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QFontMetrics, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.ui import tokens
@@ -52,11 +52,7 @@ class WordsBubble(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         theme = self._theme
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(theme.color("amber"), 1))
-        painter.setBrush(theme.color("amber_soft"))
-        painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), 8, 8)
+        painter = theme.paint_box(self, ground="amber_soft", line="amber", radius_px=8)
         draw_icon(painter, QRectF(10, self.height() / 2 - 8, 16, 16), "warning", theme.color("amber"))
         painter.setFont(theme.font(tokens.STATUS_PX))
         painter.setPen(theme.color("text"))

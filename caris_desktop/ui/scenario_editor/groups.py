@@ -6,8 +6,8 @@ Long because each of them holds pieces of every other kind: in files of their ow
 from collections.abc import Callable
 from typing import Any
 
-from PySide6.QtCore import QRectF, Qt, QTimer
-from PySide6.QtGui import QKeyEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QKeyEvent, QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain.declared import (
@@ -595,9 +595,4 @@ class EntryRow(FormPart):
     def paintEvent(self, _event: QPaintEvent) -> None:
         if not self._folds:
             return
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self.context.theme.color("line"), 1))
-        painter.setBrush(self.context.theme.color("panel"))
-        rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
-        painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+        self.context.theme.paint_box(self, ground="panel", line="line", radius_px=tokens.CONTROL_RADIUS_PX)

@@ -2,8 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QRectF
-from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -63,9 +62,11 @@ class Notice(QWidget):
             self.hide()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self._theme.color(self._role), 1.4))
-        painter.setBrush(self._theme.color(f"{self._role}_soft"))
-        rect = QRectF(self.rect()).adjusted(16.7, 2.7, -16.7, -2.7)
-        painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+        self._theme.paint_box(
+            self,
+            ground=f"{self._role}_soft",
+            line=self._role,
+            radius_px=tokens.CONTROL_RADIUS_PX,
+            line_px=1.4,
+            inset_px=(16.7, 2.7),
+        )

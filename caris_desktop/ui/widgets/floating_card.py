@@ -5,8 +5,8 @@ A popup window would end driving and take the keys; these are children of what t
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QHideEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtCore import QPointF, Qt, Signal
+from PySide6.QtGui import QHideEvent, QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -14,14 +14,6 @@ from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
-
-
-def draw_card(painter: QPainter, theme: Theme, rect: QRectF) -> None:
-    """A rounded card with a thin blue border, on which ``painter`` goes on smoothly."""
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.setPen(QPen(theme.color("blue"), 1.2))
-    painter.setBrush(theme.color("panel"))
-    painter.drawRoundedRect(rect, tokens.PANEL_RADIUS_PX, tokens.PANEL_RADIUS_PX)
 
 
 class FloatingCard(QWidget):
@@ -54,11 +46,7 @@ class FloatingCard(QWidget):
         self.closed.emit()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self._theme.color("line_strong"), 1))
-        painter.setBrush(self._theme.color("panel"))
-        painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), 10, 10)
+        self._theme.paint_box(self, ground="panel", line="line_strong", radius_px=10)
 
 
 class ChoiceCard(FloatingCard):
