@@ -196,30 +196,6 @@ def _key_differences(key: Key, before: Any, after: Any, path: KeyPath) -> Iterat
         yield Difference(path, before, after)
 
 
-def leaves(hint: Any, data: Any) -> Iterator[tuple[KeyPath, Form]]:
-    """Every single value that a file may hold as it is built now: those that it says, and those that it leaves out."""
-    yield from _leaves(form_of(hint), data, ())
-
-
-def _leaves(form: Form, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Form]]:
-    group = group_at(form, data)
-    if group is not None:
-        for key in keys_of(group):
-            stands = value_at(data, (key.name,))
-            if stands is ABSENT:
-                stands = default_of(key)
-            if stands is ABSENT and group_at(key.form, stands) is not None:
-                # It is there as a whole or not at all.
-                yield (*path, key.name), key.form
-            else:
-                yield from _leaves(key.form, stands, (*path, key.name))
-    elif (item := item_of(form.kind)) is not None:
-        for number, entry in enumerate(data if isinstance(data, list) else ()):
-            yield from _leaves(item, entry, (*path, number))
-    else:
-        yield path, form
-
-
 def called(hint: Any, data: Any, path: KeyPath) -> list[str]:
     """What the place is called for a person, from the outside in: titles of keys, and entries by their names."""
     form, said = form_of(hint), []

@@ -47,11 +47,6 @@ class DistantEar(QObject):
         self._look.timeout.connect(self.look)
         bus.tap(self._hear, (AudioChunk,))
 
-    @property
-    def open_for(self) -> str:
-        """Whose microphone is listened to, in words; empty while none is."""
-        return self._whose
-
     def open(self, whose: str, ask: Callable[[bool], object], *, reachable: Callable[[], bool] = lambda: True) -> None:
         """Listen from now on. ``whose`` microphone it is, in words; ``ask`` asks for its sound, and no longer.
 

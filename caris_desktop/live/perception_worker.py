@@ -101,10 +101,6 @@ class PerceptionWorker(QObject):
         """The inference process, None where it does not run."""
         return self._child
 
-    @property
-    def child_pid(self) -> int | None:
-        return None if self._child is None else self._child.pid
-
     def use_body(self, body: ProcessBody) -> None:
         """Another detector, or another place for it, from now on: inference starts anew."""
         self._inputs.put(_UseBody(body))

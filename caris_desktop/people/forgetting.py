@@ -41,10 +41,10 @@ def look_up(database: Path, who: str) -> PersonToForget | None:
             person_id = _id_of(store, who)
             if person_id is None:
                 return None
-            canaries = store.canaries_of(person_id)
-            people = [store.get(each) for each in canaries.person_ids]
+            traces = store.traces_of(person_id)
+            people = [store.get(each) for each in traces.person_ids]
             names = dict.fromkeys(person.name for person in people if person is not None and person.name)
-            return PersonToForget(canaries.person_ids, tuple(names), canaries.blobs)
+            return PersonToForget(traces.person_ids, tuple(names), traces.blobs)
     except PeopleStoreError as error:
         raise ToldFailure(str(error), _NOTHING_CHANGED, _advice(database)) from error
 

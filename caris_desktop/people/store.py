@@ -85,14 +85,12 @@ class HistoryEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class Canaries:
-    """What must not be found anywhere any more once somebody is forgotten. ``person_ids`` are all they ever had.
-
-    Group and tags are not among it: others bear the same.
+class Traces:
+    """What must not be found anywhere any more once somebody is forgotten: all ids that they ever had, and the bytes
+    of portraits and vectors.
     """
 
     person_ids: tuple[str, ...]
-    texts: tuple[str, ...]
     blobs: tuple[bytes, ...]
 
 
@@ -348,21 +346,16 @@ class PeopleStore:
 
     # Forgetting
 
-    def canaries_of(self, person_id: str) -> Canaries:
+    def traces_of(self, person_id: str) -> Traces:
         """What a search of every byte looks for once this person is forgotten; read it before."""
         ids = self.ids_of(person_id)
-        people = [person for each in ids if (person := self.get(each)) is not None]
-        said = [entry.text for entry in self._told(person_id) if entry.kind != "photo"]
-        texts = [text for person in people for text in (person.about.name, person.about.note)] + said
         vectors = [row.tobytes() for each in ids for looks in self.looks(person_id=each) for row in looks.vectors]
         jpegs = self._of_all_ids(
             person_id,
             "SELECT portraits.person_id, jpeg, key FROM portraits JOIN keys USING (person_id) WHERE person_id IN ({})",
         )
         portraits = [unseal(key, owner, "portrait", sealed) for owner, sealed, key in jpegs]
-        return Canaries(
-            ids, tuple(dict.fromkeys(filter(None, texts))), tuple(dict.fromkeys(filter(None, [*portraits, *vectors])))
-        )
+        return Traces(ids, tuple(dict.fromkeys(filter(None, [*portraits, *vectors]))))
 
     def forget(self, person_id: str) -> tuple[str, ...]:
         """Delete keys and rows of a person, also from log and free pages; gives all ids that they had.

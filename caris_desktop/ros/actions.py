@@ -1,6 +1,5 @@
 """Goals of actions as ROS 1 (actionlib) and ROS 2 (through rosbridge) carry them, those of navigation in particular."""
 
-from dataclasses import field
 from typing import Any, Literal
 
 from caris_desktop.domain.geometry import Pose2D
@@ -75,11 +74,10 @@ class GoalFeedback:
 
 @dataclass(frozen=True, slots=True)
 class GoalResult:
-    """How a ROS 2 goal ended; ``result`` is what the action itself answers."""
+    """How a ROS 2 goal ended."""
 
     ending: Ending
     detail: str = ""
-    result: Message = field(default_factory=dict)
 
 
 def encode_goal_id(dialect: Dialect, goal_id: str, *, stamp_ns: int = 0) -> Message:
@@ -235,13 +233,12 @@ def decode_ros2_result(operation: Any) -> GoalResult:
     envelope = message_of(operation, what)
     status = count(envelope, "status", what, most=255) if envelope.get("status") is not None else None
     values = envelope.get("values")
-    result = values if isinstance(values, dict) else {}
-    detail = result.get("error_msg", "") if isinstance(values, dict) else values
+    detail = values.get("error_msg", "") if isinstance(values, dict) else values
     detail = detail if isinstance(detail, str) else ""
     if status in ROS2_ENDINGS:
-        return GoalResult(ROS2_ENDINGS[status], detail, result)
+        return GoalResult(ROS2_ENDINGS[status], detail)
     succeeded = truth(envelope, "result", what) if "result" in envelope else False
-    return GoalResult("reached" if succeeded and status is None else "failed", detail, result)
+    return GoalResult("reached" if succeeded and status is None else "failed", detail)
 
 
 def action_package_and_name(action_type: str) -> tuple[str, str]:

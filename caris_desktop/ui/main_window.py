@@ -114,7 +114,6 @@ class MainWindow(TabAsRead, QWidget):
             raise TypeError("the window needs a QApplication")
         self.setObjectName("main_window")
         self._console = console
-        self._settings = settings
         choice = as_choice(settings.value(THEME_KEY, "system")) if settings is not None else "system"
         self.theme = theme if theme is not None else Theme(app, choice, self)
         self.appearance = Appearance(self.theme, settings)

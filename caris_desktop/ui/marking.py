@@ -53,7 +53,6 @@ class Marking(QObject):
         self.card.end_requested.connect(lambda mark_id: console.do(intents.EndMark(mark_id)))
         self._answer_time = QTimer(self, singleShot=True, interval=round(ANSWER_WITHIN_S * 1000))
         self._answer_time.timeout.connect(self._on_answer_late)
-        self._error_id = ""
         self._taken_back: Marked | None = None
         console.state.recording.changed.connect(self._on_recording_changed)
         hold.mark_pressed.connect(self._on_key_pressed)
@@ -126,7 +125,6 @@ class Marking(QObject):
 
     def _ask_what_error(self, mark_id: str) -> None:
         """The next key is an answer to what kind of error it was."""
-        self._error_id = mark_id
         self._hold.ask_next_key("".join(self._error_keys()), self._on_answer)
         self._answer_time.start()
         self.card.show_mark(mark_id, asks=True)

@@ -97,8 +97,8 @@ def measure(seconds: float, *, model: Path | None) -> dict[str, Any]:
                     break
                 time.sleep(max(0.0, began_s + due_s - time.monotonic()))
                 worker.offer(ring.write(frame.image_bgr, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front"))
-                if number % round(RATE_HZ) == 0 and worker.child_pid is not None:
-                    memory.look(worker.child_pid)
+                if number % round(RATE_HZ) == 0 and worker.child is not None and worker.child.pid is not None:
+                    memory.look(worker.child.pid)
                     application.processEvents()
         finally:
             worker.stop()

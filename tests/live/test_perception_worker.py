@@ -143,12 +143,12 @@ def test_a_machine_that_looks_for_this_one_may_go_and_come_back(qtbot: QtBot, se
 
 def test_another_detector_takes_the_place_of_the_first(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
-    first = setup.worker.child_pid
+    first = setup.worker.child
     setup.worker.use_body(
         ProcessBody("inference", bodies.brightness, (RingsToRead((setup.ring.name,)), "of another scenario"))
     )
     qtbot.waitUntil(lambda: setup.models[-1] == "brightness of another scenario", timeout=20_000)
-    assert setup.worker.child_pid != first
+    assert setup.worker.child is not first
     assert not setup.of(Problem), "nothing has gone wrong"
     seen = len(setup.people())
     _show_until(qtbot, setup, 200, lambda: len(setup.people()) > seen)

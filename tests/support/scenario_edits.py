@@ -21,7 +21,7 @@ from caris_desktop.domain.declared import (
     scalars_of,
 )
 from caris_desktop.domain.declared_check import problems
-from caris_desktop.domain.declared_places import ABSENT, blank_of, group_at, leaves
+from caris_desktop.domain.declared_places import ABSENT, blank_of, default_of, group_at, value_at
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.model import Scenario
@@ -39,6 +39,30 @@ def sampled(request: pytest.FixtureRequest) -> Callable[[Sequence[T]], Sequence[
     if request.config.getoption("--long"):
         return lambda many: many
     return lambda many: many[3 :: max(1, len(many) // 5)]
+
+
+def leaves(hint: Any, data: Any) -> Iterator[tuple[KeyPath, Form]]:
+    """Every single value that a file may hold as it is built now: those that it says, and those that it leaves out."""
+    yield from _leaves(form_of(hint), data, ())
+
+
+def _leaves(form: Form, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Form]]:
+    group = group_at(form, data)
+    if group is not None:
+        for key in keys_of(group):
+            stands = value_at(data, (key.name,))
+            if stands is ABSENT:
+                stands = default_of(key)
+            if stands is ABSENT and group_at(key.form, stands) is not None:
+                # It is there as a whole or not at all.
+                yield (*path, key.name), key.form
+            else:
+                yield from _leaves(key.form, stands, (*path, key.name))
+    elif (item := item_of(form.kind)) is not None:
+        for number, entry in enumerate(data if isinstance(data, list) else ()):
+            yield from _leaves(item, entry, (*path, number))
+    else:
+        yield path, form
 
 
 def edited_leaves(document: ScenarioDocument) -> list[tuple[KeyPath, Form]]:

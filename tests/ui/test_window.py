@@ -42,7 +42,7 @@ from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.entry import Entry
-from caris_desktop.ui.palette.search import matching
+from caris_desktop.ui.palette.search import Finder
 from caris_desktop.ui.problems import SHOWN_AT_ONCE
 from caris_desktop.ui.status_bar import StatusItem
 from caris_desktop.ui.theme import Theme
@@ -323,9 +323,9 @@ def test_finding_wants_every_word_and_prefers_beginnings() -> None:
     entries = [
         Entry(text, "Place", "", "", lambda: None, id=text) for text in ("Go to Lab bench", "Lab tour", "Kitchen")
     ]
-    assert [entry.text for entry in matching(entries, "lab")] == ["Lab tour", "Go to Lab bench"]
-    assert [entry.text for entry in matching(entries, "lab go")] == ["Go to Lab bench"]
-    assert matching(entries, "xyz") == []
+    assert [entry.text for entry in Finder(entries).matching("lab")] == ["Lab tour", "Go to Lab bench"]
+    assert [entry.text for entry in Finder(entries).matching("lab go")] == ["Go to Lab bench"]
+    assert Finder(entries).matching("xyz") == []
 
 
 def test_the_shortcut_sheet_opens_by_key(qtbot: QtBot, window: MainWindow) -> None:
@@ -563,7 +563,9 @@ def test_robots_controls_and_maps_are_found_too(window: MainWindow, console: Fak
     )
     console.state.mapping.set(MapStatus(can_save=True, can_switch=True, mapping=False))
     entries = window.palette_entries()
-    best = {query: matching(entries, query)[0] for query in ("robot wave", "tiago", "start mapping", "diagnostics")}
+    best = {
+        query: Finder(entries).matching(query)[0] for query in ("robot wave", "tiago", "start mapping", "diagnostics")
+    }
     assert {query: entry.text for query, entry in best.items()} == {
         "robot wave": "Robot: Wave", "tiago": "Connect to TIAGo", "start mapping": "Start mapping",
         "diagnostics": "Diagnostics",
@@ -571,7 +573,7 @@ def test_robots_controls_and_maps_are_found_too(window: MainWindow, console: Fak
     best["robot wave"].do()
     best["start mapping"].do()
     assert console.calls == [("use_control", ("wave", True)), ("set_mapping", True)]
-    matching(entries, "robot dock")[0].do()
+    Finder(entries).matching("robot dock")[0].do()
     assert len(console.named("use_control")) == 1
     assert find(window, "question_band").accessibleName() == "Dock?"
 

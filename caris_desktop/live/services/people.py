@@ -114,10 +114,6 @@ class PeopleService(Service):
     def restarts(self) -> dict[str, Restarts]:
         return {} if self._worker is None else {self._worker.name: self._worker.restarts}
 
-    @property
-    def inference_pid(self) -> int | None:
-        return None if self._worker is None else self._worker.child_pid
-
     def start(self) -> None:
         body = self._inference
         if body is None:

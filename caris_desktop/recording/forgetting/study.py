@@ -101,11 +101,6 @@ def under_way(study: Path) -> list[str]:
     return [str(person_id) for person_id in found if person_id]
 
 
-def is_under_way(study: Path, person_id: str) -> bool:
-    """Whether forgetting this person was begun and not ended."""
-    return path_of(study, person_id).exists()
-
-
 def review_path(study: Path, person_id: str) -> Path:
     """Where the list of texts lies that somebody has to decide on."""
     journal = path_of(study, person_id)

@@ -64,7 +64,6 @@ class FaceEditor(TabAsRead, QDialog):
         super().__init__(parent)
         self.setObjectName("face_editor")
         self.setWindowTitle(tr("Edit the face"))
-        self._theme = theme
         self._console = console
         status = console.state.face.value
         self._face = _loaded(status.face)

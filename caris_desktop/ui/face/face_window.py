@@ -26,7 +26,6 @@ class FaceWindow(QWidget):
         self.setWindowTitle(tr("Robot’s face"))
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self._state = state
         self._view = FaceView()
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)

@@ -17,7 +17,6 @@ class SetUpStep:
     name: StepName
     title: str
     about: str
-    icon: str
     checks: tuple[str, ...]
 
     def of(self, checks: Sequence[PreflightCheck]) -> tuple[PreflightCheck, ...]:
@@ -29,28 +28,24 @@ STEPS: tuple[SetUpStep, ...] = (
         "robot",
         QT_TR_NOOP("Robot"),
         QT_TR_NOOP("Choose the robot. It has to run rosbridge, and be in the same network as this computer."),
-        "robot",
         ("robot",),
     ),
     SetUpStep(
         "camera",
         QT_TR_NOOP("Camera"),
         QT_TR_NOOP("This is what the robot sees now. Which cameras are used, the scenario says."),
-        "camera",
         ("video",),
     ),
     SetUpStep(
         "sound",
         QT_TR_NOOP("Sound"),
         QT_TR_NOOP("Hear that the robot speaks, and see that the microphone hears."),
-        "speaker-high",
         ("voice", "microphone"),
     ),
     SetUpStep(
         "model",
         QT_TR_NOOP("Language model"),
         QT_TR_NOOP("It suggests what to say. You can do everything without one."),
-        "brain",
         ("model",),
     ),
 )

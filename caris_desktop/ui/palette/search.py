@@ -133,8 +133,3 @@ def _in_order(entries: Sequence[Entry], used: Used) -> tuple[tuple[Entry, ...], 
         placed |= {id(entry) for entry in part}
     ends = list(accumulate(map(len, parts)))
     return tuple(chain(*parts)), tuple(ends[:-1])
-
-
-def matching(entries: Sequence[Entry], query: str) -> list[Entry]:
-    """The same for entries that are searched once."""
-    return Finder(entries).matching(query)

@@ -367,7 +367,6 @@ class LargePhoto(QWidget):
 
     def __init__(self, theme: Theme, *, can_ask: bool) -> None:
         super().__init__()
-        self._theme = theme
         self._photo: PhotoEntry | None = None
         self.picture = _Picture(theme)
         self.about = CutLabel()

@@ -39,11 +39,11 @@ def test_inference_starts_anew_for_a_scenario_that_wants_another_detector_and_fo
     service.start()
     try:
         qtbot.waitUntil(lambda: state.perception.value.model == "brightness one", timeout=30_000)
-        child = service.inference_pid
+        child = service.processes()["inference"].pid
         service.use_scenario(replace(first, title="Another"))
         service.use_scenario(second)
         qtbot.waitUntil(lambda: state.perception.value.model == "brightness two", timeout=30_000)
-        assert service.inference_pid != child
+        assert service.processes()["inference"].pid != child
     finally:
         service.stop()
         service.end()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.canaries import all_of
-from caris_desktop.recording.forgetting.study import ForgetRequest, forget_person, is_under_way
+from caris_desktop.recording.forgetting.study import ForgetRequest, forget_person, under_way
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.media_repair import content_of
 from tests.recording.forgetting.named_study import NAME, PERSON
@@ -27,7 +27,7 @@ def forget(study: Path) -> bool:
     """As the command does: what the database does not know any more nobody looks for."""
     known = (study / "people.sqlite").exists()
     names = (NAME,) if known else ()
-    if not known and not is_under_way(study, PERSON):
+    if not known and PERSON not in under_way(study):
         return True
     request = ForgetRequest(study, (PERSON,), names, otherwise="redact")
     return forget_person(request, lambda: erase(study)).complete

@@ -19,7 +19,7 @@ from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.palette.entry import Entry
-from caris_desktop.ui.palette.search import matching
+from caris_desktop.ui.palette.search import Finder
 from caris_desktop.ui.session_table import local_time
 from tests.ui.conftest import MemorySettings, find
 from tests.ui.fake_console import FakeConsole, FakeLibrary
@@ -68,9 +68,9 @@ def test_whatever_speaks_or_moves_is_found_by_its_own_words_only(window: MainWin
 def test_other_things_are_still_found_where_they_are_misspelt(window: MainWindow) -> None:
     assert texts(palette_of(window, "diagnotics")) == ["Diagnostics"]
     guess = Entry("Kitchen", "Panel", "", "", lambda: None, id="Panel: Kitchen")
-    assert matching([guess], "kichen") == [guess]
-    assert matching([dataclasses.replace(guess, acts=True)], "kichen") == []
-    assert matching([dataclasses.replace(guess, acts=True)], "kitch")
+    assert Finder([guess]).matching("kichen") == [guess]
+    assert Finder([dataclasses.replace(guess, acts=True)]).matching("kichen") == []
+    assert Finder([dataclasses.replace(guess, acts=True)]).matching("kitch")
 
 
 def test_the_release_stands_first_and_is_never_chosen_beforehand(window: MainWindow, console: FakeConsole) -> None:
