@@ -3,13 +3,13 @@
 from collections.abc import Callable
 
 from PySide6.QtGui import QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -26,9 +26,7 @@ class Band(QWidget):
         self._theme = theme
         self._role = role
         self.text = CutLabel()
-        self.row = QHBoxLayout(self)
-        self.row.setContentsMargins(14, 0, 4, 0)
-        self.row.setSpacing(tokens.GRID_PX)
+        self.row = boxes.row(self, margins_px=(14, 0, 4, 0), spacing_px=tokens.GRID_PX)
         self.row.addWidget(self.text, 1)
         theme.changed.connect(self._style)
         self._style()

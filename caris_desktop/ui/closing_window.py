@@ -4,11 +4,11 @@ import time
 from collections.abc import Callable
 
 from PySide6.QtCore import QEventLoop, Qt
-from PySide6.QtWidgets import QApplication, QLabel, QProgressBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QProgressBar, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.slow_work import do_beside
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.theme import Theme
 
 SHOWN_AFTER_S = 0.7
@@ -34,9 +34,7 @@ class ClosingWindow(QWidget):
         busy = QProgressBar()
         busy.setRange(0, 0)
         busy.setTextVisible(False)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(24, 20, 24, 20)
-        column.setSpacing(12)
+        column = boxes.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         for widget in (self._what, busy, self._since):
             column.addWidget(widget)
         self.setFixedWidth(420)

@@ -6,11 +6,11 @@ from typing import Any
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveState
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel_table import possible_panels
 from caris_desktop.ui.theme import Theme
@@ -65,9 +65,7 @@ class ConnectionCard(Overlay):
         self._plot: Any = None
         self._curves: dict[str, Any] = {}
         self._legend: dict[str, _LegendEntry] = {}
-        self._layout = QVBoxLayout(self.card)
-        self._layout.setContentsMargins(20, 16, 20, 16)
-        self._layout.setSpacing(10)
+        self._layout = boxes.column(self.card, margins_px=(20, 16, 20, 16), spacing_px=10)
         self._heading = QLabel(tr("Connection in the last minute"))
         self._heading.setWordWrap(True)
         self._state = state
@@ -82,8 +80,7 @@ class ConnectionCard(Overlay):
         robots = ActionButton(theme, tr("Another robot…"), icon="robot")
         robots.setObjectName("connection_robots")
         robots.clicked.connect(self.robots_requested)
-        head = QHBoxLayout()
-        head.setSpacing(8)
+        head = boxes.row(spacing_px=8)
         head.addWidget(self._heading, 1)
         head.addWidget(diagnostics)
         head.addWidget(robots)

@@ -1,8 +1,9 @@
 """The red button stays within reach while a modal dialog locks the window that it is in."""
 
 from PySide6.QtCore import QObject, QPoint, Qt, Signal
-from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QWidget
 
+from caris_desktop.ui import boxes
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -44,8 +45,7 @@ class EmergencyOverDialogs(QObject):
         button.setObjectName("emergency_stop_copy")
         button.setToolTip(self._button.toolTip())
         button.pressed.connect(self.pressed)
-        layout = QVBoxLayout(window)
-        layout.setContentsMargins(0, 0, 0, 0)
+        layout = boxes.column(window, margins_px=0)
         layout.addWidget(button)
         window.resize(self._button.size())
         window.move(self._button.mapToGlobal(QPoint(0, 0)))

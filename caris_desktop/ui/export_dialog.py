@@ -8,13 +8,11 @@ from PySide6.QtCore import QSize, Qt, QUrl, Signal
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QPainter, QPaintEvent, QShowEvent
 from PySide6.QtWidgets import (
     QFileDialog,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QProgressBar,
     QScrollArea,
     QSizePolicy,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -22,7 +20,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ExportStatus
 from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.export import FORMATS
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -158,24 +156,19 @@ class ExportDialog(TabAsRead, QWidget):
 
     def _lay_out(self) -> None:
         content = QWidget()
-        layout = QVBoxLayout(content)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(12)
-        head = QVBoxLayout()
-        head.setSpacing(2)
+        layout = boxes.column(content, margins_px=0, spacing_px=12)
+        head = boxes.column(spacing_px=2)
         head.addWidget(self._heading)
         head.addWidget(self._which)
         layout.addLayout(head)
         layout.addWidget(self._make_formats(), 1)
         layout.addWidget(self._label(tr("Where to")))
-        where = QHBoxLayout()
-        where.setSpacing(8)
+        where = boxes.row(spacing_px=8)
         where.addWidget(self._folder, 1)
         where.addWidget(self._browse)
         layout.addLayout(where)
         layout.addWidget(self._label(tr("Licence, if others will get the data")))
-        licence = QHBoxLayout()
-        licence.setSpacing(8)
+        licence = boxes.row(spacing_px=8)
         licence.addWidget(self._licence, 1)
         licence.addWidget(self._other, 1)
         layout.addLayout(licence)
@@ -183,12 +176,9 @@ class ExportDialog(TabAsRead, QWidget):
         layout.addSpacing(2)
         layout.addWidget(self._bar)
         layout.addWidget(self._what)
-        whole = QVBoxLayout(self)
-        whole.setContentsMargins(24, 20, 24, 20)
-        whole.setSpacing(12)
+        whole = boxes.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         whole.addWidget(Scrolled(content), 1)
-        buttons = QHBoxLayout()
-        buttons.setSpacing(8)
+        buttons = boxes.row(spacing_px=8)
         buttons.addWidget(self._close)
         buttons.addStretch(1)
         for button in (self._open, self._cancel, self._start):
@@ -203,9 +193,7 @@ class ExportDialog(TabAsRead, QWidget):
 
     def _make_formats(self) -> QScrollArea:
         rows = QWidget()
-        column = QVBoxLayout(rows)
-        column.setContentsMargins(0, 0, 8, 0)
-        column.setSpacing(6)
+        column = boxes.column(rows, margins_px=(0, 0, 8, 0), spacing_px=6)
         for fmt in FORMATS:
             box = CheckBox(self._theme, tr(fmt.title))
             box.setObjectName(f"export_format_{fmt.name}")
@@ -216,8 +204,7 @@ class ExportDialog(TabAsRead, QWidget):
             description = _Description(tr(fmt.description), box)
             description.setFont(self._theme.font(tokens.STATUS_PX))
             self._dim.append(description)
-            row = QVBoxLayout()
-            row.setSpacing(0)
+            row = boxes.column(spacing_px=0)
             row.addWidget(box)
             row.addWidget(description)
             column.addLayout(row)

@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QScrollArea,
     QSizePolicy,
     QSlider,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -35,7 +34,7 @@ from caris_desktop.live.gamepad_mapping import (
 )
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -90,9 +89,7 @@ class GamepadDialog(TabAsRead, QDialog):
         shown_buttons = [action for action in BUTTON_ACTIONS if action in _BUTTON_TEXTS]
         for actions in ((*AXIS_ACTIONS, *shown_buttons[:3]), shown_buttons[3:]):
             side = QWidget()
-            lines = QVBoxLayout(side)
-            lines.setContentsMargins(0, 0, 0, 0)
-            lines.setSpacing(2)
+            lines = boxes.column(side, margins_px=0, spacing_px=2)
             self._sides.append(side)
             self._columns.addWidget(side, 1, Qt.AlignmentFlag.AlignTop)
             for action in actions:
@@ -101,8 +98,7 @@ class GamepadDialog(TabAsRead, QDialog):
                 self._rows[action] = row
                 lines.addWidget(row)
         rows = QWidget()
-        rows_layout = QVBoxLayout(rows)
-        rows_layout.setContentsMargins(0, 0, 8, 0)
+        rows_layout = boxes.column(rows, margins_px=(0, 0, 8, 0))
         rows_layout.addLayout(self._columns)
         rows_layout.addStretch(1)
         scroll = self._scroll = QScrollArea()
@@ -141,17 +137,13 @@ class GamepadDialog(TabAsRead, QDialog):
         scroll.setMinimumHeight(_LEAST_ROWS_PX)
         scroll.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         content = QWidget()
-        layout = QVBoxLayout(content)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(12)
+        layout = boxes.column(content, margins_px=0, spacing_px=12)
         layout.addWidget(self._name)
         layout.addWidget(self._hint)
         layout.addWidget(self._view)
         layout.addWidget(scroll, 1)
         layout.addLayout(sliders)
-        whole = QVBoxLayout(self)
-        whole.setContentsMargins(24, 20, 24, 20)
-        whole.setSpacing(12)
+        whole = boxes.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(foot)
         state.gamepad.changed.connect(self._on_status_changed)
@@ -314,9 +306,7 @@ class BindingRow(QWidget):
         self.change = ActionButton(theme, tr("Change"), height_px=30, text_px=tokens.STATUS_PX)
         self.change.setObjectName(f"change_{action}")
         self.change.setAccessibleName(tr("Change: {action}").format(action=title))
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(12)
+        row = boxes.row(self, margins_px=0, spacing_px=12)
         row.addWidget(self._title)
         row.addWidget(self._bound, 1)
         row.addWidget(self.change)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import AsBefore
@@ -12,7 +12,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import GoingOnStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import event_words, tokens
+from caris_desktop.ui import boxes, event_words, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
@@ -83,9 +83,7 @@ class GoingOnCard(QWidget):
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
         self._boxes: dict[AsBefore, CheckBox] = {}
-        column = self._column = QVBoxLayout(self)
-        column.setContentsMargins(20, 16, 20, 16)
-        column.setSpacing(tokens.GRID_PX)
+        column = self._column = boxes.column(self, margins_px=(20, 16, 20, 16), spacing_px=tokens.GRID_PX)
         column.addWidget(self._heading)
         column.addWidget(self._text)
         for what, asked in _ASKED.items():
@@ -102,8 +100,7 @@ class GoingOnCard(QWidget):
         self._no = ActionButton(theme, tr("Do not go on"), look="ghost", height_px=38)
         self._no.setObjectName("going_on_no")
         self._no.clicked.connect(lambda: console.do(intents.LeaveTrial()))
-        buttons = QHBoxLayout()
-        buttons.setSpacing(tokens.GRID_PX)
+        buttons = boxes.row(spacing_px=tokens.GRID_PX)
         buttons.addWidget(self._no)
         buttons.addStretch(1)
         buttons.addWidget(self._start)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QApplication, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QSplitter, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
@@ -16,7 +16,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
 from caris_desktop.scenario.library import ScenarioChoice, list_scenarios
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
-from caris_desktop.ui import words
+from caris_desktop.ui import boxes, words
 from caris_desktop.ui.action_conditions import ActionConditions
 from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GROUP
 from caris_desktop.ui.actions import Actions
@@ -199,15 +199,12 @@ class MainWindow(TabAsRead, QWidget):
         self._place.restore()
 
     def _arrange(self) -> None:
-        self._column = QVBoxLayout(self)
-        self._column.setContentsMargins(0, 0, 0, 0)
-        self._column.setSpacing(0)
+        self._column = boxes.column(self, margins_px=0, spacing_px=0)
         self._column.addWidget(self._top_bar)
         self._column.addWidget(self._strip)
         self._column.addWidget(self._protocol)
         self._column.addWidget(self.practice)
-        holder = QVBoxLayout()
-        holder.setContentsMargins(8, 6, 8, 8)
+        holder = boxes.column(margins_px=(8, 6, 8, 8))
         self._middle = QSplitter(Qt.Orientation.Vertical)
         self._middle.setObjectName("middle")
         self._middle.setHandleWidth(8)

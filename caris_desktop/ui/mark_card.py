@@ -4,13 +4,13 @@ import time
 
 from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.recording import ERROR_KEYS, ErrorKind
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
@@ -77,9 +77,7 @@ class MarkCard(QWidget):
         self._undo.setToolTip(tr("Take this mark back"))
         self._earlier.setToolTip(tr("What is meant happened 3 seconds before. Press again for 6, 9, …"))
         self._correct = QWidget()
-        correct = QHBoxLayout(self._correct)
-        correct.setContentsMargins(0, 0, 0, 0)
-        correct.setSpacing(6)
+        correct = boxes.row(self._correct, margins_px=0, spacing_px=6)
         for button in (self._end, self._earlier, self._add_note, self._undo):
             correct.addWidget(button)
         self.field = EnterField()
@@ -94,24 +92,18 @@ class MarkCard(QWidget):
         leave = self._button("note_leave", tr("Leave"), key="Esc")
         leave.clicked.connect(self.close_card)
         self._note_row = QWidget()
-        note_row = QHBoxLayout(self._note_row)
-        note_row.setContentsMargins(0, 0, 0, 0)
-        note_row.setSpacing(6)
+        note_row = boxes.row(self._note_row, margins_px=0, spacing_px=6)
         note_row.addWidget(self.field, 1)
         note_row.addWidget(self._keep)
         note_row.addWidget(leave)
-        head = QHBoxLayout()
-        head.setSpacing(10)
-        column = QVBoxLayout()
-        column.setSpacing(1)
+        head = boxes.row(spacing_px=10)
+        column = boxes.column(spacing_px=1)
         column.addWidget(self._title)
         column.addWidget(self._line)
         head.addLayout(column, 1)
         head.addWidget(self._correct, 0, Qt.AlignmentFlag.AlignTop)
         head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(44, 10, 8, 12)
-        layout.setSpacing(8)
+        layout = boxes.column(self, margins_px=(44, 10, 8, 12), spacing_px=8)
         layout.addLayout(head)
         for part in (self._labels, self._kinds, self._note_row):
             layout.addWidget(part)

@@ -2,12 +2,12 @@
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
+from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.bands import Band
 from caris_desktop.ui.glance import GlanceSigns
 from caris_desktop.ui.theme import Theme
@@ -31,9 +31,7 @@ class NoticeStrip(QWidget):
         self._bands = tuple(bands)
         self._now = CutLabel()
         self._now.setObjectName("robot_now")
-        row = QHBoxLayout(self)
-        row.setContentsMargins(8, 4, 8, 0)
-        row.setSpacing(tokens.GRID_PX)
+        row = boxes.row(self, margins_px=(8, 4, 8, 0), spacing_px=tokens.GRID_PX)
         self._signs = GlanceSigns(theme, console.state)
         row.addWidget(self._signs)
         row.addWidget(self._now, 1)

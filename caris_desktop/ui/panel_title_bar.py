@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QEvent, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
+from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, draw_card
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -36,8 +36,7 @@ class PanelTitleBar(QWidget):
         self._fact.setObjectName("panel_fact")
         self._more = tuple(more)
         self._controls: tuple[QWidget, ...] = ()
-        self._row = row = QHBoxLayout(self)
-        row.setSpacing(8)
+        self._row = row = boxes.row(self, spacing_px=8)
         row.addWidget(self._title)
         row.addWidget(self._fact, 1)
         self._show_controls()

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
+from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
@@ -13,7 +13,7 @@ from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import ProtocolStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.protocol import ProtocolStep
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.protocol.step_cards import MOST_DIGITS, BranchesCard, StepsCard
@@ -77,9 +77,7 @@ class ProtocolStrip(QWidget):
         self._skip = self._button("skip_step", "skip_step", icon="skip-forward", ghost=True)
         self.next_button = self._button("next_step", "next_step", icon="arrow-right", may_shrink=True)
         self._acts = (self._say, self._go, self._branch, self._back, self._skip, self.next_button)
-        self._row = QHBoxLayout(self)
-        self._row.setContentsMargins(_SIDE_PX, 0, _SIDE_PX, 0)
-        self._row.setSpacing(_GAP_PX)
+        self._row = boxes.row(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
         self._row.addWidget(self.pills, 3)
         self._row.addWidget(self._note, 1)
         self._row.addWidget(self._ticked)

@@ -11,14 +11,12 @@ from PySide6.QtWidgets import (
     QButtonGroup,
     QDialog,
     QGridLayout,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QListWidget,
     QScrollArea,
     QSizePolicy,
     QStackedWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -27,7 +25,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import ProfileError, RobotProfile, SecuritySettings, check_address
 from caris_desktop.robot.proposal import Proposal, RobotOffer, profile_of, propose
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.robot_rows import MappingRow, NoteLine
 from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
@@ -187,9 +185,7 @@ class RobotDialog(TabAsRead, QDialog):
         holder = QWidget()
         self._summary = CutLabel()
         self._summary.setObjectName("robot_summary")
-        row = QHBoxLayout(holder)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(6)
+        row = boxes.row(holder, margins_px=0, spacing_px=6)
         group = QButtonGroup(holder)
         for page, text in enumerate((tr("What is used for what"), tr("All that it offers"))):
             button = ActionButton(self._theme, text, look="ghost")
@@ -213,24 +209,19 @@ class RobotDialog(TabAsRead, QDialog):
         self.namespace = DropDown(self._theme, "robot_namespace", tr("Which robot on this server"))
         self.namespace.setMinimumWidth(180)
         self.namespace.activated.connect(self._on_namespace_chosen)
-        choices = QHBoxLayout()
-        choices.setSpacing(8)
+        choices = boxes.row(spacing_px=8)
         for widget in (self._start_label, self.start_from, self._namespace_label, self.namespace):
             choices.addWidget(widget)
         choices.addStretch(1)
         self._grid_holder = QWidget()
-        self._column = QVBoxLayout(self._grid_holder)
-        self._column.setContentsMargins(0, 0, 8, 0)
-        self._column.setSpacing(4)
+        self._column = boxes.column(self._grid_holder, margins_px=(0, 0, 8, 0), spacing_px=4)
         self._column.addStretch(1)
         scroll = QScrollArea()
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(self._grid_holder)
-        column = QVBoxLayout(page)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(8)
+        column = boxes.column(page, margins_px=0, spacing_px=8)
         column.addLayout(choices)
         column.addWidget(scroll, 1)
         return page
@@ -245,34 +236,28 @@ class RobotDialog(TabAsRead, QDialog):
         self.offer_list = QListWidget()
         self.offer_list.setObjectName("robot_offer")
         self.offer_list.setAccessibleName(tr("All that the robot offers"))
-        column = QVBoxLayout(page)
-        column.setContentsMargins(0, 0, 0, 0)
+        column = boxes.column(page, margins_px=0)
         column.addWidget(self._filter)
         column.addWidget(self.offer_list, 1)
         return page
 
     def _lay_out(self, cancel: ActionButton) -> None:
-        address = QHBoxLayout()
-        address.setSpacing(8)
+        address = boxes.row(spacing_px=8)
         address.addWidget(self.address_field, 1)
         address.addWidget(self._look)
         address.addWidget(self._security_toggle)
-        foot = QHBoxLayout()
-        foot.setSpacing(8)
+        foot = boxes.row(spacing_px=8)
         foot.addWidget(cancel)
         foot.addStretch(1)
         foot.addWidget(self._check)
         foot.addWidget(self._save)
-        named = QHBoxLayout()
-        named.setSpacing(8)
+        named = boxes.row(spacing_px=8)
         named.addWidget(QLabel(tr("Name")))
         named.addWidget(self.name_field, 1)
         self._pages.setMinimumHeight(_LEAST_PAGE_PX)
         self._pages.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         content = QWidget()
-        layout = QVBoxLayout(content)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(10)
+        layout = boxes.column(content, margins_px=0, spacing_px=10)
         layout.addWidget(self._heading)
         layout.addWidget(self._hint)
         layout.addLayout(address)
@@ -282,9 +267,7 @@ class RobotDialog(TabAsRead, QDialog):
         layout.addWidget(self._pages, 1)
         layout.addWidget(self._empty, 1)
         layout.addLayout(named)
-        whole = QVBoxLayout(self)
-        whole.setContentsMargins(24, 20, 24, 20)
-        whole.setSpacing(12)
+        whole = boxes.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(foot)
 

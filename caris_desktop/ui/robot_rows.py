@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.robot.proposal import FieldProposal
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -51,8 +51,7 @@ class NoteLine(QWidget):
         self._label.setWordWrap(True)
         self._label.setTextFormat(Qt.TextFormat.PlainText)
         self._label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(28, 2, 0, 2)
+        row = boxes.row(self, margins_px=(28, 2, 0, 2))
         row.addWidget(self._label)
         theme.changed.connect(self._style)
         self.hide()
@@ -102,9 +101,7 @@ class MappingRow(QWidget):
         self.box = DropDown(theme, f"mapping_{field}_box", label)
         self.box.setFixedWidth(270)
         self.box.setMaxVisibleItems(_SHORT_LIST)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 1, 0, 1)
-        row.setSpacing(8)
+        row = boxes.row(self, margins_px=(0, 1, 0, 1), spacing_px=8)
         row.addWidget(name)
         if proposal is None:
             fixed = QLabel(topic)

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QPlainTextEdit,
     QScrollArea,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -22,7 +21,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.scenario.bundle import NAME, ImportQuestion, NameConflict
 from caris_desktop.scenario.model import Scenario
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -54,9 +53,7 @@ class SameNamesDialog(TabAsRead, QDialog):
         hint.setWordWrap(True)
         theme.color_text(hint, "dim")
         holder = QWidget()
-        column = QVBoxLayout(holder)
-        column.setContentsMargins(0, 0, 8, 0)
-        column.setSpacing(16)
+        column = boxes.column(holder, margins_px=(0, 0, 8, 0), spacing_px=16)
         self.parts = [_Part(theme, conflict, self._check) for conflict in question.conflicts]
         for part in self.parts:
             column.addWidget(part)
@@ -81,9 +78,7 @@ class SameNamesDialog(TabAsRead, QDialog):
         buttons.addStretch(1)
         buttons.addWidget(cancel)
         buttons.addWidget(self._import)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(24, 20, 24, 20)
-        layout.setSpacing(12)
+        layout = boxes.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         for widget in (heading, hint):
             layout.addWidget(widget)
         layout.addWidget(scroll, 1)
@@ -141,13 +136,10 @@ class _Part(QWidget):
         self.shown.setReadOnly(True)
         self.shown.setMinimumHeight(180)
         self.shown.hide()
-        named = QHBoxLayout()
-        named.setSpacing(8)
+        named = boxes.row(spacing_px=8)
         named.addWidget(self.choice, 1)
         named.addWidget(self.name, 1)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(6)
+        column = boxes.column(self, margins_px=0, spacing_px=6)
         column.addWidget(asked)
         column.addLayout(named)
         if not conflict.own:

@@ -8,11 +8,9 @@ from PySide6.QtCore import QItemSelectionModel, QModelIndex, QSize, Qt, QTimer, 
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QKeyEvent, QPainter, QPaintEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QSplitter,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -20,7 +18,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import LibraryStatus
 from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.search_hits import HitDelegate, HitList, HitsModel
 from caris_desktop.ui.session_table import (
     COLUMNS,
@@ -143,9 +141,7 @@ class SessionsWindow(TabAsRead, QWidget):
         filters = FlowRow()
         for choice in self._filters.values():
             filters.add(choice)
-        below = QVBoxLayout(self._hits_part)
-        below.setContentsMargins(0, 4, 0, 0)
-        below.setSpacing(4)
+        below = boxes.column(self._hits_part, margins_px=(0, 4, 0, 0), spacing_px=4)
         below.addWidget(self._found)
         below.addWidget(self.hit_list, 1)
         splitter = QSplitter(Qt.Orientation.Vertical)
@@ -154,16 +150,13 @@ class SessionsWindow(TabAsRead, QWidget):
         splitter.setStretchFactor(0, 3)
         splitter.setStretchFactor(1, 2)
         splitter.setChildrenCollapsible(False)
-        buttons = QHBoxLayout()
-        buttons.setSpacing(8)
+        buttons = boxes.row(spacing_px=8)
         buttons.addWidget(self._status)
         buttons.addWidget(self._all)
         buttons.addStretch(1)
         for button in (self._open, self._export, self._replay_button):
             buttons.addWidget(button)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(16, 16, 16, 16)
-        layout.setSpacing(12)
+        layout = boxes.column(self, margins_px=16, spacing_px=12)
         layout.addWidget(self.search)
         layout.addWidget(filters)
         layout.addWidget(splitter, 1)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import field, replace
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtWidgets import QBoxLayout, QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QDialog, QFormLayout, QLabel, QLineEdit, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial import TrialDetails
@@ -12,7 +12,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
 from caris_desktop.scenario.model import BlurSettings, Permissions
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.preflight.preflight_list import PreflightList
 from caris_desktop.ui.preflight.preflight_words import open_words, summary
 from caris_desktop.ui.tab_order import TabAsRead
@@ -171,21 +171,18 @@ class StartDialog(TabAsRead, QDialog):
         cancel = ActionButton(theme, tr("Cancel"), look="ghost", height_px=38)
         cancel.setObjectName("start_dialog_cancel")
         cancel.clicked.connect(self.reject)
-        buttons = QHBoxLayout()
-        buttons.setSpacing(8)
+        buttons = boxes.row(spacing_px=8)
         buttons.addWidget(cancel)
         buttons.addStretch(1)
         buttons.addWidget(skip)
         buttons.addWidget(begin)
-        told = QVBoxLayout()
-        told.setSpacing(4)
+        told = boxes.column(spacing_px=4)
         told.addWidget(self._kept)
         told.addWidget(self._room)
         self._asked = self._small("")
         self._asked.setObjectName("start_asked")
         self._asked.hide()
-        layout = QVBoxLayout()
-        layout.setSpacing(14)
+        layout = boxes.column(spacing_px=14)
         content = QWidget()
         self._room_px = parent.screen().availableGeometry().size()
         beside = self._room_px.width() >= _FORM_PX + _CHECKS_PX + 3 * _SIDE_PX
@@ -201,14 +198,10 @@ class StartDialog(TabAsRead, QDialog):
             else:
                 checks.setMinimumHeight(_CHECKS_BELOW_PX)
             sides.addWidget(checks)
-        foot = QVBoxLayout()
-        foot.setContentsMargins(_SIDE_PX, 8, _SIDE_PX, 20)
-        foot.setSpacing(10)
+        foot = boxes.column(margins_px=(_SIDE_PX, 8, _SIDE_PX, 20), spacing_px=10)
         foot.addWidget(self._asked)
         foot.addLayout(buttons)
-        whole = QVBoxLayout(self)
-        whole.setContentsMargins(0, 0, 0, 0)
-        whole.setSpacing(0)
+        whole = boxes.column(self, margins_px=0, spacing_px=0)
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(foot)
         layout.addWidget(heading)
@@ -261,9 +254,7 @@ class StartDialog(TabAsRead, QDialog):
         heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         self._summary = self._small("")
         self._summary.setObjectName("start_summary")
-        column = QVBoxLayout(side)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(8)
+        column = boxes.column(side, margins_px=0, spacing_px=8)
         column.addWidget(heading)
         column.addWidget(self._summary)
         column.addWidget(PreflightList(self._theme, console), 1)

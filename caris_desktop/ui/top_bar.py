@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFont, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QMenu, QSizePolicy, QWidget
+from PySide6.QtWidgets import QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, RecordingPaused
@@ -11,7 +11,7 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import IN_SESSION, DriveStatus, LiveRobotsStatus, MarksStatus, RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.theme import Theme
@@ -145,9 +145,7 @@ class TopBar(QWidget):
         self.emergency.setObjectName("emergency_stop")
         self.emergency.setToolTip(tr("Stops the robot and keeps it stopped until you release it. Also Pause."))
         self.emergency.pressed.connect(self._on_emergency_pressed)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(_SIDE_PX, 0, _SIDE_PX, 0)
-        row.setSpacing(_GAP_PX)
+        row = boxes.row(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
         self._replay_badge = ReplayBadge(theme)
         row.addWidget(self._replay_badge)
         row.addWidget(self.scenario_button)

@@ -2,13 +2,13 @@
 
 from PySide6.QtCore import QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import Alarm
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.action_rows import ALARMS_GROUP
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
@@ -67,9 +67,7 @@ class AlarmList(Overlay):
         head.addWidget(log)
         head.addWidget(close)
         self._inner = QWidget()
-        self._column = QVBoxLayout(self._inner)
-        self._column.setContentsMargins(0, 0, 8, 0)
-        self._column.setSpacing(tokens.GRID_PX)
+        self._column = boxes.column(self._inner, margins_px=(0, 0, 8, 0), spacing_px=tokens.GRID_PX)
         self._column.addWidget(self._nothing)
         self._column.addStretch(1)
         area = QScrollArea()
@@ -80,9 +78,7 @@ class AlarmList(Overlay):
         area.setWidget(self._inner)
         area.viewport().setAutoFillBackground(False)
         self._inner.setAutoFillBackground(False)
-        column = QVBoxLayout(self.card)
-        column.setContentsMargins(20, 14, 12, 16)
-        column.setSpacing(10)
+        column = boxes.column(self.card, margins_px=(20, 14, 12, 16), spacing_px=10)
         column.addLayout(head)
         column.addWidget(area, 1)
         self._ages = QTimer(self, interval=1000)
@@ -154,8 +150,7 @@ class AlarmRow(QWidget):
         self._alarm: Alarm | None = None
         self._what, self._meaning, self._advice, self._folded, self._age = (QLabel() for _ in range(5))
         self._labels = (self._what, self._meaning, self._advice, self._folded, self._age)
-        column = QVBoxLayout()
-        column.setSpacing(3)
+        column = boxes.column(spacing_px=3)
         for label in self._labels:
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
@@ -165,8 +160,7 @@ class AlarmRow(QWidget):
         self._seen_to.setObjectName("alarm_seen_to")
         self._seen_to.setToolTip(tr("Nothing else would show that this is over"))
         self._seen_to.clicked.connect(self._on_seen_to)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(34, 4, 0, 8)
+        row = boxes.row(self, margins_px=(34, 4, 0, 8))
         row.addLayout(column, 1)
         row.addWidget(self._seen_to, 0, Qt.AlignmentFlag.AlignTop)
         theme.changed.connect(self._style)

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QScrollArea, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ExchangeStatus
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -42,9 +42,7 @@ class ExchangeRows(QScrollArea):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         inner = QWidget()
-        self._column = QVBoxLayout(inner)
-        self._column.setContentsMargins(0, 0, 0, 0)
-        self._column.setSpacing(2)
+        self._column = boxes.column(inner, margins_px=0, spacing_px=2)
         self._column.addStretch(1)
         self.setWidget(inner)
 
@@ -115,9 +113,7 @@ class _Row(QWidget):
         self.away.setObjectName("assistant_row_away")
         for label in (self._state, self._question):
             label.setFont(theme.font(tokens.STATUS_PX))
-        line = QHBoxLayout(self)
-        line.setContentsMargins(8, 0, 2, 0)
-        line.setSpacing(6)
+        line = boxes.row(self, margins_px=(8, 0, 2, 0), spacing_px=6)
         line.addWidget(self._state)
         line.addWidget(self._question, 1)
         line.addWidget(self.say)

@@ -4,12 +4,13 @@ from collections.abc import Callable
 from typing import Literal, cast
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import AssistantSetup
+from caris_desktop.ui import boxes
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -45,18 +46,14 @@ class WordsPage(QWidget):
         self.back = ActionButton(theme, tr("Back"), icon="arrow-left", height_px=_BUTTON_PX)
         self.back.setObjectName("assistant_words_back")
         self.back.clicked.connect(self.closed)
-        top = QHBoxLayout()
-        top.setSpacing(6)
+        top = boxes.row(spacing_px=6)
         top.addWidget(self.back)
         top.addWidget(self.which, 1)
-        bottom = QHBoxLayout()
-        bottom.setSpacing(6)
+        bottom = boxes.row(spacing_px=6)
         bottom.addWidget(self.save)
         bottom.addWidget(self.reset)
         bottom.addStretch(1)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(6)
+        column = boxes.column(self, margins_px=0, spacing_px=6)
         column.addLayout(top)
         column.addWidget(self.field, 1)
         column.addLayout(bottom)

@@ -2,12 +2,12 @@
 
 from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QAbstractButton, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractButton, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.conversation.suggestions.rounds import MOST_REPLIES
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ShownSuggestion, SuggestionsStatus
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.theme import Theme
@@ -40,13 +40,10 @@ class SuggestionCards(QWidget):
         )
         self._dismiss.setObjectName("suggestions_dismiss")
         self._dismiss.bind(context.actions, "no_suggestion")
-        foot = QHBoxLayout()
-        foot.setSpacing(tokens.GRID_PX)
+        foot = boxes.row(spacing_px=tokens.GRID_PX)
         foot.addWidget(self._from, 1)
         foot.addWidget(self._dismiss)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 2, 0, 0)
-        column.setSpacing(4)
+        column = boxes.column(self, margins_px=(0, 2, 0, 0), spacing_px=4)
         for card in self.cards:
             column.addWidget(card)
         column.addLayout(foot)

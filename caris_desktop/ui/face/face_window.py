@@ -4,10 +4,11 @@ from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QMouseEvent, QScreen
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
+from caris_desktop.ui import boxes
 from caris_desktop.ui.face.face_view import FaceView
 from caris_desktop.ui.face.shown_face import show_on
 
@@ -27,8 +28,7 @@ class FaceWindow(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._view = FaceView()
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
+        layout = boxes.column(self, margins_px=0)
         layout.addWidget(self._view)
         state.face_drawing.changed.connect(self._on_shown)
         self._on_shown(state.face_drawing.value)

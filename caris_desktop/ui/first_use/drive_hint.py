@@ -4,13 +4,14 @@ import math
 
 from PySide6.QtCore import QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PracticeStatus
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import boxes
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
@@ -48,8 +49,7 @@ class DriveHint(QWidget):
         close.setObjectName("drive_hint_close")
         close.setAccessibleName(tr("Close this hint"))
         close.clicked.connect(self.end)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(48, 5, 10, 5)
+        row = boxes.row(self, margins_px=(48, 5, 10, 5))
         row.addWidget(self._text, 1)
         row.addWidget(self._practise)
         row.addWidget(close)

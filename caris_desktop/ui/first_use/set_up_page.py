@@ -4,12 +4,12 @@ from collections.abc import Callable
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QMouseEvent
-from PySide6.QtWidgets import QBoxLayout, QButtonGroup, QHBoxLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QButtonGroup, QHBoxLayout, QLabel, QStackedWidget, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.first_use.choice_buttons import ChoiceButton, StepButton
 from caris_desktop.ui.first_use.step_pages import StepPage, page_maker
 from caris_desktop.ui.first_use.steps import SetUpStep, StepName, steps_for
@@ -41,8 +41,7 @@ class SetUpPage(Overlay):
         self._through = False
         self._pages = QStackedWidget()
         self._pages.addWidget(self._make_welcome())
-        column = QVBoxLayout(self.card)
-        column.setContentsMargins(28, 22, 28, 20)
+        column = boxes.column(self.card, margins_px=(28, 22, 28, 20))
         column.addWidget(self._pages)
         self._steps: tuple[SetUpStep, ...] = ()
         self._step_buttons: dict[StepName, StepButton] = {}
@@ -119,13 +118,9 @@ class SetUpPage(Overlay):
         foot = QHBoxLayout()
         foot.addWidget(again, 1)
         foot.addWidget(later)
-        column = QVBoxLayout(page)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(12)
+        column = boxes.column(page, margins_px=0, spacing_px=12)
         content = QWidget()
-        upper = QVBoxLayout(content)
-        upper.setContentsMargins(0, 0, 0, 0)
-        upper.setSpacing(12)
+        upper = boxes.column(content, margins_px=0, spacing_px=12)
         upper.addWidget(heading)
         upper.addWidget(about)
         upper.addStretch(1)
@@ -155,8 +150,7 @@ class SetUpPage(Overlay):
         self._steps = steps_for(self._console.state.preflight.value)
         self._stack = QStackedWidget()
         group = QButtonGroup(page)
-        side = QVBoxLayout()
-        side.setSpacing(4)
+        side = boxes.column(spacing_px=4)
         self._step_buttons = {}
         for step in self._steps:
             button = self._step_buttons[step.name] = StepButton(theme, tr(step.title))
@@ -184,12 +178,10 @@ class SetUpPage(Overlay):
         rail.setLayout(side)
         rail.setFixedWidth(_STEPS_PX)
         side.setContentsMargins(0, 0, 0, 0)
-        upper = QHBoxLayout()
-        upper.setSpacing(28)
+        upper = boxes.row(spacing_px=28)
         upper.addWidget(rail)
         upper.addWidget(self._stack, 1)
-        column = QVBoxLayout(page)
-        column.setContentsMargins(0, 0, 0, 0)
+        column = boxes.column(page, margins_px=0)
         content = QWidget()
         content.setLayout(upper)
         upper.setContentsMargins(0, 0, 8, 0)

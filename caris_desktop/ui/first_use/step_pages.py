@@ -5,14 +5,14 @@ from functools import partial
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer
 from PySide6.QtGui import QImage, QPainter, QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QProgressBar, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.distant_ear import ear_of
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.first_use.steps import SetUpStep, StepName
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
 from caris_desktop.ui.robot_choice import RobotChooser
@@ -38,9 +38,7 @@ class StepPage(QWidget):
         self._rows: dict[str, PreflightRow] = {}
         self._title = self.label(tr(step.title), tokens.SPEECH_PX)
         self._about = self.label(tr(step.about))
-        self.column = QVBoxLayout(self)
-        self.column.setContentsMargins(0, 0, 0, 0)
-        self.column.setSpacing(10)
+        self.column = boxes.column(self, margins_px=0, spacing_px=10)
         self.column.addWidget(self._title)
         self.column.addWidget(self._about)
         self.build()
@@ -64,8 +62,7 @@ class StepPage(QWidget):
     def add_choice(self, title: str, choice: DropDown, *beside: QWidget) -> None:
         """Something to choose, with its title before it."""
         choice.setMinimumWidth(_CHOICE_PX)
-        row = QHBoxLayout()
-        row.setSpacing(tokens.GRID_PX)
+        row = boxes.row(spacing_px=tokens.GRID_PX)
         for widget in (self.label(title), choice, *beside):
             row.addWidget(widget)
         row.addStretch(1)

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QMoveEvent, QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.scenario.model import LayoutNode, PanelName
+from caris_desktop.ui import boxes
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea, qrect
 from caris_desktop.ui.layout.rect import Rect
@@ -26,8 +27,7 @@ class FloatingWindow(TabAsRead, QWidget):
         super().__init__(parent, Qt.WindowType.Tool)
         self.setObjectName("floating_panels")
         self.area = DockArea(docks, self)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(_MARGIN_PX, _MARGIN_PX, _MARGIN_PX, _MARGIN_PX)
+        column = boxes.column(self, margins_px=_MARGIN_PX)
         column.addWidget(self.area)
         self._placed: Rect | None = None
         self._settling = QTimer(self, singleShot=True, interval=_SETTLES_MS)

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import PanelName
+from caris_desktop.ui import boxes
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.glance import GlanceSigns
@@ -55,8 +56,7 @@ class ObserverWindow(TabAsRead, QWidget):
         actions.keep_only(())
         actions.rebuild(only_looks.scenario)
         self._context = PanelContext(only_looks, theme, actions, hold, discreet=sees == "no_names")
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 8, 0, 8)
+        column = boxes.column(self, margins_px=(0, 8, 0, 8))
         # Who looks on cannot scroll: what there is no room for is not shown.
         column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
         self.setMinimumSize(*_LEAST_PX)
@@ -85,9 +85,7 @@ class ObserverWindow(TabAsRead, QWidget):
     def _panel(self, name: PanelName) -> QWidget:
         panel = PANELS[name].load()(self._context)
         card = QWidget()
-        rows = QVBoxLayout(card)
-        rows.setContentsMargins(0, 0, 0, 0)
-        rows.setSpacing(0)
+        rows = boxes.column(card, margins_px=0, spacing_px=0)
         rows.addWidget(PanelTitleBar(panel))
         rows.addWidget(panel, 1)
         for part in (card, *card.findChildren(QWidget)):

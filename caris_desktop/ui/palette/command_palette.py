@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QRect, QRectF, Qt
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLineEdit, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.overlay import Overlay
@@ -42,9 +42,7 @@ class CommandPalette(Overlay):
         self.field.setMinimumHeight(46)
         self.field.textChanged.connect(self._on_text_changed)
         self.list = _EntryList(theme, self)
-        layout = QVBoxLayout(self.card)
-        layout.setContentsMargins(12, 12, 12, 12)
-        layout.setSpacing(8)
+        layout = boxes.column(self.card, margins_px=12, spacing_px=8)
         layout.addWidget(self.field)
         layout.addWidget(self.list, 1)
 

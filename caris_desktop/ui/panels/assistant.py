@@ -7,11 +7,9 @@ from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
     QBoxLayout,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QStackedLayout,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -20,7 +18,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus
 from caris_desktop.scenario.panel_settings import PanelSettings
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.assistant.along_chips import AlongChips
 from caris_desktop.ui.assistant.exchange_rows import ROW_PX, ExchangeRows
 from caris_desktop.ui.assistant.setup_bar import SetupBar
@@ -122,8 +120,7 @@ class AssistantPanel(Panel):
         return button
 
     def _arrange(self) -> None:
-        top = QHBoxLayout()
-        top.setSpacing(8)
+        top = boxes.row(spacing_px=8)
         top.addWidget(self.field, 1)
         top.addWidget(self._ask)
         self._buttons = QBoxLayout(QBoxLayout.Direction.LeftToRight)
@@ -136,9 +133,7 @@ class AssistantPanel(Panel):
         self._middle.addWidget(self._answer, 1)
         self._middle.addLayout(self._buttons)
         self._main = QWidget()
-        self._column = QVBoxLayout(self._main)
-        self._column.setContentsMargins(0, 0, 0, 0)
-        self._column.setSpacing(8)
+        self._column = boxes.column(self._main, margins_px=0, spacing_px=8)
         self._column.addLayout(top)
         self._column.addWidget(self.setup_bar)
         self._column.addWidget(self.along)
@@ -148,8 +143,7 @@ class AssistantPanel(Panel):
         self._column.addWidget(self._note)
         self._words = WordsPage(self.theme, self.console.do)
         self._words.closed.connect(self._close_words)
-        self._frame = QVBoxLayout(self)
-        self._frame.setContentsMargins(14, 12, 14, 12)
+        self._frame = boxes.column(self, margins_px=(14, 12, 14, 12))
         self._pages = QStackedLayout()
         self._frame.addLayout(self._pages)
         self._pages.addWidget(self._main)

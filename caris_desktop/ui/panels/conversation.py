@@ -4,7 +4,7 @@ from bisect import bisect_right
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QImage, QKeyEvent, QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.conversation.response_time import LATE_S, waiting
 from caris_desktop.conversation.transcript import Turn, in_order, next_speaker
@@ -12,7 +12,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PhotoEntry
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.conversation.levels_button import LevelsButton
 from caris_desktop.ui.conversation.proposal_card import ProposalCard
 from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
@@ -70,9 +70,7 @@ class ConversationPanel(Panel):
         self._search = _SearchLine(self)
         self._search.hide()
         self._levels = LevelsButton(context)
-        under_newest = QVBoxLayout()
-        under_newest.setContentsMargins(14, 0, 14, 0)
-        under_newest.setSpacing(6)
+        under_newest = boxes.column(margins_px=(14, 0, 14, 0), spacing_px=6)
         assisted = context.console.scenario.assisted
         self._could_follow: list[SuggestionCards | ProposalCard] = []
         if "replies" in assisted or "fillers" in assisted:
@@ -81,9 +79,7 @@ class ConversationPanel(Panel):
             self._could_follow.append(ProposalCard(context, self))
         for widget in self._could_follow:
             under_newest.addWidget(widget)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(1, 6, 1, 8)
-        layout.setSpacing(4)
+        layout = boxes.column(self, margins_px=(1, 6, 1, 8), spacing_px=4)
         layout.addWidget(self._search)
         layout.addWidget(self.view, 1_000)
         layout.addLayout(under_newest)
@@ -319,9 +315,7 @@ class _SearchLine(QWidget):
         close = ActionButton(panel.theme, "", icon="x", height_px=30)
         close.setAccessibleName(tr("Close the search"))
         close.clicked.connect(panel.close_search)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(14, 2, 8, 2)
-        row.setSpacing(8)
+        row = boxes.row(self, margins_px=(14, 2, 8, 2), spacing_px=8)
         row.addWidget(self.field, 1)
         row.addWidget(self._found)
         row.addWidget(close)

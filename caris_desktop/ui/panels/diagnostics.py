@@ -14,7 +14,7 @@ from PySide6.QtCore import (
     QTimer,
 )
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolicy, QTableView, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolicy, QTableView, QWidget
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
@@ -25,7 +25,7 @@ from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import LinkStatus, PerceptionStatus
 from caris_desktop.ros.dialect import same_type
 from caris_desktop.ros.raw_image import republish_advice
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -377,9 +377,7 @@ class DiagnosticsPanel(Panel):
         self._copy.setObjectName("diagnostics_copy")
         self._copy.setToolTip(tr("Copy all figures as text"))
         self._copy.clicked.connect(self.copy_report)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(12, 6, 12, 8)
-        layout.setSpacing(4)
+        layout = boxes.column(self, margins_px=(12, 6, 12, 8), spacing_px=4)
         layout.addWidget(self._summary)
         layout.addWidget(self.view, 1)
         layout.addWidget(self._empty, 1)

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFontMetricsF, QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
-from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QGridLayout, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
@@ -10,7 +10,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.motion_wish import MotionWish
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.scenario.panel_settings import PanelSettings
-from caris_desktop.ui import speed_steps, tokens, words
+from caris_desktop.ui import boxes, speed_steps, tokens, words
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
@@ -87,30 +87,22 @@ class DrivePanel(Panel):
         # What is shown of arrows, stick and head where there is not room for all; the chosen one comes first.
         self._chosen_view = 0
         self._words = QWidget()
-        words_column = QVBoxLayout(self._words)
-        words_column.setContentsMargins(0, 0, 0, 0)
-        words_column.setSpacing(2)
+        words_column = boxes.column(self._words, margins_px=0, spacing_px=2)
         words_column.addWidget(self._line)
         words_column.addWidget(self._reason)
         words_column.addStretch(1)
         self._settings = QWidget()
-        settings_row = QHBoxLayout(self._settings)
-        settings_row.setContentsMargins(0, 0, 0, 0)
-        settings_row.setSpacing(tokens.GRID_PX)
+        settings_row = boxes.row(self._settings, margins_px=0, spacing_px=tokens.GRID_PX)
         settings_row.addWidget(self._speed, 1)
         settings_row.addWidget(self._guard)
         self._views = QWidget()
-        views_row = QHBoxLayout(self._views)
-        views_row.setContentsMargins(0, 0, 0, 0)
-        views_row.setSpacing(_GAP_PX)
+        views_row = boxes.row(self._views, margins_px=0, spacing_px=_GAP_PX)
         views_row.addWidget(self._pad, 3)
         views_row.addWidget(self._stick, 2)
         views_row.addWidget(self._head, 2)
-        self._first = QVBoxLayout()
-        self._first.setSpacing(tokens.GRID_PX)
+        self._first = boxes.column(spacing_px=tokens.GRID_PX)
         self._first.addWidget(self._words, 1)
-        self._second = QVBoxLayout()
-        self._second.setSpacing(tokens.GRID_PX)
+        self._second = boxes.column(spacing_px=tokens.GRID_PX)
         self._second.addWidget(self._views, 1)
         self._second.addWidget(self._settings)
         self._layout = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
@@ -423,15 +415,12 @@ class HeadControl(QWidget):
         ahead.setObjectName("look_ahead_button")
         ahead.setMinimumWidth(128)  # its longest cap included
         ahead.bind(actions, "look_ahead")
-        column = QVBoxLayout()
-        column.setSpacing(4)
+        column = boxes.column(spacing_px=4)
         column.addStretch(1)
         column.addWidget(self._angles)
         column.addWidget(ahead, 0, Qt.AlignmentFlag.AlignHCenter)
         column.addStretch(1)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(6)
+        row = boxes.row(self, margins_px=0, spacing_px=6)
         row.addWidget(self.stick, 1)
         row.addLayout(column)
         theme.changed.connect(self._style)

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QGuiApplication, QResizeEvent
-from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.conversation.face.drawing import drawing_of
 from caris_desktop.conversation.face.file import Face, FaceError, load_face
@@ -10,7 +10,7 @@ from caris_desktop.conversation.face.motion import FaceMotion
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import FaceStatus
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.action_rows import EXPRESSION_COUNT
 from caris_desktop.ui.face.face_view import FaceView
 from caris_desktop.ui.face.shown_face import show_on
@@ -75,14 +75,10 @@ class FacePanel(Panel):
         self._more = FlowRow(gap_px=6)
         for control in (self._text, self._back, self._live, self._copy, self._edit):
             self._more.add(control)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(2, 0, 2, 8)
-        layout.setSpacing(8)
+        layout = boxes.column(self, margins_px=(2, 0, 2, 8), spacing_px=8)
         layout.addWidget(self._view, 1)
         rest = QWidget()
-        column = QVBoxLayout(rest)
-        column.setContentsMargins(12, 0, 12, 0)
-        column.setSpacing(8)
+        column = boxes.column(rest, margins_px=(12, 0, 12, 0), spacing_px=8)
         for row in (self._row, self._more, self._address):
             column.addWidget(row)
         layout.addWidget(rest)

@@ -6,7 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QKeyEvent, QResizeEvent
-from PySide6.QtWidgets import QMenu, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QMenu, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
@@ -17,7 +17,7 @@ from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Place
 from caris_desktop.scenario.panel_settings import PanelSettings
-from caris_desktop.ui import event_words, words
+from caris_desktop.ui import boxes, event_words, words
 from caris_desktop.ui.ahead import nearest_words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
@@ -59,8 +59,7 @@ class MapPanel(Panel):
         self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
         self._told = ToldState(self.view, self._told_words)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
+        layout = boxes.column(self, margins_px=0)
         layout.addWidget(self.view)
         self.tools = MapTools(self, self.view)
         self.tools.told.connect(self._on_told)

@@ -23,7 +23,6 @@ from PySide6.QtWidgets import (
     QStackedLayout,
     QStyledItemDelegate,
     QStyleOptionViewItem,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -31,7 +30,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.session.marks import FinalMark
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -108,16 +107,11 @@ class NotesPanel(Panel):
         self._stack = QStackedLayout(holder)
         self._stack.addWidget(self.view)
         self._stack.addWidget(self._empty)
-        below = QVBoxLayout()
-        below.setContentsMargins(_SIDE_PX, 0, _SIDE_PX, 2)
-        below.setSpacing(6)
+        below = boxes.column(margins_px=(_SIDE_PX, 0, _SIDE_PX, 2), spacing_px=6)
         below.addWidget(self._acts)
         below.addWidget(self.field)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(1, 4, 1, 8)
-        layout.setSpacing(4)
-        of_study = QVBoxLayout()
-        of_study.setContentsMargins(_SIDE_PX, 2, _SIDE_PX, 0)
+        layout = boxes.column(self, margins_px=(1, 4, 1, 8), spacing_px=4)
+        of_study = boxes.column(margins_px=(_SIDE_PX, 2, _SIDE_PX, 0))
         of_study.addWidget(self._of_study)
         layout.addLayout(of_study)
         layout.addWidget(holder, 1)

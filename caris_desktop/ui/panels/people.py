@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QLabel, QStackedLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QStackedLayout, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
@@ -13,7 +13,7 @@ from caris_desktop.domain.events import PeopleUndone, PersonForgotten, PersonIde
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import event_words, words
+from caris_desktop.ui import boxes, event_words, words
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.asked import AskedAbout
 from caris_desktop.ui.people.people_list import PeopleList
@@ -68,15 +68,12 @@ class PeoplePanel(Panel):
         holder = QWidget()
         self._stack = QStackedLayout(holder)
         centered = QWidget()
-        column = QVBoxLayout(centered)
-        column.setContentsMargins(24, 8, 24, 8)
+        column = boxes.column(centered, margins_px=(24, 8, 24, 8))
         column.addWidget(self._empty)
         self._stack.addWidget(centered)
         self._stack.addWidget(self.list)
         self._told = ToldRows(holder, self.list.viewport(), self.list.told_spots, self.list.press_told)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(2, 6, 2, 8)
-        layout.setSpacing(4)
+        layout = boxes.column(self, margins_px=(2, 6, 2, 8), spacing_px=4)
         layout.addWidget(self._search)
         layout.addWidget(holder, 1)
         layout.addWidget(self._undo)

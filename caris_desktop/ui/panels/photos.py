@@ -26,7 +26,6 @@ from PySide6.QtWidgets import (
     QStackedLayout,
     QStyledItemDelegate,
     QStyleOptionViewItem,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -34,7 +33,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
@@ -76,9 +75,7 @@ class PhotosPanel(Panel):
         self.choice.setMinimumContentsLength(8)
         self.choice.activated.connect(self._refresh)
         self._finding = QWidget()
-        finding = QHBoxLayout(self._finding)
-        finding.setContentsMargins(10, 6, 10, 2)
-        finding.setSpacing(tokens.GRID_PX)
+        finding = boxes.row(self._finding, margins_px=(10, 6, 10, 2), spacing_px=tokens.GRID_PX)
         finding.addWidget(self.search, 3)
         finding.addWidget(self.choice, 2)
         self.model = PhotosModel(self)
@@ -100,9 +97,7 @@ class PhotosPanel(Panel):
         self._stack = QStackedLayout(holder)
         for part in (self.grid, self.large, self._empty):
             self._stack.addWidget(part)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(2, 0, 2, 8)
-        layout.setSpacing(2)
+        layout = boxes.column(self, margins_px=(2, 0, 2, 8), spacing_px=2)
         layout.addWidget(self._finding)
         layout.addWidget(holder, 1)
         self.hold.escape_pressed.connect(self.close_photo)
@@ -394,9 +389,7 @@ class LargePhoto(QWidget):
         buttons.addStretch(1)
         buttons.addWidget(self._delete)
         fields = QWidget()
-        beside = QVBoxLayout(fields)
-        beside.setContentsMargins(0, 0, 0, 0)
-        beside.setSpacing(6)
+        beside = boxes.column(fields, margins_px=0, spacing_px=6)
         for part in (self.about, self.tags, self.question):
             beside.addWidget(part)
         beside.addStretch(1)
@@ -405,9 +398,7 @@ class LargePhoto(QWidget):
         self._body.setSpacing(tokens.GRID_PX)
         self._body.addWidget(self.picture, 1)
         self._body.addWidget(fields)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(10, 6, 10, 2)
-        column.setSpacing(6)
+        column = boxes.column(self, margins_px=(10, 6, 10, 2), spacing_px=6)
         column.addLayout(buttons)
         column.addLayout(self._body, 1)
 

@@ -4,14 +4,14 @@ from collections import deque
 
 from PySide6.QtCore import QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QScrollArea, QSizePolicy, QStackedLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QScrollArea, QSizePolicy, QStackedLayout, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.controls import ControlValue, RobotControl
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ControlStatus, DriveStatus, LinkStatus
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.control_words import question_for
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.theme import Theme
@@ -63,14 +63,11 @@ class RobotPanel(Panel):
         holder = QWidget()
         self._stack = QStackedLayout(holder)
         centered = QWidget()
-        column = QVBoxLayout(centered)
-        column.setContentsMargins(24, 8, 24, 8)
+        column = boxes.column(centered, margins_px=(24, 8, 24, 8))
         column.addWidget(self._empty)
         self._stack.addWidget(centered)
         self._stack.addWidget(self._scroll)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(2, 0, 2, 2)
-        layout.setSpacing(0)
+        layout = boxes.column(self, margins_px=(2, 0, 2, 2), spacing_px=0)
         layout.addWidget(self._reason)
         layout.addWidget(holder, 1)
         self._reason.setContentsMargins(12, 8, 12, 0)
@@ -107,9 +104,7 @@ class RobotPanel(Panel):
         self._entries = {}
         self._to_come.clear()
         body = QWidget()
-        column = QVBoxLayout(body)
-        column.setContentsMargins(12, 10, 12, 12)
-        column.setSpacing(8)
+        column = boxes.column(body, margins_px=(12, 10, 12, 12), spacing_px=8)
         groups: dict[str, list[RobotControl]] = {}
         for control in controls:
             groups.setdefault(control.group, []).append(control)
@@ -232,9 +227,7 @@ class ControlEntry(QWidget):
         self._question.answered.connect(self._on_answered)
         self._question.hide()
         self._face = face_for(theme, control, self._on_used)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(4)
+        column = boxes.column(self, margins_px=0, spacing_px=4)
         column.addWidget(self._face)
         column.addWidget(self._question)
         if control.kind not in _COMPACT:
@@ -367,9 +360,7 @@ class _Question(QWidget):
         no = ActionButton(theme, tr("Cancel"), look="ghost", height_px=30)
         no.setObjectName("control_cancel")
         no.clicked.connect(lambda: self.answered.emit(False))
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 2, 0, 2)
-        row.setSpacing(6)
+        row = boxes.row(self, margins_px=(0, 2, 0, 2), spacing_px=6)
         row.addWidget(self._words)
         row.addWidget(self.yes)
         row.addWidget(no)
@@ -389,11 +380,9 @@ class _Group(QWidget):
         self._heading_px = heading_px
         self._entries: list[ControlEntry] = []
         self._heading = _Heading(theme, name)
-        self._column = QVBoxLayout()
-        self._column.setSpacing(6)
+        self._column = boxes.column(spacing_px=6)
         self._flow: FlowRow | None = None
-        self._row = QHBoxLayout(self)
-        self._row.setContentsMargins(0, 0, 0, 0)
+        self._row = boxes.row(self, margins_px=0)
         self._row.addWidget(self._heading, 0, Qt.AlignmentFlag.AlignTop)
         self._row.addLayout(self._column, 1)
         self.set_narrow(False)

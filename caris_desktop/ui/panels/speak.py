@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QApplication, QHBoxLayout, QLabel, QMenu, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QMenu, QScrollArea, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
@@ -14,7 +14,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import AskedGap, SpeechStatus
 from caris_desktop.scenario.phrases import sentences
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted, name_of
@@ -67,9 +67,7 @@ _MANY = 12
 def _scrolled(inside: QWidget) -> QScrollArea:
     """In an area of its own, at its top."""
     body = QWidget()
-    column = QVBoxLayout(body)
-    column.setContentsMargins(0, 0, 0, 0)
-    column.setSpacing(0)
+    column = boxes.column(body, margins_px=0, spacing_px=0)
     column.addWidget(inside)
     column.addStretch(1)
     area = QScrollArea()
@@ -125,13 +123,9 @@ class SpeakPanel(Panel):
         queue.setVisible(False)
         self._queue.row_chosen.connect(lambda row: queue.ensureWidgetVisible(row, 0, 0))
         self._hints = QWidget()
-        self._hint_row = QHBoxLayout(self._hints)
-        self._hint_row.setContentsMargins(0, 0, 0, 0)
-        self._hint_row.setSpacing(8)
+        self._hint_row = boxes.row(self._hints, margins_px=0, spacing_px=8)
         self._hinted: tuple[tuple[str, str], ...] = ()
-        layout = self._column = QVBoxLayout(self)
-        layout.setContentsMargins(14, 10, 14, 6)
-        layout.setSpacing(8)
+        layout = self._column = boxes.column(self, margins_px=(14, 10, 14, 6), spacing_px=8)
         layout.addWidget(self.field)
         layout.addWidget(self._gap)
         layout.addWidget(phrases, 1)

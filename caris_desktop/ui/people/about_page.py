@@ -5,7 +5,7 @@ from typing import get_args
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QFocusEvent
-from PySide6.QtWidgets import QCompleter, QGridLayout, QHBoxLayout, QLabel, QPlainTextEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCompleter, QGridLayout, QHBoxLayout, QLabel, QPlainTextEdit, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import ConsentKind
@@ -13,7 +13,7 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.people.store import HistoryEntry
-from caris_desktop.ui import event_words, tokens, words
+from caris_desktop.ui import boxes, event_words, tokens, words
 from caris_desktop.ui.panel import show_part
 from caris_desktop.ui.people.history_list import ROW_PX, HistoryList
 from caris_desktop.ui.people.shown_people import is_identified
@@ -141,8 +141,7 @@ class AboutPage(QWidget):
             f"person_suggestion_yes_{number}", tr("Yes"), "check", lambda: self._answer(number, yes=True)
         )
         no = self._button(f"person_suggestion_no_{number}", tr("No"), "x", lambda: self._answer(number, yes=False))
-        line = QHBoxLayout(row)
-        line.setContentsMargins(0, 0, 0, 0)
+        line = boxes.row(row, margins_px=0)
         line.addWidget(text, 1)
         line.addWidget(yes)
         line.addWidget(no)
@@ -171,13 +170,10 @@ class AboutPage(QWidget):
         acts = FlowRow(gap_px=6)
         for button in (self._merge, self._split, self._forget):
             acts.add(button)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(14, 2, 14, 4)
-        column.setSpacing(tokens.GRID_PX)
+        column = boxes.column(self, margins_px=(14, 2, 14, 4), spacing_px=tokens.GRID_PX)
         for suggested, *_ in self._suggested:
             column.addWidget(suggested)
-        known = QHBoxLayout()
-        known.setSpacing(tokens.GRID_PX)
+        known = boxes.row(spacing_px=tokens.GRID_PX)
         known.addWidget(self._how, 1)
         known.addWidget(self._not)
         column.addLayout(known)

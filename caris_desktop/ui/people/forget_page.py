@@ -1,11 +1,11 @@
 """Asks before somebody is forgotten, on the card: what goes, and that it is for good."""
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
@@ -34,14 +34,11 @@ class ForgetPage(QWidget):
         keep = ActionButton(theme, tr("Keep"))
         keep.setObjectName("forget_keep")
         keep.clicked.connect(self.back)
-        row = QHBoxLayout()
-        row.setSpacing(tokens.GRID_PX)
+        row = boxes.row(spacing_px=tokens.GRID_PX)
         row.addWidget(keep)
         row.addWidget(self._do)
         row.addStretch(1)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(14, 6, 14, 6)
-        column.setSpacing(10)
+        column = boxes.column(self, margins_px=(14, 6, 14, 6), spacing_px=10)
         column.addWidget(self._title)
         column.addWidget(self._what)
         column.addWidget(self._not_now)

@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.people.face import FacePicture
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import found, in_order
@@ -51,8 +51,7 @@ class MergePage(QWidget):
         self._faces = (FacePicture(theme, pixmaps, _PORTRAIT_PX), FacePicture(theme, pixmaps, _PORTRAIT_PX))
         self._names = (QLabel(), QLabel())
         self._both = QWidget()
-        both = QHBoxLayout(self._both)
-        both.setContentsMargins(0, 0, 0, 0)
+        both = boxes.row(self._both, margins_px=0)
         for face, name in zip(self._faces, self._names, strict=True):
             side = QVBoxLayout()
             name.setAlignment(Qt.AlignmentFlag.AlignHCenter)
@@ -72,9 +71,7 @@ class MergePage(QWidget):
         row.addWidget(back)
         row.addWidget(self._do)
         row.addStretch(1)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(14, 6, 14, 6)
-        column.setSpacing(tokens.GRID_PX)
+        column = boxes.column(self, margins_px=(14, 6, 14, 6), spacing_px=tokens.GRID_PX)
         for widget in (self._title, self._field):
             column.addWidget(widget)
         for number, button in enumerate(self._offered):

@@ -8,14 +8,14 @@ from typing import Literal
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt
 from PySide6.QtGui import QMouseEvent, QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QScrollArea, QStackedWidget, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PersonHistory
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.people.about_page import AboutPage
 from caris_desktop.ui.people.face import FacePicture
 from caris_desktop.ui.people.forget_page import ForgetPage
@@ -95,21 +95,16 @@ class PersonCard(QWidget):
         self.hide()
 
     def _arrange(self, close: QWidget) -> None:
-        texts = QVBoxLayout()
-        texts.setSpacing(2)
+        texts = boxes.column(spacing_px=2)
         texts.addStretch(1)
         texts.addWidget(self._name)
         texts.addWidget(self._seen)
         texts.addStretch(1)
-        head = QHBoxLayout()
-        head.setContentsMargins(14, 0, 8, 0)
-        head.setSpacing(12)
+        head = boxes.row(margins_px=(14, 0, 8, 0), spacing_px=12)
         head.addWidget(self._face)
         head.addLayout(texts, 1)
         head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(1, 12, 1, 10)
-        column.setSpacing(8)
+        column = boxes.column(self, margins_px=(1, 12, 1, 10), spacing_px=8)
         column.addLayout(head)
         column.addWidget(self._pages, 1)
 

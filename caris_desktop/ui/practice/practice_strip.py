@@ -4,14 +4,14 @@ from datetime import UTC, datetime
 
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.practice import STEPS, PracticeStep
 from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.practice.training_record import PracticeRun, keep, practised
@@ -96,13 +96,10 @@ class PracticeStrip(QWidget):
         self._end = ActionButton(theme, tr("End the practice"), look="plain", height_px=_BUTTON_PX)
         self._end.setObjectName("practice_end")
         self._end.clicked.connect(lambda: console.do(intents.EndPractice()))
-        words = QVBoxLayout()
-        words.setSpacing(1)
+        words = boxes.column(spacing_px=1)
         words.addWidget(self._title)
         words.addWidget(self._how)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(18, 6, 10, 6)
-        row.setSpacing(tokens.GRID_PX)
+        row = boxes.row(self, margins_px=(18, 6, 10, 6), spacing_px=tokens.GRID_PX)
         row.addLayout(words, 1)
         row.addWidget(self._dots)
         for button in (self._skip, self._again, self._end):

@@ -1,12 +1,12 @@
 """The checks before a recording over the window, and the few words at its lower edge that open them."""
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import IN_SESSION, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preflight.preflight_list import PreflightList
 from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, summary, worst
@@ -38,9 +38,7 @@ class PreflightCard(Overlay):
         head.addStretch(1)
         head.addWidget(close)
         self.list = PreflightList(theme, console)
-        column = QVBoxLayout(self.card)
-        column.setContentsMargins(20, 14, 12, 16)
-        column.setSpacing(6)
+        column = boxes.column(self.card, margins_px=(20, 14, 12, 16), spacing_px=6)
         column.addLayout(head)
         column.addWidget(self._summary)
         column.addWidget(self.list, 1)

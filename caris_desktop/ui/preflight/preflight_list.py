@@ -2,13 +2,13 @@
 
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QPainter, QPaintEvent, QShowEvent
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, state_words
 from caris_desktop.ui.theme import Theme
@@ -32,9 +32,7 @@ class PreflightList(QScrollArea):
         self._theme = theme
         self._console = console
         self._inner = QWidget()
-        self._column = QVBoxLayout(self._inner)
-        self._column.setContentsMargins(0, 0, tokens.GRID_PX, 0)
-        self._column.setSpacing(0)
+        self._column = boxes.column(self._inner, margins_px=(0, 0, tokens.GRID_PX, 0), spacing_px=0)
         self._by_hand = self._heading(tr("For you to look at"))
         self._by_itself = self._heading(tr("Checked by the console"))
         self._column.addStretch(1)
@@ -107,15 +105,12 @@ class PreflightRow(QWidget):
         self._theme = theme
         self._console = console
         self._check = check
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 5, 0, 5)
-        row.setSpacing(10)
+        row = boxes.row(self, margins_px=(0, 5, 0, 5), spacing_px=10)
         self.box: CheckBox | None = None
         self._title = self._label(check.title, tokens.BODY_PX)
         self._mark = _StateMark(theme)
         row.addWidget(self._mark, 0, Qt.AlignmentFlag.AlignTop)
-        words = QVBoxLayout()
-        words.setSpacing(2)
+        words = boxes.column(spacing_px=2)
         if check.manual:
             self.box = CheckBox(theme, check.title)
             self.box.setObjectName(f"tick_{check.id}")

@@ -5,10 +5,10 @@ from typing import TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
 from PySide6.QtGui import QHideEvent
-from PySide6.QtWidgets import QApplication, QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QFrame, QLabel, QScrollArea, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.protocol.step_pills import ShownStep, StepState
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -76,13 +76,10 @@ class StepsCard(_CardBelow):
         self._note.setObjectName("step_note")
         self._note.setWordWrap(True)
         self._note.setTextFormat(Qt.TextFormat.PlainText)
-        self._boxes = QVBoxLayout()
-        self._boxes.setSpacing(2)
+        self._boxes = boxes.column(spacing_px=2)
         self._ticks: list[CheckBox] = []
         self._rows: list[ActionButton] = []
-        self._list = QVBoxLayout()
-        self._list.setContentsMargins(0, 0, 0, 0)
-        self._list.setSpacing(2)
+        self._list = boxes.column(margins_px=0, spacing_px=2)
         inside = QWidget()
         inside.setLayout(self._list)
         self._scroll = QScrollArea()
@@ -91,9 +88,7 @@ class StepsCard(_CardBelow):
         self._scroll.setWidgetResizable(True)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._scroll.setWidget(inside)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(10, 10, 10, 10)
-        column.setSpacing(8)
+        column = boxes.column(self, margins_px=10, spacing_px=8)
         column.addWidget(self._note)
         column.addLayout(self._boxes)
         column.addWidget(self._scroll)
@@ -156,9 +151,7 @@ class BranchesCard(_CardBelow):
         self.setObjectName("branches_card")
         self.setAccessibleName(tr("What the participant does"))
         self._rows: list[ActionButton] = []
-        self._column = QVBoxLayout(self)
-        self._column.setContentsMargins(8, 8, 8, 8)
-        self._column.setSpacing(4)
+        self._column = boxes.column(self, margins_px=8, spacing_px=4)
 
     def show_branches(self, texts: Sequence[str]) -> None:
         _fit(self._rows, len(texts), self._new_row)

@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QStyleOptionViewItem,
     QTableWidget,
     QTableWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -23,7 +22,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.annotation.agreement import Agreement, TierAgreement, compare_tiers, report
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -140,9 +139,7 @@ class AgreementDialog(TabAsRead, QDialog):
         buttons.addStretch(1)
         buttons.addWidget(copy)
         content = QWidget()
-        layout = QVBoxLayout(content)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(12)
+        layout = boxes.column(content, margins_px=0, spacing_px=12)
         layout.addLayout(choices)
         layout.addWidget(self._kappa)
         layout.addWidget(self._lines)
@@ -150,9 +147,7 @@ class AgreementDialog(TabAsRead, QDialog):
         layout.addWidget(self._table, 1)
         self._table.setMinimumHeight(_LEAST_TABLE_PX)
         self._table.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
-        whole = QVBoxLayout(self)
-        whole.setContentsMargins(24, 24, 24, 24)
-        whole.setSpacing(12)
+        whole = boxes.column(self, margins_px=24, spacing_px=12)
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(buttons)
         self._copy = copy

@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QPoint, Signal
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QMenu, QWidget
+from PySide6.QtWidgets import QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.annotation.model import Vocabulary
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.action_rows import CODE_COUNT
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.panel import show_part
@@ -72,9 +72,7 @@ class CodingStrip(QWidget):
             button.setToolTip(tr(text))
             button.bind(actions, action_id)
             self._acts.append(button)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(_SIDE_PX, 4, 8, 4)
-        row.setSpacing(_GAP_PX)
+        row = boxes.row(self, margins_px=(_SIDE_PX, 4, 8, 4), spacing_px=_GAP_PX)
         row.addWidget(self._words, 1)
         row.addWidget(self._add)
         for button in (*self._labels, self._more):

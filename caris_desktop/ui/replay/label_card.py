@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QEvent, QObject, QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import VocabularyEntry
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.floating_card import FloatingCard
@@ -44,9 +44,7 @@ class LabelCard(FloatingCard):
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.setUniformItemSizes(True)
         self.list.itemClicked.connect(self._on_item_clicked)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(8, 8, 8, 8)
-        column.setSpacing(4)
+        column = boxes.column(self, margins_px=8, spacing_px=4)
         column.addWidget(self.field)
         column.addWidget(self.list)
 

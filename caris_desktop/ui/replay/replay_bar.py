@@ -5,14 +5,14 @@ from typing import Literal
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.action_rows import REPLAY_ACTIONS
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
@@ -84,33 +84,27 @@ class ReplayBar(QWidget):
         self._hint_end = QTimer(self, singleShot=True, interval=_HINT_MS)
         self._hint_end.timeout.connect(self._end_hint)
         self._one_line = False
-        left = QHBoxLayout()
-        left.setSpacing(8)
+        left = boxes.row(spacing_px=8)
         left.addWidget(self._title)
         left.addWidget(self._hint, 1)
         self._moves = (
             self._previous_mark, self._previous_utterance, self._frame_back, self._play, self._frame_on,
             self._next_utterance, self._next_mark,
         )  # fmt: skip
-        middle = QHBoxLayout()
-        middle.setSpacing(8)
+        middle = boxes.row(spacing_px=8)
         for button in self._moves:
             middle.addWidget(button)
-        self._right = QHBoxLayout()
-        self._right.setSpacing(12)
+        self._right = boxes.row(spacing_px=12)
         self._right.addStretch(1)
         self._right.addWidget(self._times)
         self._right.addWidget(self._rate)
         self._left = left
-        self._row = QHBoxLayout()
-        self._row.setSpacing(16)
+        self._row = boxes.row(spacing_px=16)
         self._row.addLayout(left, 1)
         self._row.addLayout(middle)
         self._row.addLayout(self._right, 1)
         self._row.setContentsMargins(8, 0, 8, 0)
-        self._column = QVBoxLayout(self)
-        self._column.setContentsMargins(8, 4, 8, 8)
-        self._column.setSpacing(0)
+        self._column = boxes.column(self, margins_px=(8, 4, 8, 8), spacing_px=0)
         self._column.addWidget(self.scrubber)
         self._column.addLayout(self._row)
         replay.playback.changed.connect(self._on_playback_changed)

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QPlainTextEdit,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -20,7 +19,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.replay.timeline_model import SCENARIO_LABELS, vocabulary_named, vocabulary_title
 from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
@@ -181,9 +180,7 @@ class TierDialog(TabAsRead, QDialog):
         buttons.addWidget(cancel)
         buttons.addStretch(1)
         buttons.addWidget(self._save)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(24, 24, 24, 24)
-        layout.setSpacing(16)
+        layout = boxes.column(self, margins_px=24, spacing_px=16)
         layout.addWidget(heading)
         layout.addLayout(form)
         layout.addWidget(self._refusal)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QKeyCombination, QObject, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QScrollBar, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QScrollBar, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
@@ -14,7 +14,7 @@ from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument, Vocabulary
 from caris_desktop.recording.annotation.overview import SessionOverview
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.action_rows import TIMELINE_ACTIONS
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.key_choices import normalized
@@ -92,13 +92,10 @@ class TimelineView(QWidget):
         middle.setSpacing(0)
         middle.addWidget(self.canvas, 0, 0)
         middle.addWidget(self._down, 0, 1)
-        under = QHBoxLayout()
-        under.setContentsMargins(NAMES_PX, 0, 0, 0)
+        under = boxes.row(margins_px=(NAMES_PX, 0, 0, 0))
         under.addWidget(self._across)
         middle.addLayout(under, 1, 0)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 1)
-        column.setSpacing(0)
+        column = boxes.column(self, margins_px=(0, 0, 0, 1), spacing_px=0)
         column.addWidget(self._header)
         column.addLayout(middle, 1)
         column.addWidget(self.strip)
@@ -123,9 +120,7 @@ class TimelineView(QWidget):
         self._fact = CutLabel()
         self._fact.setObjectName("timeline_fact")
         self._named_buttons: list[tuple[ActionButton, str]] = []
-        row = QHBoxLayout(header)
-        row.setContentsMargins(14, 3, 6, 3)
-        row.setSpacing(4)
+        row = boxes.row(header, margins_px=(14, 3, 6, 3), spacing_px=4)
         row.addWidget(self._title)
         row.addSpacing(8)
         row.addWidget(self._fact, 1)

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QSplitter, QWidget
 
 from caris_desktop.domain.declared_places import Difference, differences
 from caris_desktop.domain.translation import tr
@@ -14,7 +14,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import Scenario
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.read_aside import read_for
 from caris_desktop.ui.scenario_editor.arranging import drop
 from caris_desktop.ui.scenario_editor.editing import FormContext
@@ -56,12 +56,10 @@ class ComparePage(QWidget):
         self.choice.activated.connect(self._on_chosen)
         self.said = QLabel()
         self.said.setWordWrap(True)
-        self._list = QVBoxLayout()
-        self._list.setSpacing(6)
+        self._list = boxes.column(spacing_px=6)
         holder = QWidget()
         holder.setMaximumWidth(_WIDEST_PX)
-        column = QVBoxLayout(holder)
-        column.setContentsMargins(0, 0, 8, 0)
+        column = boxes.column(holder, margins_px=(0, 0, 8, 0))
         column.addLayout(self._list)
         column.addStretch(1)
         scroll = QScrollArea()
@@ -84,9 +82,7 @@ class ComparePage(QWidget):
         head.addWidget(label)
         head.addWidget(self.choice)
         head.addStretch(1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(24, 16, 24, 16)
-        layout.setSpacing(12)
+        layout = boxes.column(self, margins_px=(24, 16, 24, 16), spacing_px=12)
         layout.addLayout(head)
         layout.addWidget(self.said)
         layout.addWidget(splitter, 1)
@@ -153,8 +149,7 @@ class ComparePage(QWidget):
 
     def _row(self, difference: Difference, where: str) -> QWidget:
         theme, row = self._context.theme, QWidget()
-        texts = QVBoxLayout()
-        texts.setSpacing(0)
+        texts = boxes.column(spacing_px=0)
         title, words = QLabel(where), QLabel(difference_words(difference))
         title.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
         words.setFont(theme.font(tokens.STATUS_PX))
@@ -168,8 +163,7 @@ class ComparePage(QWidget):
         take.setAccessibleName(tr("Take theirs: {what}").format(what=where))
         take.setEnabled(self._editing.document.unreadable is None)
         take.clicked.connect(lambda: self._take(difference))
-        line = QHBoxLayout(row)
-        line.setContentsMargins(0, 2, 0, 2)
+        line = boxes.row(row, margins_px=(0, 2, 0, 2))
         line.addLayout(texts, 1)
         line.addWidget(take)
         return row

@@ -4,7 +4,7 @@ from typing import Any
 
 from PySide6.QtCore import QEvent, QSize, Qt
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from caris_desktop.domain.declared import Form, Key, choices_of, is_free, plain_number, scalars_of
 from caris_desktop.domain.declared_places import ABSENT, default_of, value_at
@@ -13,7 +13,7 @@ from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.scenario_editor.editing import FormContext, help_of, sentence_at
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
@@ -57,9 +57,7 @@ class Field(FormPart):
         self.title = title_of(key) if key is not None else ""
         self.help = help_of(form)
         self.setObjectName("field_" + "_".join(map(str, path)))
-        self.column = QVBoxLayout(self)
-        self.column.setContentsMargins(0, 0, 0, 0)
-        self.column.setSpacing(4)
+        self.column = boxes.column(self, margins_px=0, spacing_px=4)
         # Most fields have no mistake, and those in rows no words of their own: what is not needed is not made.
         self._title_label: QLabel | None = None
         self._help_label: QLabel | None = None
@@ -95,8 +93,7 @@ class Field(FormPart):
             unit = _SHORT_UNITS.get(self.form.rule.unit, "") if self.compact else ""
             self._title_label = QLabel(f"{self.title} ({unit})" if unit else self.title)
             self._title_label.setBuddy(self.control)
-        self._top = QHBoxLayout()
-        self._top.setSpacing(6)
+        self._top = boxes.row(spacing_px=6)
         if self._title_label is not None:
             self._top.addWidget(self._title_label)
             self._top.addStretch(1)
@@ -328,9 +325,7 @@ class NumberField(TextField):
         if self.compact:
             return line
         self._unit: QLabel | None = QLabel(unit_of(self.form))
-        row = QHBoxLayout()
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
+        row = boxes.row(margins_px=0, spacing_px=8)
         row.addWidget(line)
         row.addWidget(self._unit)
         row.addStretch(1)

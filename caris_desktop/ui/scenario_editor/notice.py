@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 from PySide6.QtGui import QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
@@ -26,9 +26,7 @@ class Notice(QWidget):
         self.text.setWordWrap(True)
         self.text.setObjectName("editor_notice_text")
         self.answers: list[ActionButton] = []
-        self._row = QHBoxLayout(self)
-        self._row.setContentsMargins(26, 8, 18, 8)
-        self._row.setSpacing(8)
+        self._row = boxes.row(self, margins_px=(26, 8, 18, 8), spacing_px=8)
         self._row.addWidget(self.text, 1)
         theme.changed.connect(self.update)
         self.hide()

@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
 
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.scenario_editor.arranging import show_at_once
 from caris_desktop.ui.scenario_editor.editing import FormContext
 from caris_desktop.ui.scenario_editor.fields import Field, FormPart
@@ -48,9 +48,7 @@ class SectionPage(QScrollArea):
             return
         holder = QWidget()
         holder.setObjectName("section_holder")
-        column = QVBoxLayout(holder)
-        column.setContentsMargins(_SIDE_PX, 16, _SIDE_PX, 24)
-        column.setSpacing(20)
+        column = boxes.column(holder, margins_px=(_SIDE_PX, 16, _SIDE_PX, 24), spacing_px=20)
         self._title = QLabel(tr(self.section.title))
         self._words = QLabel(tr(self.section.words))
         self._words.setWordWrap(True)

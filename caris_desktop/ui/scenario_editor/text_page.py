@@ -14,10 +14,10 @@ from PySide6.QtGui import (
     QTextCursor,
     QTextFormat,
 )
-from PySide6.QtWidgets import QPlainTextEdit, QTextEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QPlainTextEdit, QTextEdit, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.scenario_editor.editing import FormContext
 from caris_desktop.ui.scenario_editor.fields import Lines
 
@@ -48,8 +48,7 @@ class TextPage(QWidget):
         self.editor = CodeEditor(context)
         self.editor.setObjectName("scenario_text")
         self.editor.setAccessibleName(tr("The text of the scenario file"))
-        column = QVBoxLayout(self)
-        column.setContentsMargins(12, 12, 12, 12)
+        column = boxes.column(self, margins_px=12)
         column.addWidget(self.editor)
         self._typing = QTimer(self, singleShot=True, interval=_TYPING_PAUSE_MS)
         self._typing.timeout.connect(self._take)

@@ -9,7 +9,6 @@ from typing import Any
 from PySide6.QtCore import QSize, Qt, QUrl, Signal
 from PySide6.QtGui import QCloseEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent, QShortcut
 from PySide6.QtWidgets import (
-    QHBoxLayout,
     QLineEdit,
     QListWidget,
     QListWidgetItem,
@@ -30,7 +29,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.document import ScenarioDocument, UndoStep
 from caris_desktop.scenario.library import own_file, user_scenarios_dir
 from caris_desktop.scenario.model import Scenario
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.read_aside import read_for
 from caris_desktop.ui.scenario_editor.compare_page import ComparePage, Other
@@ -123,8 +122,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         self.name.setAccessibleName(tr("Name of the new file"))
         self.name.setPlaceholderText(tr("Name of the new scenario file, as “second-study”"))
         self.name.returnPressed.connect(self.save_as)
-        name_row = QHBoxLayout(self._name_row)
-        name_row.setContentsMargins(16, 0, 16, 8)
+        name_row = boxes.row(self._name_row, margins_px=(16, 0, 16, 8))
         name_row.addWidget(self.name, 1)
         name_row.addWidget(self._button("editor_name_save", tr("Save under this name"), "check", self.save_as))
         name_row.addWidget(self._button("editor_name_cancel", tr("Cancel"), "x", self._name_row.hide, look="ghost"))
@@ -153,11 +151,8 @@ class ScenarioEditor(TabAsRead, QWidget):
         self.nav.currentRowChanged.connect(self._on_section)
 
     def _lay_out(self) -> None:
-        head = QHBoxLayout()
-        head.setContentsMargins(16, 12, 16, 8)
-        head.setSpacing(8)
-        titles = QVBoxLayout()
-        titles.setSpacing(0)
+        head = boxes.row(margins_px=(16, 12, 16, 8), spacing_px=8)
+        titles = boxes.column(spacing_px=0)
         titles.addWidget(self._title)
         titles.addWidget(self._state)
         head.addLayout(titles, 1)
@@ -175,14 +170,10 @@ class ScenarioEditor(TabAsRead, QWidget):
         side.setStretchFactor(1, 3)
         side.setSizes(list(_FORM_AND_PREVIEW_PX))
         self.preview.setMinimumWidth(280)
-        body = QHBoxLayout()
-        body.setContentsMargins(8, 0, 8, 8)
-        body.setSpacing(8)
+        body = boxes.row(margins_px=(8, 0, 8, 8), spacing_px=8)
         body.addWidget(self.nav)
         body.addWidget(side, 1)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(0)
+        column = boxes.column(self, margins_px=0, spacing_px=0)
         column.addLayout(head)
         column.addWidget(self._name_row)
         column.addWidget(self.notice)

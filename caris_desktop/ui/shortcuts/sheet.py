@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QScrollArea, QVBox
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
@@ -62,8 +62,7 @@ class ShortcutSheet(Overlay):
         self.search.setFixedWidth(260)
         self.search.textChanged.connect(self._show_found)
         self._reset_all = self._button("shortcut_reset_all", tr("Usual keys for all"), self._on_reset_all)
-        top = QHBoxLayout()
-        top.setSpacing(12)
+        top = boxes.row(spacing_px=12)
         top.addWidget(self._heading, 1)
         top.addWidget(self._reset_all)
         top.addWidget(self.search)
@@ -79,14 +78,11 @@ class ShortcutSheet(Overlay):
         self._take_over = self._button("shortcut_take_over", tr("Take it over"), self._on_take_over)
         self._remove = self._button("shortcut_remove", tr("No key"), self._on_remove)
         self._leave = self._button("shortcut_leave", tr("Leave it"), self.stop_asking)
-        below = QHBoxLayout()
-        below.setSpacing(8)
+        below = boxes.row(spacing_px=8)
         below.addWidget(self._says, 1)
         for button in (self._take_over, self._remove, self._leave):
             below.addWidget(button)
-        column = QVBoxLayout(self.card)
-        column.setContentsMargins(24, 18, 20, 16)
-        column.setSpacing(8)
+        column = boxes.column(self.card, margins_px=(24, 18, 20, 16), spacing_px=8)
         column.addLayout(top)
         column.addWidget(self._clashes)
         column.addWidget(self._nothing)
@@ -142,9 +138,7 @@ class ShortcutSheet(Overlay):
         for spec in specs:
             groups.setdefault(spec.group, []).append(spec)
         inner = QWidget()
-        sides = self._columns = QHBoxLayout(inner)
-        sides.setContentsMargins(0, 0, 8, 0)
-        sides.setSpacing(32)
+        sides = self._columns = boxes.row(inner, margins_px=(0, 0, 8, 0), spacing_px=32)
         self._sides = (QWidget(), QWidget())
         left, right = (QVBoxLayout(side) for side in self._sides)
         for side, column in zip(self._sides, (left, right), strict=True):

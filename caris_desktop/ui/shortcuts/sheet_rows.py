@@ -4,10 +4,10 @@ from collections.abc import Iterable
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QAbstractButton, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractButton, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.key_choices import COLUMNS, Column
@@ -88,12 +88,9 @@ class ShortcutRow(QWidget):
         self._back.clicked.connect(self.put_back)
         self._back_room = QWidget()
         self._back_room.setFixedWidth(_PUT_BACK_PX)
-        back = QHBoxLayout(self._back_room)
-        back.setContentsMargins(0, 0, 0, 0)
+        back = boxes.row(self._back_room, margins_px=0)
         back.addWidget(self._back)
-        line = QHBoxLayout(self)
-        line.setContentsMargins(0, 0, 0, 0)
-        line.setSpacing(4)
+        line = boxes.row(self, margins_px=0, spacing_px=4)
         line.addWidget(self._words, 1)
         for cell in self.cells.values():
             line.addWidget(cell)
@@ -138,11 +135,8 @@ class ShortcutGroup(QWidget):
         super().__init__()
         self.rows = rows
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 12)
-        column.setSpacing(0)
-        heading = QHBoxLayout()
-        heading.setSpacing(4)
+        column = boxes.column(self, margins_px=(0, 0, 0, 12), spacing_px=0)
+        heading = boxes.row(spacing_px=4)
         words = QLabel(title)
         words.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
         heading.addWidget(words, 1)

@@ -1,12 +1,12 @@
 """Asks in place for what stands in a gap before something is said."""
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.conversation.placeholders import NAME, PLACE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import AskedGap
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
@@ -38,9 +38,7 @@ class GapRow(QWidget):
         self._leave.setObjectName("gap_leave")
         self._leave.clicked.connect(self.given_up)
         self._question.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
+        row = boxes.row(self, margins_px=0, spacing_px=8)
         row.addWidget(self._question)
         row.addWidget(self.field, 1)
         row.addWidget(self._say)

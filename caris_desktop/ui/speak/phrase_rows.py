@@ -1,12 +1,12 @@
 """What is one key or click away: the groups of phrases, the chips of the group that is chosen, and the gestures."""
 
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.gestures import MOST_GESTURES
 from caris_desktop.scenario.phrases import phrase_groups
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.action_rows import PHRASE_COUNT, perform_nth_gesture
 from caris_desktop.ui.actions import Actions, cap_text, keyed_phrases
 from caris_desktop.ui.theme import Theme
@@ -30,9 +30,7 @@ class PhraseRows(QWidget):
         self._actions = actions
         self._titles: list[ActionButton] = []
         tabs = self._tabs = QWidget()
-        self._tabs_row = QHBoxLayout(tabs)
-        self._tabs_row.setContentsMargins(0, 0, 0, 0)
-        self._tabs_row.setSpacing(4)
+        self._tabs_row = boxes.row(tabs, margins_px=0, spacing_px=4)
         self._next_key = KeyCap(theme)
         self._tabs_row.addWidget(self._next_key)
         self._tabs_row.addStretch(1)
@@ -44,9 +42,7 @@ class PhraseRows(QWidget):
         self._flow.add(self._next)
         self._keyless = QLabel()
         self._keyless.setWordWrap(True)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(6)
+        column = boxes.column(self, margins_px=0, spacing_px=6)
         column.addWidget(tabs)
         column.addWidget(self._flow)
         column.addWidget(self._keyless)

@@ -2,14 +2,14 @@
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QKeySequence, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QApplication, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.person_marks import mark_of
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.action_rows import QUEUE_GROUP
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.key_choices import normalized
@@ -40,9 +40,7 @@ class QueueList(QWidget):
         self.setObjectName("speak_queue")
         self.setAccessibleName(tr("What is said next"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self._column = QVBoxLayout(self)
-        self._column.setContentsMargins(0, 0, 0, 0)
-        self._column.setSpacing(0)
+        self._column = boxes.column(self, margins_px=0, spacing_px=0)
         actions.answer_for(QUEUE_GROUP, self)
         self.setVisible(False)
 
@@ -195,9 +193,7 @@ class _QueueRow(QWidget):
         self._editor.setMaxLength(1000)
         self._editor.hide()
         self._editor.returnPressed.connect(self._on_return)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(6, 0, 2, 0)
-        row.setSpacing(4)
+        row = boxes.row(self, margins_px=(6, 0, 2, 0), spacing_px=4)
         row.addWidget(self._number)
         row.addSpacing(4)
         row.addWidget(self.label, 1)

@@ -5,11 +5,11 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QRectF, QSignalBlocker, QSize, Qt, QTimer
 from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPen, QWheelEvent
-from PySide6.QtWidgets import QAbstractButton, QBoxLayout, QHBoxLayout, QLabel, QSizePolicy, QSlider, QWidget
+from PySide6.QtWidgets import QAbstractButton, QBoxLayout, QLabel, QSizePolicy, QSlider, QWidget
 
 from caris_desktop.domain.controls import Choice, ControlValue, RobotControl
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.control_words import value_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -58,10 +58,8 @@ class _TitledFace(ControlFace):
         super().__init__(theme, control)
         self._title = QLabel(control.title)
         self._title.setToolTip(control.title)
-        self.parts = QHBoxLayout()
-        self.parts.setSpacing(8)
-        self._row = QHBoxLayout(self)
-        self._row.setContentsMargins(0, 0, 0, 0)
+        self.parts = boxes.row(spacing_px=8)
+        self._row = boxes.row(self, margins_px=0)
         self._row.addWidget(self._title, 0, Qt.AlignmentFlag.AlignTop)
         self._row.addLayout(self.parts, 1)
         self.set_narrow(False)
@@ -86,8 +84,7 @@ class _ButtonFace(ControlFace):
         self._button.clicked.connect(lambda: use(True))
         self._value = QLabel()
         self._value.hide()
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = boxes.row(self, margins_px=0)
         row.addWidget(self._button)
         row.addWidget(self._value)
         theme.changed.connect(self._style)
@@ -121,8 +118,7 @@ class _ToggleFace(ControlFace):
         self._switch.clicked.connect(self._on_clicked)
         self._settle = QTimer(self, singleShot=True, interval=round(_SETTLE_S * 1000))
         self._settle.timeout.connect(self._refresh)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = boxes.row(self, margins_px=0)
         row.addWidget(self._switch)
         self._refresh()
 
@@ -442,9 +438,7 @@ class _ReadoutFace(ControlFace):
         self._value = QLabel()
         self._value.setObjectName("control_value")
         self._value.setTextFormat(Qt.TextFormat.PlainText)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(10, 4, 10, 4)
-        row.setSpacing(8)
+        row = boxes.row(self, margins_px=(10, 4, 10, 4), spacing_px=8)
         row.addWidget(self._title)
         row.addWidget(self._value)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)

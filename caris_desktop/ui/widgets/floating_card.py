@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QPointF, Qt, Signal
 from PySide6.QtGui import QHideEvent, QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens
+from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
@@ -57,14 +57,10 @@ class ChoiceCard(FloatingCard):
         self.setObjectName(name)
         self._line = QLabel()
         self._line.setObjectName(f"{name}_line")
-        self._first = QHBoxLayout()
-        self._first.setSpacing(4)
-        self._second = QHBoxLayout()
-        self._second.setSpacing(4)
+        self._first = boxes.row(spacing_px=4)
+        self._second = boxes.row(spacing_px=4)
         self._buttons: list[ActionButton] = []
-        column = QVBoxLayout(self)
-        column.setContentsMargins(8, 8, 8, 8)
-        column.setSpacing(6)
+        column = boxes.column(self, margins_px=8, spacing_px=6)
         column.addWidget(self._line)
         column.addLayout(self._first)
         column.addLayout(self._second)
@@ -128,12 +124,9 @@ class NameCard(FloatingCard):
         close = ActionButton(theme, "", icon="x", look="ghost", height_px=30)
         close.setAccessibleName(tr("Close"))
         close.clicked.connect(self.hide)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(8, 8, 8, 8)
-        column.setSpacing(6)
+        column = boxes.column(self, margins_px=8, spacing_px=6)
         column.addWidget(self._line)
-        row = QHBoxLayout()
-        row.setSpacing(4)
+        row = boxes.row(spacing_px=4)
         row.addWidget(self.field, 1)
         row.addWidget(self._save)
         row.addWidget(close)
