@@ -66,13 +66,10 @@ class ConnectionCard(Overlay):
         self._curves: dict[str, Any] = {}
         self._legend: dict[str, _LegendEntry] = {}
         self._layout = boxes.column(self.card, margins_px=(20, 16, 20, 16), spacing_px=10)
-        self._heading = QLabel(tr("Connection in the last minute"))
-        self._heading.setWordWrap(True)
+        self._heading = QLabel(tr("Connection in the last minute"), wordWrap=True)
         self._state = state
-        self._facts = QLabel()
+        self._facts = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         self._facts.setObjectName("connection_facts")
-        self._facts.setTextFormat(Qt.TextFormat.PlainText)
-        self._facts.setWordWrap(True)
         diagnostics = self._diagnostics = ActionButton(theme, tr("Every topic"), icon="gauge")
         diagnostics.setObjectName("connection_diagnostics")
         diagnostics.setToolTip(tr("Open the Diagnostics panel: rate, age and size of everything that comes"))

@@ -52,9 +52,8 @@ class ExportDialog(TabAsRead, QWidget):
         self._out: Path | None = None
         self._heading = QLabel()
         self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._which = QLabel()
+        self._which = QLabel(wordWrap=True)
         self._which.setObjectName("export_sessions")
-        self._which.setWordWrap(True)
         self._boxes: dict[str, CheckBox] = {}
         self._dim: list[QLabel] = [self._which]
         self._folder = QLineEdit()
@@ -71,12 +70,10 @@ class ExportDialog(TabAsRead, QWidget):
             self._licence.addItem(tr(text), value)
         self._licence.addItem(tr("Another licence…"), None)
         self._licence.currentIndexChanged.connect(self._show_state)
-        self._other = QLineEdit()
+        self._other = QLineEdit(placeholderText=tr("name or address of the licence"), maxLength=200)
         self._other.setObjectName("export_other_licence")
         self._other.setAccessibleName(tr("Name or address of the licence"))
-        self._other.setPlaceholderText(tr("name or address of the licence"))
         self._other.setMinimumHeight(36)
-        self._other.setMaxLength(200)
         self._names = CheckBox(
             theme, tr("Names of wizards and coders, and the robot’s address, in place of W1, C1 …"), wraps=True
         )
@@ -84,14 +81,11 @@ class ExportDialog(TabAsRead, QWidget):
         self._names.setToolTip(
             tr("Only for those who may know who they were. What was said is exported as it was said.")
         )
-        self._bar = QProgressBar()
+        self._bar = QProgressBar(textVisible=False)
         self._bar.setObjectName("export_progress")
-        self._bar.setTextVisible(False)
         self._bar.setRange(0, 1000)
-        self._what = QLabel()
+        self._what = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._what.setObjectName("export_what")
-        self._what.setWordWrap(True)
-        self._what.setTextFormat(Qt.TextFormat.PlainText)
         self._what.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._close = ActionButton(theme, tr("Close"), look="ghost", height_px=38)
         self._close.setObjectName("export_close")
@@ -210,10 +204,9 @@ class ExportDialog(TabAsRead, QWidget):
             column.addLayout(row)
             self._boxes[fmt.name] = box
         column.addStretch(1)
-        area = QScrollArea()
+        area = QScrollArea(widgetResizable=True)
         area.setObjectName("export_formats")
         area.setWidget(rows)
-        area.setWidgetResizable(True)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         area.setMinimumHeight(_LEAST_FORMATS_PX)

@@ -77,9 +77,8 @@ class GamepadDialog(TabAsRead, QDialog):
         self._first_way = ""
         self._name = QLabel()
         self._name.setObjectName("gamepad_name")
-        self._hint = QLabel()
+        self._hint = QLabel(wordWrap=True)
         self._hint.setObjectName("gamepad_hint")
-        self._hint.setWordWrap(True)
         self._view = GamepadView(theme)
         self._view.setObjectName("gamepad_view")
         self._rows: dict[str, BindingRow] = {}
@@ -101,9 +100,8 @@ class GamepadDialog(TabAsRead, QDialog):
         rows_layout = boxes.column(rows, margins_px=(0, 0, 8, 0))
         rows_layout.addLayout(self._columns)
         rows_layout.addStretch(1)
-        scroll = self._scroll = QScrollArea()
+        scroll = self._scroll = QScrollArea(widgetResizable=True)
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(rows)
         self._dead_zone = self._slider("gamepad_dead_zone", tr("Dead zone"), 0, 40)
@@ -301,8 +299,7 @@ class BindingRow(QWidget):
         self._theme = theme
         self.setObjectName(f"binding_{action}")
         self._title = QLabel(title)
-        self._bound = QLabel()
-        self._bound.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self._bound = QLabel(alignment=Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.change = ActionButton(theme, tr("Change"), height_px=30, text_px=tokens.STATUS_PX)
         self.change.setObjectName(f"change_{action}")
         self.change.setAccessibleName(tr("Change: {action}").format(action=title))

@@ -50,13 +50,10 @@ class MarkCard(QWidget):
         self._note_for = ""
         self._note_began_s = 0.0
         self._focus_before: QWidget | None = None
-        self._title = QLabel()
+        self._title = QLabel(textFormat=Qt.TextFormat.PlainText)
         self._title.setObjectName("mark_card_title")
-        self._title.setTextFormat(Qt.TextFormat.PlainText)
-        self._line = QLabel()
+        self._line = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         self._line.setObjectName("mark_card_line")
-        self._line.setTextFormat(Qt.TextFormat.PlainText)
-        self._line.setWordWrap(True)
         close = self._button("mark_card_close", "", icon="x", look="ghost")
         close.setAccessibleName(tr("Close"))
         close.clicked.connect(self.close_card)

@@ -104,10 +104,9 @@ class RobotDialog(TabAsRead, QDialog):
             tr("The address is that of rosbridge on the robot. Looking reads only: nothing is sent that could move it.")
         )
         self._hint.setWordWrap(True)
-        self.address_field = QLineEdit(address)
+        self.address_field = QLineEdit(address, placeholderText=tr("ws://192.168.1.20:9090 or wss://…"))
         self.address_field.setObjectName("robot_address")
         self.address_field.setAccessibleName(tr("Address of the robot"))
-        self.address_field.setPlaceholderText(tr("ws://192.168.1.20:9090 or wss://…"))
         self.address_field.setMinimumHeight(36)
         self.address_field.setMaxLength(300)
         self.address_field.returnPressed.connect(self.look)
@@ -149,11 +148,9 @@ class RobotDialog(TabAsRead, QDialog):
         self._empty.setWordWrap(True)
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._tabs = self._make_tabs()
-        self.name_field = QLineEdit()
+        self.name_field = QLineEdit(placeholderText=tr("for example Lab robot"), maxLength=60)
         self.name_field.setObjectName("robot_name")
         self.name_field.setAccessibleName(tr("Name of the robot"))
-        self.name_field.setPlaceholderText(tr("for example Lab robot"))
-        self.name_field.setMaxLength(60)
         self.name_field.setMinimumHeight(36)
         self.name_field.textChanged.connect(self._refresh)
         self._check = ActionButton(theme, tr("Check live"), icon="activity", height_px=38)
@@ -175,10 +172,8 @@ class RobotDialog(TabAsRead, QDialog):
         self.address_field.selectAll()
 
     def _optional_field(self, name: str, placeholder: str) -> QLineEdit:
-        field = QLineEdit()
+        field = QLineEdit(placeholderText=placeholder, maxLength=500)
         field.setObjectName(name)
-        field.setPlaceholderText(placeholder)
-        field.setMaxLength(500)
         return field
 
     def _make_tabs(self) -> QWidget:
@@ -216,9 +211,8 @@ class RobotDialog(TabAsRead, QDialog):
         self._grid_holder = QWidget()
         self._column = boxes.column(self._grid_holder, margins_px=(0, 0, 8, 0), spacing_px=4)
         self._column.addStretch(1)
-        scroll = QScrollArea()
+        scroll = QScrollArea(widgetResizable=True)
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(self._grid_holder)
         column = boxes.column(page, margins_px=0, spacing_px=8)
@@ -228,9 +222,8 @@ class RobotDialog(TabAsRead, QDialog):
 
     def _make_offer_page(self) -> QWidget:
         page = QWidget()
-        self._filter = QLineEdit()
+        self._filter = QLineEdit(placeholderText=tr("Show only what contains…"))
         self._filter.setObjectName("robot_filter")
-        self._filter.setPlaceholderText(tr("Show only what contains…"))
         self._filter.setAccessibleName(tr("Filter"))
         self._filter.textChanged.connect(self._fill_offer)
         self.offer_list = QListWidget()

@@ -47,9 +47,7 @@ class NoteLine(QWidget):
         super().__init__()
         self._theme = theme
         self._role, self._icon = "dim", ""
-        self._label = QLabel()
-        self._label.setWordWrap(True)
-        self._label.setTextFormat(Qt.TextFormat.PlainText)
+        self._label = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         row = boxes.row(self, margins_px=(28, 2, 0, 2))
         row.addWidget(self._label)
@@ -91,12 +89,10 @@ class MappingRow(QWidget):
         self._check: StreamCheck | None = None
         self._words = ""
         label = tr(label)
-        name = QLabel(label)
+        name = QLabel(label, wordWrap=True)
         name.setFixedWidth(170)
-        name.setWordWrap(True)
-        self._verdict = QLabel()
+        self._verdict = QLabel(textFormat=Qt.TextFormat.PlainText)
         self._verdict.setObjectName("mapping_verdict")
-        self._verdict.setTextFormat(Qt.TextFormat.PlainText)
         self._verdict.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.box = DropDown(theme, f"mapping_{field}_box", label)
         self.box.setFixedWidth(270)

@@ -130,12 +130,10 @@ class StartDialog(TabAsRead, QDialog):
         form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         self._fields: dict[str, QLineEdit] = {}
         for name, label, placeholder in _FIELDS:
-            line = QLineEdit()
+            line = QLineEdit(placeholderText=tr(placeholder), maxLength=120)
             line.setObjectName(f"start_{name}")
-            line.setPlaceholderText(tr(placeholder))
             line.setAccessibleName(tr(label))
             line.setMinimumHeight(36)
-            line.setMaxLength(120)
             line.returnPressed.connect(self._on_begin)
             form.addRow(tr(label), line)
             self._fields[name] = line
@@ -279,9 +277,7 @@ class StartDialog(TabAsRead, QDialog):
             self._begin_button.set_label(tr("Start recording"), look="primary")
 
     def _small(self, text: str) -> QLabel:
-        label = QLabel(text)
-        label.setWordWrap(True)
-        label.setTextFormat(Qt.TextFormat.PlainText)
+        label = QLabel(text, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         label.setFont(self._theme.font(tokens.STATUS_PX))
         self._theme.color_text(label, "dim")
         return label

@@ -38,9 +38,7 @@ class DriveHint(QWidget):
         self._from: Pose2D | None = None
         self._gone_m = 0.0
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self._text = QLabel()
-        self._text.setTextFormat(Qt.TextFormat.PlainText)
-        self._text.setWordWrap(True)
+        self._text = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         self._practise = ActionButton(theme, tr("Practise the rest"), icon="student", height_px=28)
         self._practise.setObjectName("drive_hint_practise")
         self._practise.clicked.connect(self._on_practise)

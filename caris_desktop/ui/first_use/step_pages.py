@@ -69,9 +69,7 @@ class StepPage(QWidget):
         self.column.addLayout(row)
 
     def label(self, text: str, size_px: int = tokens.BODY_PX) -> QLabel:
-        label = QLabel(text)
-        label.setTextFormat(Qt.TextFormat.PlainText)
-        label.setWordWrap(len(text) > _SHORT_WORDS)
+        label = QLabel(text, textFormat=Qt.TextFormat.PlainText, wordWrap=len(text) > _SHORT_WORDS)
         weight = tokens.WEIGHT_SEMIBOLD if size_px == tokens.SPEECH_PX else tokens.WEIGHT_NORMAL
         label.setFont(self.theme.font(size_px, weight))
         return label
@@ -218,10 +216,9 @@ class SoundPage(StepPage):
             return
         if ear_of(console.scenario, console.state.robot.value) == "computer":
             self.add_choice(tr("Microphone"), self._make_microphones())
-        self._level = QProgressBar()
+        self._level = QProgressBar(textVisible=False)
         self._level.setObjectName("first_use_level")
         self._level.setAccessibleName(tr("How loud the microphone hears"))
-        self._level.setTextVisible(False)
         self._level.setMaximumWidth(_PICTURE_PX.width())
         self.column.addWidget(self._level)
         console.state.microphone.changed.connect(self._show_level)

@@ -68,10 +68,8 @@ class FacePanel(Panel):
         self._edit = ActionButton(self.theme, tr("Edit…"), icon="pencil-simple", height_px=30)
         self._edit.setObjectName("face_edit")
         self._edit.clicked.connect(self._on_edit)
-        self._address = QLabel()
+        self._address = QLabel(wordWrap=True, textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse)
         self._address.setObjectName("face_address")
-        self._address.setWordWrap(True)
-        self._address.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._more = FlowRow(gap_px=6)
         for control in (self._text, self._back, self._live, self._copy, self._edit):
             self._more.add(control)

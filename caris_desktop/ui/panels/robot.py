@@ -48,16 +48,12 @@ class RobotPanel(Panel):
         self._adding = QTimer(self, singleShot=True, interval=PAUSE_MS)
         self._adding.timeout.connect(self._add_some)
         self._held: bool = self.state.drive.value.emergency_stop
-        self._empty = QLabel()
+        self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
         self._empty.setObjectName("robot_empty")
-        self._empty.setWordWrap(True)
-        self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self._reason = QLabel()
+        self._reason = QLabel(wordWrap=True)
         self._reason.setObjectName("robot_reason")
-        self._reason.setWordWrap(True)
         self._reason.hide()
-        self._scroll = QScrollArea()
-        self._scroll.setWidgetResizable(True)
+        self._scroll = QScrollArea(widgetResizable=True)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         holder = QWidget()
@@ -218,10 +214,8 @@ class ControlEntry(QWidget):
         self._status: ControlStatus | None = None
         self._reason = ""
         self._asking: ControlValue | None = None
-        self._note = QLabel()
+        self._note = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._note.setObjectName("control_note")
-        self._note.setWordWrap(True)
-        self._note.setTextFormat(Qt.TextFormat.PlainText)
         self._note.hide()
         self._question = _Question(theme)
         self._question.answered.connect(self._on_answered)
@@ -352,8 +346,7 @@ class _Question(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
-        self._words = QLabel()
-        self._words.setTextFormat(Qt.TextFormat.PlainText)
+        self._words = QLabel(textFormat=Qt.TextFormat.PlainText)
         self.yes = ActionButton(theme, tr("Do it"), look="amber", height_px=30)
         self.yes.setObjectName("control_confirm")
         self.yes.clicked.connect(lambda: self.answered.emit(True))

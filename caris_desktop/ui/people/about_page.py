@@ -81,9 +81,8 @@ class AboutPage(QWidget):
         self._recognises: tuple[str, ...] = ()
         self._person: PersonRow | None = None
         self._headings: list[QLabel] = []
-        self._how = QLabel()
+        self._how = QLabel(wordWrap=True)
         self._how.setObjectName("person_how")
-        self._how.setWordWrap(True)
         self._not = self._button("person_not", "", "user-minus", self._on_not)
         self._suggested = [self._suggestion_row(number) for number in range(MOST_SUGGESTED)]
         self._name = self._field("person_card_name_field", tr("Name"), tr("Name"), self._keep_name)
@@ -108,9 +107,8 @@ class AboutPage(QWidget):
         self._looking.timeout.connect(self.look_up)
         self._search.textChanged.connect(lambda _text: self._looking.start())
         self.history = HistoryList(theme)
-        self._no_history = QLabel()
+        self._no_history = QLabel(wordWrap=True)
         self._no_history.setObjectName("person_no_history")
-        self._no_history.setWordWrap(True)
         self._merge = self._button("person_merge", tr("Merge…"), "git-merge", self.merge_wanted.emit)
         self._split = self._button("person_split", tr("Split"), "users", self._on_split)
         self._forget = self._button("person_forget", tr("Forget…"), "trash", self.forget_wanted.emit)

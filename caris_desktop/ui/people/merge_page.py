@@ -37,8 +37,7 @@ class MergePage(QWidget):
         self._person: PersonRow | None = None
         self._other_id = ""
         self._everyone: Sequence[PersonRow] = ()
-        self._title = QLabel()
-        self._title.setWordWrap(True)
+        self._title = QLabel(wordWrap=True)
         self._title.setObjectName("merge_title")
         self._field = EnterField()
         self._field.setObjectName("merge_field")
@@ -58,9 +57,8 @@ class MergePage(QWidget):
             side.addWidget(face, 0, Qt.AlignmentFlag.AlignHCenter)
             side.addWidget(name)
             both.addLayout(side, 1)
-        self._told = QLabel()
+        self._told = QLabel(wordWrap=True)
         self._told.setObjectName("merge_told")
-        self._told.setWordWrap(True)
         back = ActionButton(theme, tr("Back"), icon="caret-left")
         back.setObjectName("merge_back")
         back.clicked.connect(self._on_back)

@@ -82,8 +82,7 @@ class PersonCard(QWidget):
         self.forget.forgotten.connect(lambda person_id: self._decide(do, intents.ForgetPerson(person_id), ""))
         self._pages = QStackedWidget()
         for page in (self.about, self.merge, self.forget):
-            scroll = QScrollArea()
-            scroll.setWidgetResizable(True)
+            scroll = QScrollArea(widgetResizable=True)
             scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
             scroll.setWidget(page)

@@ -26,10 +26,9 @@ class PreflightCard(Overlay):
         self._console = console
         self._heading = QLabel(tr("Before a recording"))
         self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._summary = QLabel()
+        self._summary = QLabel(wordWrap=True)
         self._summary.setObjectName("preflight_summary")
         self._summary.setFont(theme.font(tokens.STATUS_PX))
-        self._summary.setWordWrap(True)
         close = ActionButton(theme, tr("Close"), icon="x", key="Esc", look="ghost")
         close.setObjectName("preflight_close")
         close.clicked.connect(self.close_overlay)

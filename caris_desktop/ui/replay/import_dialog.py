@@ -71,10 +71,8 @@ class ImportDialog(TabAsRead, QDialog):
         form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         form.addRow(tr("File"), path)
         form.addRow(tr("Coder"), self._coder)
-        self._refusal = QLabel()
+        self._refusal = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         self._refusal.setObjectName("import_refusal")
-        self._refusal.setTextFormat(Qt.TextFormat.PlainText)
-        self._refusal.setWordWrap(True)
         for label, role in ((hint, "dim"), (self._refusal, "amber")):
             label.setFont(theme.font(tokens.STATUS_PX))
             theme.color_text(label, role)

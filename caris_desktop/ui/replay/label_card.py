@@ -29,12 +29,11 @@ class LabelCard(FloatingCard):
         self._entries: tuple[VocabularyEntry, ...] | None = None
         self._before = ""
         self._done = True
-        self.field = QLineEdit()
+        self.field = QLineEdit(maxLength=10_000)
         self.field.setObjectName("label_field")
         self.field.setAccessibleName(tr("Label of the annotation"))
         self.field.setMinimumHeight(32)
         self.field.setMinimumWidth(240)
-        self.field.setMaxLength(10_000)
         self.field.textEdited.connect(self._on_text_edited)
         self.field.installEventFilter(self)
         self.list = QListWidget()

@@ -77,9 +77,8 @@ class ReplayBar(QWidget):
         for rate in RATES:
             self._rate.addItem(rate_text(rate), rate)
         self._rate.activated.connect(self._on_rate_chosen)
-        self._hint = QLabel()
+        self._hint = QLabel(textFormat=Qt.TextFormat.PlainText)
         self._hint.setObjectName("replay_hint")
-        self._hint.setTextFormat(Qt.TextFormat.PlainText)
         self._hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._hint_end = QTimer(self, singleShot=True, interval=_HINT_MS)
         self._hint_end.timeout.connect(self._end_hint)

@@ -48,9 +48,8 @@ class TimelineRows(QObject):
         self._view = view
         self._order: list[str] = []
         self._hidden: set[str] = set()
-        self.filter = QLineEdit()
+        self.filter = QLineEdit(placeholderText=tr("Filter tiers"))
         self.filter.setObjectName("tier_filter")
-        self.filter.setPlaceholderText(tr("Filter tiers"))
         self.filter.setAccessibleName(tr("Show only tiers with these words"))
         add_clear_button(self.filter)
         self.filter.setFixedWidth(136)

@@ -112,9 +112,7 @@ class Field(FormPart):
             self.control.setToolTip(self.help)
 
     def _words(self, text: str) -> QLabel:
-        label = QLabel(text)
-        label.setWordWrap(True)
-        label.setTextFormat(Qt.TextFormat.PlainText)
+        label = QLabel(text, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self.column.addWidget(label)
         return label
 

@@ -480,9 +480,8 @@ class EntryRow(FormPart):
         if self._mistake is None:
             if not said:
                 return
-            self._mistake = QLabel()
+            self._mistake = QLabel(wordWrap=True)
             self._mistake.setObjectName("mistake")
-            self._mistake.setWordWrap(True)
             self._column.addWidget(self._mistake)
             self._style()
         self._mistake.setText(said)

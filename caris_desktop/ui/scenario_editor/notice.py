@@ -22,8 +22,7 @@ class Notice(QWidget):
         self._theme = theme
         self._what = ""
         self._role = "blue"
-        self.text = QLabel()
-        self.text.setWordWrap(True)
+        self.text = QLabel(wordWrap=True)
         self.text.setObjectName("editor_notice_text")
         self.answers: list[ActionButton] = []
         self._row = boxes.row(self, margins_px=(26, 8, 18, 8), spacing_px=8)

@@ -117,10 +117,9 @@ class ScenarioEditor(TabAsRead, QWidget):
         self.save_button = self._button("editor_save", tr("Save"), "floppy-disk", self.save, look="primary")
         self.save_button.set_key("Ctrl+S")
         self._name_row = QWidget()
-        self.name = QLineEdit()
+        self.name = QLineEdit(placeholderText=tr("Name of the new scenario file, as “second-study”"))
         self.name.setObjectName("editor_name")
         self.name.setAccessibleName(tr("Name of the new file"))
-        self.name.setPlaceholderText(tr("Name of the new scenario file, as “second-study”"))
         self.name.returnPressed.connect(self.save_as)
         name_row = boxes.row(self._name_row, margins_px=(16, 0, 16, 8))
         name_row.addWidget(self.name, 1)
@@ -162,8 +161,7 @@ class ScenarioEditor(TabAsRead, QWidget):
             self.undo_button, self.redo_button, self.revert_button, self.save_as_button, self.save_button,
         ):  # fmt: skip
             head.addWidget(button)
-        side = self._side = QSplitter(Qt.Orientation.Horizontal)
-        side.setChildrenCollapsible(False)
+        side = self._side = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
         side.addWidget(self.stack)
         side.addWidget(self.preview)
         side.setStretchFactor(0, 5)

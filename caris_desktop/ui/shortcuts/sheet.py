@@ -55,9 +55,8 @@ class ShortcutSheet(Overlay):
         self._building.timeout.connect(self._build_next)
         self._heading = QLabel()
         self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self.search = QLineEdit()
+        self.search = QLineEdit(placeholderText=tr("Find an act or a key"))
         self.search.setObjectName("shortcut_search")
-        self.search.setPlaceholderText(tr("Find an act or a key"))
         self.search.setAccessibleName(tr("Find an act or a key"))
         self.search.setFixedWidth(260)
         self.search.textChanged.connect(self._show_found)
@@ -69,9 +68,8 @@ class ShortcutSheet(Overlay):
         self._clashes = self._line("shortcut_clashes")
         self._nothing = self._line("shortcut_nothing")
         self._nothing.setText(tr("Nothing is called that here."))
-        self._scroll = QScrollArea()
+        self._scroll = QScrollArea(widgetResizable=True)
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self._scroll.setWidgetResizable(True)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._says = self._line("shortcut_says")
         self._says.setFont(theme.font(tokens.BODY_PX))
@@ -312,10 +310,8 @@ class ShortcutSheet(Overlay):
         self._leave.setVisible(waits)
 
     def _line(self, name: str) -> QLabel:
-        label = QLabel()
+        label = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         label.setObjectName(name)
-        label.setWordWrap(True)
-        label.setTextFormat(Qt.TextFormat.PlainText)
         label.setFont(self._theme.font(tokens.STATUS_PX))
         return label
 
