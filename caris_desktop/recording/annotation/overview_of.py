@@ -213,16 +213,8 @@ class WavReader:
 
     def read(self, first: int, count: int) -> Iterator[tuple[int, NDArray[np.float32]]]:
         """The loudest channel of ``count`` samples from ``first`` on, as (number of the first, -1..1), in pieces."""
-        end = min(first + count, self.samples)
-        frame_bytes = 2 * self.channels
-        while first < end:
-            self._file.seek(self._offset + first * frame_bytes)
-            content = self._file.read(min(end - first, _READ_SAMPLES) * frame_bytes)
-            block = np.frombuffer(content[: len(content) // frame_bytes * frame_bytes], "<i2").reshape(
-                -1, self.channels
-            )
-            if not len(block):
-                return
+        for content in self.read_bytes(first, count):
+            block = np.frombuffer(content, "<i2").reshape(-1, self.channels)
             loudest = block[:, 0]
             if self.channels > 1:
                 loudest = block[np.arange(len(block)), np.abs(block.astype(np.int32)).argmax(axis=1)]
@@ -230,7 +222,7 @@ class WavReader:
             first += len(block)
 
     def read_bytes(self, first: int, count: int) -> Iterator[bytes]:
-        """The same as it is in the file, all channels."""
+        """The samples as they are in the file, all channels, in pieces."""
         end = min(first + count, self.samples)
         frame_bytes = 2 * self.channels
         while first < end:
