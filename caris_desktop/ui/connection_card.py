@@ -135,8 +135,7 @@ class ConnectionCard(Overlay):
 
     def _style(self) -> None:
         self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._facts.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(self._facts, "dim")
+        self._theme.style_text(self._facts, "dim", tokens.STATUS_PX)
         if self._plot is None:
             return
         import pyqtgraph

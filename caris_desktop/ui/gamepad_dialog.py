@@ -319,8 +319,7 @@ class BindingRow(QWidget):
         self.change.set_label(tr("Cancel") if learning else tr("Change"), look="amber" if learning else "plain")
 
     def _style(self) -> None:
-        self._bound.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(self._bound, "dim")
+        self._theme.style_text(self._bound, "dim", tokens.STATUS_PX)
 
 
 class GamepadView(QWidget):

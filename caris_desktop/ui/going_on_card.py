@@ -176,8 +176,7 @@ class GoingOnCard(QWidget):
 
     def _style(self) -> None:
         self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._text.setFont(self._theme.font(tokens.BODY_PX))
-        self._theme.color_text(self._text, "dim")
+        self._theme.style_text(self._text, "dim", tokens.BODY_PX)
         for box in self._boxes.values():
             box.setFont(self._theme.font(tokens.BODY_PX))
         self.update()

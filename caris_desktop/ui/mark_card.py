@@ -380,8 +380,7 @@ class MarkCard(QWidget):
 
     def _style(self) -> None:
         self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._line.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(self._line, "dim")
+        self._theme.style_text(self._line, "dim", tokens.STATUS_PX)
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

@@ -69,8 +69,7 @@ class NoticeStrip(QWidget):
         self._now.setText(words.robot_now(drive, goal, self._console.state.robot.value))
 
     def _style(self) -> None:
-        self._now.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(self._now, "dim")
+        self._theme.style_text(self._now, "dim", tokens.STATUS_PX)
         self._now.setAlignment(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
         self._now.setContentsMargins(14, 0, 8, 0)
         self._say()

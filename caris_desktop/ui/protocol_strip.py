@@ -389,8 +389,7 @@ class ProtocolStrip(QWidget):
         }
 
     def _style(self) -> None:
-        self._note.setFont(self._theme.font(tokens.STATUS_PX + 1))
-        self._theme.color_text(self._note, "dim")
+        self._theme.style_text(self._note, "dim", tokens.STATUS_PX + 1)
         for box in self._ticks:
             box.setFont(self._theme.font(tokens.STATUS_PX + 1))
         self.update()

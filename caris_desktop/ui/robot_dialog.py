@@ -503,8 +503,7 @@ class RobotDialog(TabAsRead, QDialog):
     def _style(self) -> None:
         self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         for label in (self._hint, self._empty, self._summary, self._start_label, self._namespace_label):
-            label.setFont(self._theme.font(tokens.STATUS_PX))
-            self._theme.color_text(label, "dim")
+            self._theme.style_text(label, "dim", tokens.STATUS_PX)
 
     def done(self, result: int) -> None:
         self._explorer.cancel()

@@ -333,8 +333,7 @@ class SessionsWindow(TabAsRead, QWidget):
     def _style(self) -> None:
         self.table.setFont(self._theme.font(tokens.STATUS_PX + 1))
         for label in (self._status, self._found, self._lacks):
-            label.setFont(self._theme.font(tokens.STATUS_PX))
-            self._theme.color_text(label, "dim")
+            self._theme.style_text(label, "dim", tokens.STATUS_PX)
         self._theme.color_text(self._lacks, "amber")
         self._theme.color_text(self._empty, "dim")
         self._say(self._library.found.value)

@@ -278,8 +278,7 @@ class StartDialog(TabAsRead, QDialog):
 
     def _small(self, text: str) -> QLabel:
         label = QLabel(text, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
-        label.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(label, "dim")
+        self._theme.style_text(label, "dim", tokens.STATUS_PX)
         return label
 
     def _make_microphones(self) -> DropDown | None:

@@ -79,6 +79,13 @@ class Theme(QObject):
             self._fonts[size_px, weight] = font
         return font
 
+    def style_text(
+        self, widget: QWidget, role: str, size_px: int = tokens.BODY_PX, weight: int = tokens.WEIGHT_NORMAL
+    ) -> None:
+        """What is written on ``widget`` gets this colour and font; to be called again on ``changed``."""
+        self.color_text(widget, role)
+        widget.setFont(self.font(size_px, weight))
+
     def paint_box(
         self,
         widget: QWidget,

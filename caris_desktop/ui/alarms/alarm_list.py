@@ -134,8 +134,7 @@ class AlarmList(Overlay):
 
     def _style(self) -> None:
         self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._nothing.setFont(self._theme.font(tokens.BODY_PX))
-        self._theme.color_text(self._nothing, "dim")
+        self._theme.style_text(self._nothing, "dim", tokens.BODY_PX)
 
 
 class AlarmRow(QWidget):

@@ -129,8 +129,7 @@ class FacePanel(Panel):
         self._on_page(self.state.face_page.value)
 
     def _style(self) -> None:
-        self._address.setFont(self.theme.font(tokens.STATUS_PX))
-        self.theme.color_text(self._address, "dim")
+        self.theme.style_text(self._address, "dim", tokens.STATUS_PX)
 
     def _fill(self) -> None:
         """One button for each expression of this face, with its key."""

@@ -188,8 +188,7 @@ class MotionPanel(Panel):
             label = {"color": dim.name(), "font-size": f"{tokens.KEY_CAP_PX}px"}
             plot.setLabel("left", "m/s" if plot is self._plots[0] else "°/s", **label)
             plot.getAxis("left").setScale(1.0)
-        self._odometry_line.setFont(theme.font(tokens.STATUS_PX))
-        theme.color_text(self._odometry_line, "dim")
+        theme.style_text(self._odometry_line, "dim", tokens.STATUS_PX)
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, CommandSent):

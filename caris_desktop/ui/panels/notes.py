@@ -159,8 +159,7 @@ class NotesPanel(Panel):
         self._fold.setAccessibleName(
             tr("Fold what the scenario has for you") if unfolded else tr("Show what the scenario has for you")
         )
-        self.theme.color_text(text, "text")
-        text.setFont(self.theme.font(tokens.BODY_PX))
+        self.theme.style_text(text, "text", tokens.BODY_PX)
         room = QRect(0, 0, self.width() - _AROUND_STUDY_PX, _MANY_PX)
         wrapped = text.fontMetrics().boundingRect(room, int(Qt.TextFlag.TextWordWrap), text.toPlainText())
         needed = wrapped.height() + _AROUND_STUDY_PX // 2
@@ -200,8 +199,7 @@ class NotesPanel(Panel):
             else tr("What you write down stands here with its moment, and in the session.") if recording
             else tr("Notes are kept while a session is recorded.")
         )  # fmt: skip
-        self._empty.setFont(self.theme.font(tokens.STATUS_PX))
-        self.theme.color_text(self._empty, "dim")
+        self.theme.style_text(self._empty, "dim", tokens.STATUS_PX)
         chosen = self._current() is not None and not self._changing
         show_part(self._change, chosen and self._may_write)
         show_part(self._remove, chosen and self._may_write)

@@ -197,8 +197,7 @@ class RobotPanel(Panel):
 
     def _style(self) -> None:
         for label, role in ((self._empty, "dim"), (self._reason, "amber")):
-            label.setFont(self.theme.font(tokens.BODY_PX if label is self._empty else tokens.STATUS_PX))
-            self.theme.color_text(label, role)
+            self.theme.style_text(label, role, tokens.BODY_PX if label is self._empty else tokens.STATUS_PX)
 
 
 class ControlEntry(QWidget):
@@ -414,5 +413,4 @@ class _Heading(QLabel):
         self._style()
 
     def _style(self) -> None:
-        self.setFont(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
-        self._theme.color_text(self, "dim")
+        self._theme.style_text(self, "dim", tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)

@@ -313,8 +313,7 @@ class AboutPage(QWidget):
             label.setFont(small)
             self._theme.color_text(label, "dim")
         for _row, text, _yes, _no in self._suggested:
-            text.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-            self._theme.color_text(text, "amber")
+            self._theme.style_text(text, "amber", tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
         self._note.setFont(self._theme.font(tokens.STATUS_PX + 1))
 
 

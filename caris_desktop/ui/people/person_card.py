@@ -238,8 +238,7 @@ class PersonCard(QWidget):
 
     def _style(self) -> None:
         self._name.setFont(self._theme.font(tokens.BODY_PX + 2, tokens.WEIGHT_SEMIBOLD))
-        self._seen.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(self._seen, "dim")
+        self._theme.style_text(self._seen, "dim", tokens.STATUS_PX)
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

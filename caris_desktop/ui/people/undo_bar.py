@@ -48,8 +48,7 @@ class UndoBar(QWidget):
         self.hide()
 
     def _style(self) -> None:
-        self.text.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(self.text, "text")
+        self._theme.style_text(self.text, "text", tokens.STATUS_PX)
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

@@ -175,8 +175,7 @@ class PracticeStrip(QWidget):
 
     def _style(self) -> None:
         self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._how.setFont(self._theme.font(tokens.BODY_PX))
-        self._theme.color_text(self._how, "dim")
+        self._theme.style_text(self._how, "dim", tokens.BODY_PX)
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

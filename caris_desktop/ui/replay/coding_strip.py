@@ -164,5 +164,4 @@ class CodingStrip(QWidget):
         return lambda: self._actions.run(f"code_{number}")
 
     def _style(self) -> None:
-        self._words.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(self._words, "dim")
+        self._theme.style_text(self._words, "dim", tokens.STATUS_PX)

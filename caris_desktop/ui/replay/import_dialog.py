@@ -74,8 +74,7 @@ class ImportDialog(TabAsRead, QDialog):
         self._refusal = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         self._refusal.setObjectName("import_refusal")
         for label, role in ((hint, "dim"), (self._refusal, "amber")):
-            label.setFont(theme.font(tokens.STATUS_PX))
-            theme.color_text(label, role)
+            theme.style_text(label, role, tokens.STATUS_PX)
         take = ActionButton(theme, tr("Import"), icon="check", key="Enter", look="primary", height_px=40)
         take.setObjectName("import_take")
         take.clicked.connect(self._on_import)

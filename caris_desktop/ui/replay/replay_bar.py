@@ -265,8 +265,7 @@ class ReplayBar(QWidget):
         self._rate.setCurrentIndex(index)
 
     def _style(self) -> None:
-        self._hint.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(self._hint, "dim")
+        self._theme.style_text(self._hint, "dim", tokens.STATUS_PX)
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

@@ -190,12 +190,10 @@ class Field(FormPart):
         theme = self.context.theme
         if self._title_label is not None:
             small = (tokens.STATUS_PX, tokens.WEIGHT_NORMAL) if self.compact else (tokens.BODY_PX, tokens.WEIGHT_MEDIUM)
-            self._title_label.setFont(theme.font(*small))
-            theme.color_text(self._title_label, "dim" if self.compact else "text")
+            theme.style_text(self._title_label, "dim" if self.compact else "text", *small)
         for label, role in ((self._help_label, "dim"), (self._mistake_label, "red")):
             if label is not None:
-                label.setFont(theme.font(tokens.STATUS_PX))
-                theme.color_text(label, role)
+                theme.style_text(label, role, tokens.STATUS_PX)
 
 
 def without_own_undo(event: QEvent) -> bool:
@@ -334,8 +332,7 @@ class NumberField(TextField):
     def _style(self) -> None:
         super()._style()
         if not self.compact and self._unit is not None:
-            self._unit.setFont(self.context.theme.font(tokens.STATUS_PX))
-            self.context.theme.color_text(self._unit, "dim")
+            self.context.theme.style_text(self._unit, "dim", tokens.STATUS_PX)
 
     def _read(self, text: str) -> Any:
         """A decimal comma is one too."""

@@ -102,8 +102,7 @@ class _Holder(FormPart):
         theme = self.context.theme
         self.title_label.setFont(theme.font(tokens.BODY_PX + 1, tokens.WEIGHT_SEMIBOLD))
         for label, role in ((self.help_label, "dim"), (self.mistake_label, "red")):
-            label.setFont(theme.font(tokens.STATUS_PX))
-            theme.color_text(label, role)
+            theme.style_text(label, role, tokens.STATUS_PX)
 
     def refresh(self) -> None:
         for part in self.parts:
@@ -577,8 +576,7 @@ class EntryRow(FormPart):
 
     def _style(self) -> None:
         if self._mistake is not None:
-            self._mistake.setFont(self.context.theme.font(tokens.STATUS_PX))
-            self.context.theme.color_text(self._mistake, "red")
+            self.context.theme.style_text(self._mistake, "red", tokens.STATUS_PX)
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

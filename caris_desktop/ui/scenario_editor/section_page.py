@@ -117,6 +117,5 @@ class SectionPage(QScrollArea):
         if self._column is not None:
             theme = self._context.theme
             self._title.setFont(theme.font(tokens.SPEECH_PX + 2, tokens.WEIGHT_SEMIBOLD))
-            self._words.setFont(theme.font(tokens.BODY_PX))
-            theme.color_text(self._words, "dim")
+            theme.style_text(self._words, "dim", tokens.BODY_PX)
             self._fit_words()

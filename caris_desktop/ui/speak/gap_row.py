@@ -62,5 +62,4 @@ class GapRow(QWidget):
             self.filled.emit(text)
 
     def _style(self) -> None:
-        self._question.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._theme.color_text(self._question, "amber")
+        self._theme.style_text(self._question, "amber", tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)

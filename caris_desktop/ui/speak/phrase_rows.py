@@ -157,5 +157,4 @@ class PhraseRows(QWidget):
         self._keyless.setVisible(bool(told))
 
     def _style(self) -> None:
-        self._keyless.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(self._keyless, "amber")
+        self._theme.style_text(self._keyless, "amber", tokens.STATUS_PX)

@@ -266,8 +266,7 @@ class _QueueRow(QWidget):
 
     def _style(self) -> None:
         for label in (self._number, self.label):
-            label.setFont(self._theme.font(tokens.STATUS_PX + 1))
-            self._theme.color_text(label, "dim")
+            self._theme.style_text(label, "dim", tokens.STATUS_PX + 1)
         self._editor.setFont(self._theme.font(tokens.STATUS_PX + 1))
         self.update()
 

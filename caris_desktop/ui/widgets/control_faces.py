@@ -91,8 +91,7 @@ class _ButtonFace(ControlFace):
         self._style()
 
     def _style(self) -> None:
-        self._value.setFont(self.theme.font(tokens.STATUS_PX))
-        self.theme.color_text(self._value, "dim")
+        self.theme.style_text(self._value, "dim", tokens.STATUS_PX)
 
     def show_reading(self, value: ControlValue | None) -> None:
         if self.control.reading is not None:
@@ -267,8 +266,7 @@ class _SliderFace(_TitledFace):
         self._follow()
 
     def _style(self) -> None:
-        self._value.setFont(self.theme.font(tokens.STATUS_PX))
-        self.theme.color_text(self._value, "dim")
+        self.theme.style_text(self._value, "dim", tokens.STATUS_PX)
 
     def _chosen(self) -> float:
         control = self.control
@@ -417,8 +415,7 @@ class _TextFace(_TitledFace):
         self._style()
 
     def _style(self) -> None:
-        self._now.setFont(self.theme.font(tokens.STATUS_PX))
-        self.theme.color_text(self._now, "dim")
+        self.theme.style_text(self._now, "dim", tokens.STATUS_PX)
 
     def show_reading(self, value: ControlValue | None) -> None:
         self.value_text = "" if value is None else value_words(self.control, value)

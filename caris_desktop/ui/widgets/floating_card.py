@@ -68,8 +68,7 @@ class ChoiceCard(FloatingCard):
         self._style()
 
     def _style(self) -> None:
-        self._line.setFont(self._theme.font(tokens.STATUS_PX))
-        self._theme.color_text(self._line, "dim")
+        self._theme.style_text(self._line, "dim", tokens.STATUS_PX)
 
     def offer(
         self, where: QPointF, line: str, choices: list[tuple[str, str, str, Callable[[], None]]], *, per_row: int = 1
