@@ -28,8 +28,7 @@ class Band(QWidget):
         self.text = CutLabel()
         self.row = boxes.row(self, margins_px=(14, 0, 4, 0), spacing_px=tokens.GRID_PX)
         self.row.addWidget(self.text, 1)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self.hide()
 
     def say(self, text: str) -> None:

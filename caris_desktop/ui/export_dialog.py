@@ -102,8 +102,7 @@ class ExportDialog(TabAsRead, QWidget):
         self._lay_out()
         self._mine = library.export.value.state == "running"
         library.export.changed.connect(self._on_export_changed)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self.show_sessions(sessions)
         self.resize(self.sizeHint())  # Qt would give a first window two thirds of the screen at most
 

@@ -147,8 +147,7 @@ class GamepadDialog(TabAsRead, QDialog):
         state.gamepad.changed.connect(self._on_status_changed)
         gamepads.mapping_changed.connect(self._refresh)
         gamepads.sampled.connect(self._on_sampled)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self._refresh()
         # Qt would take two thirds of the screen at most, which cuts the rows on a small laptop.
         self.resize(QSize(860, 760).boundedTo(self.screen().availableSize() - QSize(40, 60)))
@@ -307,8 +306,7 @@ class BindingRow(QWidget):
         row.addWidget(self._title)
         row.addWidget(self._bound, 1)
         row.addWidget(self.change)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     @property
     def bound_text(self) -> str:

@@ -84,8 +84,7 @@ class GlanceSigns(QWidget):
             state.link, state.drive, state.goal, state.speech, state.sound, state.recording, state.microphone,
         ):  # fmt: skip
             value.changed.connect(self._on_changed)
-        theme.changed.connect(self._measure)
-        self._measure()
+        theme.keep_styled(self._measure)
         self._on_changed()
 
     @property

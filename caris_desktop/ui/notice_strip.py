@@ -41,8 +41,7 @@ class NoticeStrip(QWidget):
         state = console.state
         for value in (state.drive, state.goal, state.robot, state.link):
             value.changed.connect(self._on_changed)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self._make_room()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

@@ -47,8 +47,7 @@ class PanelTitleBar(QWidget):
         panel.title_changed.connect(self._title.setText)
         panel.controls_changed.connect(self._show_controls)
         panel.active_changed.connect(self._on_active_changed)
-        self._theme.changed.connect(self._style)
-        self._style()
+        self._theme.keep_styled(self._style)
 
     def _show_controls(self) -> None:
         before, self._controls = self._controls, (*self._panel.title_widgets(), *self._more)

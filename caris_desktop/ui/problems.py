@@ -229,8 +229,7 @@ class ProblemCard(QWidget):
         row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
         self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(lambda: self.dismissed.emit(self))
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def show_problem(self, problem: Problem, *, again: bool = False) -> None:
         self.problem = problem

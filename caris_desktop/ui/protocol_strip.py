@@ -91,8 +91,7 @@ class ProtocolStrip(QWidget):
         actions.answer_for(PROTOCOL_GROUP, self)
         actions.keys_changed.connect(self._make_room)
         hold.escape_pressed.connect(self.put_away)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self.refresh()
 
     def _button(

@@ -119,8 +119,7 @@ class MappingRow(QWidget):
             row.addWidget(self.box)
         row.addSpacing(24)
         row.addWidget(self._verdict, 1)
-        theme.changed.connect(self._show)
-        self._show()
+        theme.keep_styled(self._show)
 
     @property
     def value(self) -> str:

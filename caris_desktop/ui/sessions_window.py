@@ -118,8 +118,7 @@ class SessionsWindow(TabAsRead, QWidget):
         self._replay_button.set_key("Enter")
         self._lay_out()
         library.found.changed.connect(self._on_found)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self._on_found(library.found.value)
         self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(40, 80)))
 

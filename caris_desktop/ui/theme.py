@@ -1,5 +1,6 @@
 """Turns the tokens into a Fusion palette, a font and one small style sheet; follows the system or the user."""
 
+from collections.abc import Callable
 from typing import Literal
 
 from PySide6.QtCore import QObject, QRectF, Qt, Signal
@@ -78,6 +79,11 @@ class Theme(QObject):
             font.setWeight(QFont.Weight(weight))
             self._fonts[size_px, weight] = font
         return font
+
+    def keep_styled(self, style: Callable[[], object]) -> None:
+        """Have something styled, now and whenever the theme changes."""
+        self.changed.connect(style)
+        style()
 
     def style_text(
         self, widget: QWidget, role: str, size_px: int = tokens.BODY_PX, weight: int = tokens.WEIGHT_NORMAL

@@ -82,8 +82,7 @@ class AlarmList(Overlay):
         self._ages = QTimer(self, interval=1000)
         self._ages.timeout.connect(self._show_ages)
         console.state.alarms.changed.connect(self._on_alarms_changed)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def show_alarms(self) -> None:
         """Open the list."""
@@ -160,8 +159,7 @@ class AlarmRow(QWidget):
         row = boxes.row(self, margins_px=(34, 4, 0, 8))
         row.addLayout(column, 1)
         row.addWidget(self._seen_to, 0, Qt.AlignmentFlag.AlignTop)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def _on_seen_to(self) -> None:
         if self._alarm is not None:

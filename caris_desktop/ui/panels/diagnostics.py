@@ -389,8 +389,7 @@ class DiagnosticsPanel(Panel):
         self.state.link.changed.connect(self._on_link_changed)
         self.state.robot.changed.connect(self._on_robot_changed)
         self.state.health.changed.connect(self._on_health_changed)
-        self.theme.changed.connect(self._style)
-        self._style()
+        self.theme.keep_styled(self._style)
         self.refresh()
 
     def title_widgets(self) -> list[QWidget]:

@@ -420,8 +420,7 @@ class HeadControl(QWidget):
         row = boxes.row(self, margins_px=0, spacing_px=6)
         row.addWidget(self.stick, 1)
         row.addLayout(column)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def minimumSizeHint(self) -> QSize:
         return QSize(self.stick.minimumSizeHint().width() + 138, self.stick.minimumSizeHint().height())

@@ -86,8 +86,7 @@ class FacePanel(Panel):
         self.state.face_drawing.changed.connect(self._on_drawing)
         self.state.face_page.changed.connect(self._on_page)
         self.table.rows_changed.connect(self._fill)
-        self.theme.changed.connect(self._style)
-        self._style()
+        self.theme.keep_styled(self._style)
         self._fill()
         self.catch_up()
 

@@ -115,8 +115,7 @@ class NotesPanel(Panel):
         self.state.notes.changed.connect(self._on_changed)
         self.state.recording.changed.connect(self._on_changed)
         self.view.selectionModel().currentChanged.connect(self._on_changed)
-        self.theme.changed.connect(self.catch_up)
-        self.catch_up()
+        self.theme.keep_styled(self.catch_up)
 
     def _small_button(self, name: str, text: str, icon: str, slot: Any) -> ActionButton:
         button = ActionButton(self.theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)

@@ -231,8 +231,7 @@ class ControlEntry(QWidget):
         self._calm_down.timeout.connect(self._on_done_shown)
         self._give_up_asking = QTimer(self, singleShot=True, interval=ASKING_ENDS_AFTER_MS)
         self._give_up_asking.timeout.connect(self.stop_asking)
-        theme.changed.connect(self._show)
-        self._show()
+        theme.keep_styled(self._show)
 
     @property
     def note(self) -> QLabel:
@@ -409,8 +408,7 @@ class _Heading(QLabel):
     def __init__(self, theme: Theme, text: str) -> None:
         super().__init__(text)
         self._theme = theme
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def _style(self) -> None:
         self._theme.style_text(self, "dim", tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)

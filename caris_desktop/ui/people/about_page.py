@@ -113,8 +113,7 @@ class AboutPage(QWidget):
         self._split = self._button("person_split", tr("Split"), "users", self._on_split)
         self._forget = self._button("person_forget", tr("Forget…"), "trash", self.forget_wanted.emit)
         self._arrange()
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def _button(self, name: str, text: str, icon: str, act: Callable[[], object]) -> ActionButton:
         button = ActionButton(self._theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)

@@ -44,8 +44,7 @@ class ForgetPage(QWidget):
         column.addWidget(self._not_now)
         column.addLayout(row)
         column.addStretch(1)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def begin_with(self, person: PersonRow, *, recording: bool) -> None:
         """While a session is ``recording`` nobody is forgotten: what is being written cannot be changed."""

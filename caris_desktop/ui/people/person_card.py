@@ -89,8 +89,7 @@ class PersonCard(QWidget):
             self._pages.addWidget(scroll)
         self._arrange(close)
         window.installEventFilter(self)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self.hide()
 
     def _arrange(self, close: QWidget) -> None:

@@ -32,8 +32,7 @@ class UndoBar(QWidget):
         row.addWidget(self.button)
         self._away = QTimer(self, singleShot=True, interval=_SHOWN_MS)
         self._away.timeout.connect(self.hide)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self.hide()
 
     def say(self, text: str) -> None:

@@ -106,8 +106,7 @@ class PracticeStrip(QWidget):
             row.addWidget(button)
         console.state.practice.changed.connect(self._show)
         actions.keys_changed.connect(self._on_keys_changed)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self._show(console.state.practice.value)
 
     def begin(self) -> None:

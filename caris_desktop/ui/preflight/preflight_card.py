@@ -42,8 +42,7 @@ class PreflightCard(Overlay):
         column.addWidget(self._summary)
         column.addWidget(self.list, 1)
         console.state.preflight.changed.connect(self._show)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self._show(console.state.preflight.value)
 
     def open(self) -> None:

@@ -90,8 +90,7 @@ class StepsCard(_CardBelow):
         column.addLayout(self._boxes)
         column.addWidget(self._scroll)
         self.setFixedWidth(_WIDE_PX)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def show_steps(
         self, steps: Sequence[ShownStep], note: str, ticks: Sequence[tuple[str, bool]], *, digits: bool, live: bool

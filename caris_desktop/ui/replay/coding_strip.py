@@ -80,8 +80,7 @@ class CodingStrip(QWidget):
         row.addStretch(1)
         for button in self._acts:
             row.addWidget(button)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def show_tier(
         self, row: Row | None, vocabulary: Vocabulary | None, stretch: OpenStretch | None, *, tiers: int

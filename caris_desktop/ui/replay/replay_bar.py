@@ -108,8 +108,7 @@ class ReplayBar(QWidget):
         self._column.addLayout(self._row)
         replay.playback.changed.connect(self._on_playback_changed)
         replay.overview.changed.connect(self._on_overview_changed)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self._on_playback_changed(replay.playback.value)
         self._on_overview_changed(replay.overview.value)
 

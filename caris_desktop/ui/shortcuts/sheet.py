@@ -90,8 +90,7 @@ class ShortcutSheet(Overlay):
         actions.rows_changed.connect(self._on_changed)
         actions.rebuilt.connect(self._on_changed)
         actions.keys_changed.connect(self._on_keys_changed)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def open(self) -> None:
         self.search.clear()

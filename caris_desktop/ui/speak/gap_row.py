@@ -43,8 +43,7 @@ class GapRow(QWidget):
         row.addWidget(self.field, 1)
         row.addWidget(self._say)
         row.addWidget(self._leave)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self.hide()
 
     def ask(self, asked: AskedGap) -> None:

@@ -46,8 +46,7 @@ class PhraseRows(QWidget):
         column.addWidget(self._flow)
         column.addWidget(self._keyless)
         actions.rows_changed.connect(self._refresh)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self.show_scenario()
 
     def show_scenario(self) -> None:

@@ -213,8 +213,7 @@ class _QueueRow(QWidget):
             row.addWidget(button)
             if act in ("queued_earlier", "queued_later"):
                 self._movers.append(button)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     @property
     def changed_text(self) -> str:

@@ -87,8 +87,7 @@ class _ButtonFace(ControlFace):
         row = boxes.row(self, margins_px=0)
         row.addWidget(self._button)
         row.addWidget(self._value)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def _style(self) -> None:
         self.theme.style_text(self._value, "dim", tokens.STATUS_PX)
@@ -261,8 +260,7 @@ class _SliderFace(_TitledFace):
         self.parts.addWidget(self._value)
         self._slider.setMaximumWidth(420)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
         self._follow()
 
     def _style(self) -> None:
@@ -411,8 +409,7 @@ class _TextFace(_TitledFace):
         self.parts.addWidget(self._field, 1)
         self.parts.addWidget(send)
         self.parts.addWidget(self._now)
-        theme.changed.connect(self._style)
-        self._style()
+        theme.keep_styled(self._style)
 
     def _style(self) -> None:
         self.theme.style_text(self._now, "dim", tokens.STATUS_PX)
