@@ -83,8 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
             chosen.detector, chosen.people, host=arguments.host, port=arguments.port, token=token, tls=tls, note=_tell
         ) as server:
             host, port = server.sockets[0].getsockname()[:2]
-            address = f"{'ws' if tls is None else 'wss'}://{before_port(host)}:{port}"
-            _tell(f"{chosen.detector.label} answers at {address}; Ctrl+C ends it.")
+            scheme = "ws" if tls is None else "wss"
+            _tell(f"{chosen.detector.label} answers at {scheme}://{before_port(host)}:{port}; Ctrl+C ends it.")
             await stop.wait()
 
     try:
