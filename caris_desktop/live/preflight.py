@@ -10,12 +10,12 @@ from functools import partial
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import PreflightState
+from caris_desktop.domain.streams import Freshness
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
-    Freshness,
     LinkStatus,
     ListeningStatus,
     MicrophoneStatus,
