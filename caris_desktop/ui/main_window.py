@@ -310,6 +310,7 @@ class MainWindow(TabAsRead, QWidget):
         """Rebuild panels, actions and shortcuts for ``scenario``, now; everything else keeps running."""
         self._begin_scenario(scenario)
         self.board.complete()
+        self.observers.complete()
 
     def _begin_scenario(self, scenario: Scenario) -> None:
         """The same in a few turns of the event loop; what it does not allow is gone at once."""
@@ -317,7 +318,7 @@ class MainWindow(TabAsRead, QWidget):
         self.board.begin(scenario, self._on_arranged, self.layout_keeper.begin)
         self._top_bar.show_scenario()
         self._status_bar.refresh()
-        self.observers.renew()
+        self.observers.show_scenario()
         self.setWindowTitle(self._title(scenario))
 
     def _on_arranged(self, tree: LayoutNode) -> None:

@@ -3,7 +3,7 @@
 import dataclasses
 
 import pytest
-from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtCore import QCoreApplication, QEvent, QPoint, QRect, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
@@ -25,6 +25,9 @@ def _opened(window: MainWindow, console: FakeConsole, sees: Sees) -> ObserverWin
     window.observers.open(sees)
     observer = window.observers.shown
     assert observer is not None
+    observer.complete()
+    for _each in ("window", "columns", "cards"):
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.LayoutRequest)
     freshen(console)
     return observer
 
@@ -74,6 +77,30 @@ def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console
     assert observer is not None and observer.findChild(QWidget, "map_panel") is None
     observer.close()
     assert window.observers.shown is None
+
+
+def test_at_a_switch_it_stays_where_it_is_and_its_panels_come_one_in_a_turn(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    observer = _opened(window, console, "everything")
+    observer.setGeometry(40, 50, 900, 700)
+
+    def panels() -> set[str]:
+        qtbot.wait(0)  # what is replaced goes with the next turn
+        names = ("video_panel", "conversation_panel", "map_panel", "session_panel")
+        return {name for name in names if observer.findChild(QWidget, name) is not None}
+
+    before = panels()
+    assert len(before) == 4
+    console.scenario = dataclasses.replace(samples.MENTAL, panels_off=("map",))
+    seen: list[int] = []
+    made = observer._make_next
+    observer._turn.timeout.disconnect()
+    observer._turn.timeout.connect(lambda: seen.append(len(observer._missing)) or made())  # type: ignore[func-returns-value]
+    observer.show_scenario()
+    assert window.observers.shown is observer and observer.geometry() == QRect(40, 50, 900, 700)
+    qtbot.waitUntil(lambda: not observer._missing)
+    assert seen == [3, 2, 1] and panels() == before - {"map_panel"}
 
 
 class _OtherScreen:
