@@ -19,6 +19,7 @@ from caris_desktop import __version__
 from caris_desktop.app import composition, simulator_calls
 from caris_desktop.app.demo_robot import PROFILE, DemoRobot
 from caris_desktop.app.kept_settings import KeptSettings
+from caris_desktop.app.lost_screen import end_with_screen, forget_screen
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import OwnLayoutFiles
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
@@ -277,10 +278,13 @@ def run(arguments: argparse.Namespace) -> int:
         return console_run.application.exec()
     finally:
         console_run.close()
+        forget_screen()
 
 
 def end_when_told(console_run: ConsoleRun) -> None:
-    """End in order on Ctrl+C, when the terminal is closed, and with the computer or the user's session."""
+    """End in order on Ctrl+C, when the terminal is closed, and with the computer or the user's session; and at once
+    when the screen goes away.
+    """
     application, console = console_run.application, console_run.console
 
     def end(_number: int, _frame: object) -> None:
@@ -296,6 +300,7 @@ def end_when_told(console_run: ConsoleRun) -> None:
     heartbeat.start(200)
     application.commitDataRequest.connect(lambda _manager: console.expect_shutdown())
     application.aboutToQuit.connect(console.expect_end)
+    end_with_screen(application)
 
 
 def check_screen() -> None:

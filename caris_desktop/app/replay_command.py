@@ -23,6 +23,7 @@ from PySide6.QtWidgets import QApplication, QProgressDialog
 from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen
 from caris_desktop.app.kept_settings import KeptSettings
+from caris_desktop.app.lost_screen import end_with_screen, forget_screen
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
@@ -90,11 +91,13 @@ def run(arguments: argparse.Namespace) -> int:
     heartbeat = QTimer()
     heartbeat.timeout.connect(lambda: None)  # Python sees signals only between Qt events
     heartbeat.start(200)
+    end_with_screen(replay.application)
     replay.show()
     try:
         status = replay.application.exec()
     finally:
         replay.close()
+        forget_screen()
     if replay.console.unsaved:
         print(replay.console.unsaved, file=sys.stderr)
         return status or 1
