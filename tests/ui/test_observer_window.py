@@ -6,12 +6,13 @@ import pytest
 from PySide6.QtCore import QCoreApplication, QEvent, QPoint, QRect, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QAbstractButton, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.ui.conversation.transcript import TranscriptView
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import ObserverWindow, Sees
+from caris_desktop.ui.panel_title_bar import PanelTitleBar
 from caris_desktop.ui.theme import Theme
 from tests.support.window_check import painted_texts
 from tests.ui import samples
@@ -67,6 +68,15 @@ def test_neither_mouse_nor_keys_do_anything_there(window: MainWindow, console: F
     for key in (Qt.Key.Key_W, Qt.Key.Key_P, Qt.Key.Key_M, Qt.Key.Key_F1, Qt.Key.Key_Return):
         QTest.keyClick(observer, key)
     assert [call for call in console.calls if call[0] != "keep_layout"] == []
+
+
+@pytest.mark.parametrize("sees", ["everything", "no_names"])
+def test_titles_show_no_control_that_would_do_nothing(window: MainWindow, console: FakeConsole, sees: Sees) -> None:
+    observer = _opened(window, console, sees)
+    bars = observer.findChildren(PanelTitleBar)
+    shown = [button for bar in bars for button in bar.findChildren(QAbstractButton) if button.isVisible()]
+    assert len(bars) == (4 if sees == "everything" else 2)
+    assert [button.objectName() for button in shown] == []
 
 
 def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console: FakeConsole) -> None:

@@ -123,7 +123,7 @@ class ObserverWindow(TabAsRead, QWidget):
         rows = QVBoxLayout(card)
         rows.setContentsMargins(0, 0, 0, 0)
         rows.setSpacing(0)
-        rows.addWidget(PanelTitleBar(panel))
+        rows.addWidget(PanelTitleBar(panel, looked_at=True))
         rows.addWidget(panel, 1)
         for part in (card, *card.findChildren(QWidget)):
             part.setFocusPolicy(Qt.FocusPolicy.NoFocus)
