@@ -15,7 +15,6 @@ from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined, tr, use_translator
 from caris_desktop.live.children import told_here
 from caris_desktop.ui.language import in_trial_language
-from tests.support.parsed_sources import parsed
 
 GERMAN = {
     "The disk is slow: it took {delay} s.": "{delay} s hat die Festplatte gebraucht.",
@@ -115,7 +114,7 @@ OF_THE_TERMINAL = ("recording/studies/", "recording/session/manifest.py", "recor
 def glued(source: str, *, collects: bool = True) -> list[str]:
     """Sentences with values in them that nobody could translate; ``collects``: the wizard reads what is gathered."""
     found = []
-    for call in (node for node in ast.walk(parsed(source)) if isinstance(node, ast.Call)):
+    for call in (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)):
         told = [*call.args, *(one.value for one in call.keywords if one.arg != "searched")]
         called = ast.unparse(call.func)
         if called.rpartition(".")[2] in TOLD or (collects and called.endswith(COLLECTED)):

@@ -11,7 +11,6 @@ import pytest
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.ui.action_rows import ACTIONS
-from tests.support.parsed_sources import parsed
 
 PACKAGE = Path(__file__).parents[2] / "caris_desktop"
 README = PACKAGE.parent / "README.md"
@@ -35,7 +34,7 @@ VERBS = {spec.text.split()[0] for spec in ACTIONS}
 @cache
 def said_by_the_window() -> tuple[frozenset[str], tuple[re.Pattern[str], ...]]:
     """Its texts, and patterns of those that are filled in: with a name or a number, which has no small first letter."""
-    trees = (parsed(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py"))
+    trees = (ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py"))
     calls = (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call) and node.args)
     marked = (
         call.args[0] for call in calls if isinstance(call.func, ast.Name) and call.func.id in ("tr", "QT_TR_NOOP")
