@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import caris_desktop
+from tests.support.parsed_sources import parse_all, parsed
 
 ROOT = Path(caris_desktop.__file__).parent
 SEVERITIES = ("info", "warning", "error")
@@ -69,7 +70,8 @@ def may_be_empty(advice: ast.expr) -> bool:
 
 @pytest.fixture(scope="module")
 def trees() -> dict[Path, ast.Module]:
-    return {path: ast.parse(path.read_text("utf-8")) for path in sorted(ROOT.rglob("*.py"))}
+    parse_all(ROOT)
+    return {path: parsed(path.read_text("utf-8")) for path in sorted(ROOT.rglob("*.py"))}
 
 
 def everything_told(trees: dict[Path, ast.Module]) -> Iterator[tuple[str, str, ast.expr]]:

@@ -16,6 +16,7 @@ from typing import get_args
 
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.widgets.buttons import Look
+from tests.support.parsed_sources import parsed
 
 PACKAGE = Path(__file__).parents[2] / "caris_desktop"
 ROOMS = ("app", "live", "ui")
@@ -155,7 +156,7 @@ def untranslated() -> list[Found]:
 
 def told_untranslated() -> list[Found]:
     """What any room hands to the wizard with a failure or a problem, and marks with neither tr nor QT_TR_NOOP."""
-    trees = {path: ast.parse(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+    trees = {path: parsed(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
     classes = [node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
     told = set(_TOLD_BY)
     while more := {one.name for one in classes if one.name not in told and told & set(map(_name_of, one.bases))}:
@@ -185,7 +186,7 @@ def left() -> dict[str, int]:
 def texts_in(source: str, file: str = "") -> list[Found]:
     """Every text of a source that does not go through ``tr``."""
     finder = _Finder(file)
-    finder.visit(ast.parse(source))
+    finder.visit(parsed(source))
     return finder.found
 
 
