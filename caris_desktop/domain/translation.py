@@ -8,10 +8,12 @@ and many as ``%n``.
 A process that speaks English, or a room that does not know who will read it, says ``filled(QT_TR_NOOP("..."),
 name=value)``: the English sentence, which still has its text and its values apart, so that ``tr`` can say it anew. The
 number of one and many stands in the mark there, as it does in ``tr``: ``QT_TR_NOOP("%n pictures are lost.", "", 3)``.
+Files keep the English sentence alone; ``refilled`` finds text and values in it again.
 """
 
 import re
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from typing import Self
 
 _NUMBER = "%n"
@@ -78,10 +80,47 @@ def filled(text: str, **values: object) -> Filled:
     )
 
 
+def refilled(sentence: str, texts: tuple[str, ...]) -> str:
+    """A sentence that was kept as plain text, with its text and values apart again; as it is where it is none of
+    ``texts``. The longest that fits counts, and a value that is one of them itself is refilled too.
+    """
+    if isinstance(sentence, Filled):
+        return sentence
+    for text, pattern in _patterns(texts):
+        if found := pattern.fullmatch(sentence):
+            values = found.groupdict()
+            number = values.pop(_NUMBER_GROUP, None)
+            told = {name: refilled(value, texts) for name, value in values.items()}
+            return Filled(text, told if number is None else {_NUMBER: number, **told})
+    return sentence
+
+
 def joined(sentences: Iterable[str], between: str = " ") -> Filled:
     """Several in a row, each of which keeps what it is filled with."""
     values = {f"part_{number}": sentence for number, sentence in enumerate(sentences)}
     return Filled(between.join(f"{{{name}}}" for name in values), values)
+
+
+_NUMBER_GROUP = "_number"
+
+
+@lru_cache
+def _patterns(texts: tuple[str, ...]) -> tuple[tuple[str, re.Pattern[str]], ...]:
+    """Each with what it reads like once it is filled, the one with the most words of its own first."""
+    templates = {text.template if isinstance(text, Filled) else text for text in texts}
+    by_length = sorted(templates, key=lambda text: (-len(_PLACE.sub("", text)), text))
+    return tuple((text, re.compile(_pattern(text), re.DOTALL)) for text in by_length)
+
+
+def _pattern(text: str) -> str:
+    pieces, end, known = list[str](), 0, set[str]()
+    for place in _PLACE.finditer(text):
+        name = place[1] or _NUMBER_GROUP
+        pieces.append(re.escape(text[end : place.start()]))
+        pieces.append(f"(?P={name})" if name in known else f"(?P<{name}>{'.+?' if place[1] else '[0-9]+'})")
+        known.add(name)
+        end = place.end()
+    return "".join((*pieces, re.escape(text[end:])))
 
 
 def _fill(template: str, values: Mapping[str, str], say: Callable[[str], str]) -> str:

@@ -335,7 +335,7 @@ def _look(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryS
     hits = index.search(query) if query.text.strip() else ()
     total = len(index.sessions())
     unreadable = index.unreadable()
-    details = [index.message] if index.message else []
+    details = [tr(index.message)] if index.message else []
     if unreadable:
         names = ", ".join(session.folder.name for session in unreadable[:3])
         told = tr("Cannot be read: {names} and others.") if len(unreadable) > 3 else tr("Cannot be read: {names}.")

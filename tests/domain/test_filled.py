@@ -12,7 +12,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.recorded_form import to_message
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined, tr, use_translator
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined, refilled, tr, use_translator
 from caris_desktop.live.children import told_here
 from caris_desktop.ui.language import in_trial_language
 
@@ -95,6 +95,22 @@ def test_the_console_tells_it_in_the_wizards_language() -> None:
     )  # fmt: skip
     use_translator(in_trial_language)
     assert told_here(sent).what.startswith("[Front bŕöķé".replace("ķ", "k")), told_here(sent).what
+
+
+@pytest.mark.usefixtures("german")
+def test_what_was_kept_as_plain_text_is_found_again() -> None:
+    texts = (*GERMAN, "{camera}: {why}.")
+    kept = (
+        broke_off("the {hall}: left"), filled("%n pictures of {camera} are lost.", camera="A\nB"),
+        filled(QT_TR_NOOP("%n pictures of {camera} are lost.", "", 3), camera="A\nB"),
+    )  # fmt: skip
+    told = [tr(refilled(str.__str__(json.loads(json.dumps(one))), texts)) for one in kept]
+    assert told == ["the {hall}: left brach ab: keine Antwort.", kept[1], "3 Bilder von A\nB fehlen."]
+    twice = refilled("A is A, not B.", ("{name} is {name}, not {other}.",))
+    assert isinstance(twice, Filled)
+    assert (twice, twice.values) == ("A is A, not B.", {"name": "A", "other": "B"})
+    for other in ("", "A is C, not B.", "of something else"):
+        assert type(refilled(other, ("{name} is {name}, not {other}.",))) is str
 
 
 ROOMS = ("robot", "recording", "perception", "conversation/listening", "conversation/voices", "app")
