@@ -44,6 +44,11 @@ def tr(text: str, meant: str = "", number: int = -1) -> str:
     return _Used.translator(text, meant, number) if text else ""
 
 
+def tr_filled(text: str) -> str:
+    """For a list that holds texts of the program and words of others: ``tr`` for what is ``Filled``; others stay."""
+    return tr(text) if isinstance(text, Filled) else text
+
+
 def QT_TR_NOOP(text: str, _meant: str = "", number: int = -1) -> str:  # noqa: N802 - by this name lupdate finds it
     """Marks a text that ``tr`` is given later; one with ``%n`` keeps the number for it."""
     return Filled(text, {_NUMBER: str(number)}) if number >= 0 else text
@@ -71,7 +76,7 @@ class Filled(str):
         return Filled, (self.template, dict(self.values))
 
 
-def filled(text: str, **values: object) -> Filled:
+def filled(text: str, /, **values: object) -> Filled:
     """``text``, marked by ``QT_TR_NOOP``, with its ``{names}`` filled; those that are not given yet stay."""
     before = text.values if isinstance(text, Filled) else {}
     return Filled(

@@ -18,7 +18,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.ui import tokens
 from caris_desktop.ui.replay.seek_throttle import SeekThrottle
@@ -206,8 +206,10 @@ class Scrubber(QWidget):
             return ""
         nearest = min(near, key=lambda moment: (moment.kind != "mark", abs(self.x_of(moment.at_ns) - at_px)))
         if nearest.kind == "utterance":
-            return self._named(nearest.text)
-        return tr("Mark: {label}").format(label=nearest.text) if nearest.text else tr("Mark: without a label")
+            return self._named(tr_filled(nearest.text))
+        return (
+            tr("Mark: {label}").format(label=tr_filled(nearest.text)) if nearest.text else tr("Mark: without a label")
+        )
 
     def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
         if self._bubble is not None and self._bubble.isVisible():

@@ -7,7 +7,7 @@ from PySide6.QtCore import QEvent, QKeyCombination, QObject, QRectF, QSize, Qt, 
 from PySide6.QtGui import QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QScrollBar, QSizePolicy, QVBoxLayout, QWidget
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
@@ -318,7 +318,7 @@ class TimelineView(QWidget):
         item = self.canvas.selected
         if item is not None:
             times = f"{exact_text(item.start_ms)} – {exact_text(item.end_ms)}"
-            label = self._replay.with_names(item.value) or tr("No label yet")
+            label = self._replay.with_names(tr_filled(item.value)) or tr("No label yet")
             return f"{label} · {times} · {length_text(item.end_ms - item.start_ms)}"
         if self._replay.overview.value is None:
             return tr("looking through the session…")
