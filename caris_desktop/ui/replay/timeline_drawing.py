@@ -379,7 +379,7 @@ def _image(pixels: NDArray[np.uint32]) -> QImage:
 def _detail_of(shown: Shown, row: Row) -> str:
     """What stands beside a row's name."""
     if row.own and row.tier is not None:
-        same = row.tier.vocabulary.casefold() in ("", row.name.casefold())
+        same = row.tier.vocabulary.casefold() in ("", row.tier.name.casefold())
         return row.coder if same else f"{row.coder} · {vocabulary_title(row.tier.vocabulary)}"
     if row.kind != "speed":
         return ""
