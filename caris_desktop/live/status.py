@@ -147,7 +147,7 @@ class SoundStatus:
 @dataclass(frozen=True, slots=True)
 class RecordingStatus:
     """``room_s`` is how long the disk lasts at ``bytes_per_s``; ``dropped`` counts what is missing, by stream; of
-    the cameras ``covered_whole`` nothing is to be seen in the record.
+    the cameras ``covered_whole`` nothing is to be seen in the record. ``detail`` is English, for ``tr``.
     """
 
     state: Literal["idle", "starting", "recording", "paused", "stopping", "failed"] = "idle"

@@ -435,7 +435,7 @@ class StatusBar(QWidget):
             case "starting" | "stopping":
                 item.say(tr("starting to record") if recording.state == "starting" else tr("saving the recording"))
             case "failed":
-                item.say(tr("recording failed"), "red", icon="warning-octagon", tip=recording.detail)
+                item.say(tr("recording failed"), "red", icon="warning-octagon", tip=tr(recording.detail))
             case _:
                 item.say(tr("not recording"))
         dropped = {stream: count for stream, count in recording.dropped.items() if count}

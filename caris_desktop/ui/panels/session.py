@@ -310,7 +310,7 @@ class SessionPanel(Panel):
                 self.set_fact("saving")
             case "failed":
                 self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
-                text, role = status.detail or tr("Nothing is recorded now."), "red"
+                text, role = tr(status.detail) or tr("Nothing is recorded now."), "red"
                 self.set_fact(tr("not recording"), "red")
             case _:
                 self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
