@@ -257,7 +257,7 @@ class DrivePanel(Panel):
             view.setEnabled(free)
         self._show_guard(drive)
         if drive.emergency_stop:
-            self.set_fact("stopped", "red")
+            self.set_fact(tr("stopped"), "red")
         elif not drive.allowed:
             self.set_fact(tr("not possible now"), "amber")
         elif drive.guard == "overridden":
