@@ -540,7 +540,7 @@ class ProposalStatus:
 
 @dataclass(frozen=True, slots=True)
 class LoadStatus:
-    """How much is given up because the machine is busy: ``step`` 0 is nothing; ``detail`` says what, in words."""
+    """How much is given up because the machine is busy: ``step`` 0 is nothing; ``detail`` says what, for ``tr``."""
 
     step: int = 0
     detail: str = ""

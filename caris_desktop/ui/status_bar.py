@@ -250,7 +250,7 @@ class StatusBar(QWidget):
         )  # fmt: skip
         load: LoadStatus = state.load.value
         items["load"].say(
-            tr("busy: {what}").format(what=load.detail) if load.detail else "", "amber",
+            tr("busy: {what}").format(what=tr(load.detail)) if load.detail else "", "amber",
             icon="gauge" if load.detail else "",
             tip=tr("The computer does not keep up. Driving, stopping, sound and the recording go on as before."),
         )  # fmt: skip

@@ -13,6 +13,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked, StopRequested, UtteranceChanged
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.services.governor import STEPS
 from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
@@ -652,6 +653,13 @@ def test_a_failed_recording_is_told_whole(window: MainWindow, console: FakeConso
     assert find(window, "record_button").property("text") == "Not recording: failed"
     panel = session_panel(window)
     assert panel.fact == ("not recording", "red")
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_how_busy_the_machine_is_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
+    console.state.load.set(LoadStatus(2, STEPS[2].detail))
+    window.status_bar.refresh()
+    assert window.status_bar.items["load"].text == tr("busy: {what}").format(what=tr(STEPS[2].detail))
 
 
 def test_that_the_machine_is_busy_leaves_room_for_the_recording(window: MainWindow, console: FakeConsole) -> None:
