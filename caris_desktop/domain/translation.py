@@ -8,6 +8,7 @@ and many as ``%n``.
 A process that speaks English, or a room that does not know who will read it, says ``filled(QT_TR_NOOP("..."),
 name=value)``: the English sentence, which still has its text and its values apart, so that ``tr`` can say it anew. The
 number of one and many stands in the mark there, as it does in ``tr``: ``QT_TR_NOOP("%n pictures are lost.", "", 3)``.
+What is marked stays a text of the program wherever it goes, as a value of another sentence too; all else is data.
 Files keep the English sentence alone; ``refilled`` finds text and values in it again.
 """
 
@@ -38,10 +39,14 @@ def use_translator(translator: Translator | None) -> None:
 
 def tr(text: str, meant: str = "", number: int = -1) -> str:
     """``text`` in the wizard's language. ``meant`` tells apart two meanings of one English text."""
+    if not text:
+        return ""
     if isinstance(text, Filled):
+        if not text.values:
+            return _Used.translator(text.template, meant, number)
         number = int(text.values.get(_NUMBER, number))
         return _fill(_Used.translator(text.template, meant, number), text.values, tr)
-    return _Used.translator(text, meant, number) if text else ""
+    return _Used.translator(text, meant, number)
 
 
 def tr_filled(text: str) -> str:
@@ -50,12 +55,18 @@ def tr_filled(text: str) -> str:
 
 
 def QT_TR_NOOP(text: str, _meant: str = "", number: int = -1) -> str:  # noqa: N802 - by this name lupdate finds it
-    """Marks a text that ``tr`` is given later; one with ``%n`` keeps the number for it."""
-    return Filled(text, {_NUMBER: str(number)}) if number >= 0 else text
+    """Marks a text that ``tr`` is given later; one with ``%n`` keeps the number for it.
+
+    It stays a text of the program wherever it goes: one that is filled into another is translated with it.
+    """
+    return Filled(text, {_NUMBER: str(number)}) if number >= 0 else Filled.marked(text)
+
+
+_NOTHING: Mapping[str, str] = {}
 
 
 class Filled(str):
-    """An English sentence with values in it, which keeps its text and the values for whoever translates it.
+    """An English text of the program, with values in it or none, which keeps both apart for whoever translates it.
 
     ``template`` is the text as it is looked up, ``values`` what stands in its ``{names}``: data, put in as it is. One
     that is filled itself is translated too. It travels to other processes as these two, and is recorded as plain text.
@@ -67,6 +78,13 @@ class Filled(str):
     def __new__(cls, template: str, values: Mapping[str, str]) -> Self:
         self = super().__new__(cls, _fill(template, values, lambda one: one))
         self.template, self.values = template, dict(values)
+        return self
+
+    @classmethod
+    def marked(cls, text: str) -> Self:
+        """With nothing in it yet: quickly, as every table of texts is made of these when its module is read."""
+        self = super().__new__(cls, text)
+        self.template, self.values = text, _NOTHING
         return self
 
     def __str__(self) -> str:

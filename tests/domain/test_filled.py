@@ -13,6 +13,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.recorded_form import to_message
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined, refilled, tr, use_translator
+from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.live.children import told_here
 from caris_desktop.ui.language import in_trial_language
 
@@ -49,6 +50,19 @@ def test_a_value_is_never_taken_for_a_text() -> None:
     evil = "{why} {camera.__class__} {0} %n {delay!r}"
     assert broke_off(evil) == f"{evil} broke off: no answer."
     assert tr(broke_off(evil)) == f"{evil} brach ab: keine Antwort."
+
+
+@pytest.mark.usefixtures("german")
+def test_a_marked_text_is_one_wherever_it_goes() -> None:
+    """As a value, out of a table or an error, and after it came from another process; a name that reads so is none."""
+    reasons = {"silent": QT_TR_NOOP("no answer")}
+    whys = (reasons["silent"], ValueError(QT_TR_NOOP("no answer")), pickle.loads(pickle.dumps(reasons))["silent"])  # noqa: S301
+    told = [tr(filled("{camera} broke off: {why}.", camera="no answer", why=why)) for why in whys]
+    assert told == ["no answer brach ab: keine Antwort."] * 3
+    assert tr(joined([QT_TR_NOOP("no answer"), "no answer"])) == "keine Antwort no answer"
+    assert json.dumps(reasons) == '{"silent": "no answer"}'
+    assert yaml_text(reasons) == "silent: no answer\n"
+    assert tr(QT_TR_NOOP("")) == ""
 
 
 @pytest.mark.usefixtures("german")

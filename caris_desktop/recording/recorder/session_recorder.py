@@ -545,9 +545,9 @@ class SessionRecorder:
     def _troubles(self) -> list[str]:
         troubles: list[str] = []
         if self._on_reserve:
-            troubles.append(filled(QT_TR_NOOP("the disk is full: events only, in the room kept for them")))
+            troubles.append(QT_TR_NOOP("the disk is full: events only, in the room kept for them"))
         elif self._video_ended:
-            troubles.append(filled(QT_TR_NOOP("video ended: the disk is nearly full")))
+            troubles.append(QT_TR_NOOP("video ended: the disk is nearly full"))
         elif self._spared_because:
             every_second = QT_TR_NOOP("every second frame is recorded: {why}")
             troubles.append(filled(every_second, why=self._spared_because))
@@ -590,7 +590,7 @@ class SessionRecorder:
             why = filled(gap_words.OF_CAMERA, camera=failure.camera, why=_short(failure.detail))
             self._miss("frame", why, failure.lost)
         if failure.disk_full:
-            self._end_video(filled(QT_TR_NOOP("The disk is full.")))
+            self._end_video(QT_TR_NOOP("The disk is full."))
         elif failure.kind == "video" and failure.detail != gap_words.VIDEO_ENDED:
             self.problem(
                 "error",
@@ -693,7 +693,7 @@ class SessionRecorder:
     def _live_on_reserve(self) -> None:
         """Events only, from now on."""
         self._told_reserve = True
-        self._end_video(filled(QT_TR_NOOP("The disk is full.")))
+        self._end_video(QT_TR_NOOP("The disk is full."))
         self._end_audio(None)
         self.problem(
             "error",

@@ -132,7 +132,7 @@ def repair_session(folder: Path) -> RepairReport:
                 QT_TR_NOOP("something in it is damaged in a way that was not foreseen; the log has the details")
             )
             if isinstance(error, OSError):
-                full = filled(QT_TR_NOOP("the disk has no room for it"))
+                full = QT_TR_NOOP("the disk has no room for it")
                 why = full if no_room(error) else error.strerror or error
             return RepairReport(
                 False,

@@ -294,7 +294,7 @@ class StudyIndex:
             return self._anew(error) if _is_damage(error) else self._in_memory(str(error))
         if foreign:
             database.close()
-            return self._in_memory(filled(QT_TR_NOOP("it is a database of something else")))
+            return self._in_memory(QT_TR_NOOP("it is a database of something else"))
         return database
 
     def _anew(self, damage: sqlite3.Error) -> sqlite3.Connection:
