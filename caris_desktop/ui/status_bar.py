@@ -4,7 +4,7 @@ import html
 import math
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from caris_desktop.domain.address import is_loopback, without_credentials
@@ -52,6 +52,8 @@ _LINK_ICONS = {
 
 class StatusItem(QWidget):
     """One short text, with an icon where it is more than a number."""
+
+    accessible_role = QAccessible.Role.StaticText
 
     clicked = Signal()
 
@@ -136,6 +138,8 @@ class StatusItem(QWidget):
 
 class StatusBar(QWidget):
     """Refreshes four times a second: ages grow by themselves."""
+
+    accessible_role = QAccessible.Role.StatusBar
 
     connection_clicked = Signal()
 

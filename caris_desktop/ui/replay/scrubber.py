@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QPoint, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
+    QAccessible,
     QFontMetricsF,
     QHideEvent,
     QImage,
@@ -39,6 +40,8 @@ class Scrubber(QWidget):
 
     Marks are flags above the line, utterances strokes on it, problems triangles below: told apart by shape.
     """
+
+    accessible_role = QAccessible.Role.Slider
 
     seek_wanted = Signal(object)
 
@@ -101,6 +104,9 @@ class Scrubber(QWidget):
     def shown_ns(self) -> int:
         """Where the handle is."""
         return self._hover_ns if self._dragging and self._hover_ns is not None else self._position_ns
+
+    def accessible_words(self) -> str:
+        return self._words(self._position_ns)
 
     def x_of(self, at_ns: int) -> float:
         room = max(1, self.width() - 2 * _SIDE_PX)

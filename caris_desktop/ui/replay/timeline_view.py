@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QKeyCombination, QObject, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QScrollBar, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr, tr_filled
@@ -56,6 +56,8 @@ class TimelineView(QWidget):
 
     Where there is no room for it beside the panels it is a drawer: a title that opens it, or the whole of it.
     """
+
+    accessible_role = QAccessible.Role.Grouping
 
     open_wanted = Signal(bool)
 
