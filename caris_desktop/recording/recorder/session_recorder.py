@@ -222,7 +222,7 @@ class SessionRecorder:
                 "warning",
                 QT_TR_NOOP("No photo was taken."),
                 QT_TR_NOOP("This scenario does not permit photos."),
-                QT_TR_NOOP("Nothing to do."),
+                QT_TR_NOOP("Permit photos in the scenario where they are wanted."),
                 cause=ANSWER,
             )
             return
