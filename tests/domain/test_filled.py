@@ -11,6 +11,7 @@ import pytest
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.recorded_form import to_message
+from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined, refilled, tr, use_translator
 from caris_desktop.domain.yaml_writing import yaml_text
@@ -61,6 +62,7 @@ def test_a_marked_text_is_one_wherever_it_goes() -> None:
     assert told == ["no answer brach ab: keine Antwort."] * 3
     assert tr(joined([QT_TR_NOOP("no answer"), "no answer"])) == "keine Antwort no answer"
     assert json.dumps(reasons) == '{"silent": "no answer"}'
+    assert type(to_jsonable(reasons)["silent"]) is str
     assert yaml_text(reasons) == "silent: no answer\n"
     assert tr(QT_TR_NOOP("")) == ""
 
