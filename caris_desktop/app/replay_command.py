@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import functools
+import gc
 import hashlib
 import json
 import logging
@@ -187,6 +188,7 @@ def _opened(folder: Path) -> Session:
     """Open it; repairing a long one takes a while, which a small window tells. Raises SessionError."""
     if not needs_repair(folder):
         return open_session(folder)
+    gc.enable()  # what was left off for a quick start: nothing is quick now
     told = QProgressDialog()
     told.setWindowTitle("CARIS Desktop")
     told.setLabelText(
@@ -230,6 +232,7 @@ def _imported(bag: Path) -> Path:
         folder.parent.mkdir(parents=True, exist_ok=True)
         _remove_unfinished_imports(folder.parent)
         print(f"Reading {bag.name} …", file=sys.stderr)
+        gc.enable()  # as above
         # A folder of another name until it is whole.
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=_IMPORT_PREFIX) as workplace:
             partial = Path(workplace) / folder.name

@@ -122,7 +122,7 @@ class Gate:
             return Refusal(
                 tr("{act} is not possible: the robot is not connected.").format(act=words),
                 tr("Nothing was sent to it, and nothing is kept for later."),
-                tr("Try again when the link is back."),
+                tr("Try again when the robot is connected again."),
                 until="connected",
                 quiet=spec.quiet,
             )

@@ -146,7 +146,7 @@ class SoundStatus:
 @dataclass(frozen=True, slots=True)
 class RecordingStatus:
     """``room_s`` is how long the disk lasts at ``bytes_per_s``; ``dropped`` counts what is missing, by stream; of
-    the cameras ``covered_whole`` nothing is to be seen in the record.
+    the cameras ``covered_whole`` nothing is to be seen in the record. ``detail`` is English, for ``tr``.
     """
 
     state: Literal["idle", "starting", "recording", "paused", "stopping", "failed"] = "idle"
@@ -539,7 +539,7 @@ class ProposalStatus:
 
 @dataclass(frozen=True, slots=True)
 class LoadStatus:
-    """How much is given up because the machine is busy: ``step`` 0 is nothing; ``detail`` says what, in words."""
+    """How much is given up because the machine is busy: ``step`` 0 is nothing; ``detail`` says what, for ``tr``."""
 
     step: int = 0
     detail: str = ""

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from PySide6.QtCore import QRectF
-from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QWidget
 
 from caris_desktop.domain import intents
@@ -20,6 +20,8 @@ _BUTTON_PX = 28
 
 class Band(QWidget):
     """One sentence and its buttons, in the colour of what it says."""
+
+    accessible_role = QAccessible.Role.AlertMessage
 
     def __init__(self, theme: Theme, name: str, *, role: str) -> None:
         super().__init__()

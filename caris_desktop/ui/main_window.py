@@ -17,6 +17,7 @@ from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, Wi
 from caris_desktop.scenario.library import ScenarioChoice, list_scenarios
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.ui import words
+from caris_desktop.ui.accessible_roles import install_accessible_roles
 from caris_desktop.ui.action_conditions import ActionConditions
 from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GROUP
 from caris_desktop.ui.actions import Actions
@@ -112,6 +113,7 @@ class MainWindow(TabAsRead, QWidget):
         app = QApplication.instance()
         if not isinstance(app, QApplication):
             raise TypeError("the window needs a QApplication")
+        install_accessible_roles()
         self.setObjectName("main_window")
         self._console = console
         self._settings = settings

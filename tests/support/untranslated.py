@@ -9,12 +9,13 @@ import ast
 import re
 import sys
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import get_args
 
 from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.tokens import Colors
 from caris_desktop.ui.widgets.buttons import Look
 from tests.support.parsed_sources import parsed
 
@@ -123,10 +124,11 @@ _SHOWN = {
     "setAccessibleName", "setPlaceholderText", "setStatusTip", "setTabText", "setText", "setTitle", "setToolTip",
     "setWhatsThis", "setWindowTitle", "QLabel", "QPushButton", "QToolButton", "QCheckBox", "QRadioButton", "QGroupBox",
     "ActionButton", "CutLabel",
+    "set_fact", "set_label", "set_text", "show_text", "show_title", "show_words",
 }  # fmt: skip
 """Functions that show their arguments: here a single small word is a text too."""
 
-_NO_WORDS = {*get_args(Look), *icon_names()}
+_NO_WORDS = {*get_args(Look), *icon_names(), *(color.name for color in fields(Colors))}
 _UNITS = re.compile(r"(?<=\x00)[ \u202f]?(?:ms|s|min|h|Hz|kHz|[kMG]?B(?:/s)?|m|m/s|rad|px|dB|fps)\b")
 _ONE_KEY = (
     r"(?:[A-Z\d]|F\d+|Up|Down|Left|Right|Esc|Pause|Backspace|Del|Ins|Home|End|Tab|Space|Return|Enter|PgUp|PgDown)"

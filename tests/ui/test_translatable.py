@@ -122,6 +122,7 @@ def test_what_is_left_as_it_is_is_still_said() -> None:
         ('button = ActionButton(tr("Stop"), icon="hand-palm", look="ghost")', []),
         ('button = ActionButton("Stop", icon="hand-palm")', ["Stop"]),
         ('label.setText("moving")', ["moving"]),
+        ('self.set_fact("quiet", "dim")', ["quiet"]),
         ('label.setText(f"{count} people")', ["{} people"]),
         ('label.setText(tr("{count} of {all}").format(count=f"{n} people", all=3))', ["{} people"]),
         ('TABLE = {"Some key": "The robot is out of reach"}', ["The robot is out of reach"]),

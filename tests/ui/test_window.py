@@ -266,7 +266,7 @@ def test_a_problem_that_is_over_goes_away_by_itself(window: MainWindow, console:
     state.take(Problem(1, "error", "Not told", "", "", until="released"))
     state.take(Problem(1, "error", "Broken", "", ""))
     state.link.set(dataclasses.replace(link, state="connecting"))
-    lost = "The link to the robot is lost."
+    lost = "The connection to the robot is lost."
     told(lost, "Not told", "Broken")
     state.link.set(link)
     told(lost, "Not told", "Broken")

@@ -6,7 +6,7 @@ from itertools import zip_longest
 from typing import Literal
 
 from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QCloseEvent, QGuiApplication, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -41,6 +41,8 @@ _LEAST_PX, _BOTH_FROM_PX = (480, 280), 480
 
 class ObserverWindow(TabAsRead, QWidget):
     """Never takes the keys that drive, and lets no click through."""
+
+    accessible_role = QAccessible.Role.Window
 
     closed = Signal()
 

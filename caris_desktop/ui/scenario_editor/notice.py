@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from PySide6.QtCore import QRectF
-from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -16,6 +16,8 @@ Answer = tuple[str, Callable[[], None]]
 
 class Notice(QWidget):
     """``say`` puts a sentence in place of the one before. ``what`` is by what it is taken back."""
+
+    accessible_role = QAccessible.Role.AlertMessage
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
