@@ -40,8 +40,8 @@ if (($# == 0)); then
   of_types=$(mktemp)
   (.venv/bin/mypy && .venv/bin/lint-imports) >"$of_types" 2>&1 &
   types=$!
-  # Each of several workers would compile anew what all of them import.
-  check "tests are found" find_tests
+  # Each of several workers would compile anew what all of them import; after a first run it is there but for a little.
+  compgen -G "tests/__pycache__/conftest.*-pytest-*.pyc" >/dev/null || check "tests are found" find_tests
 fi
 
 if [[ $(uname -s) == Linux ]]; then
@@ -75,7 +75,8 @@ run_tests() {
 }
 
 if (($# == 0)); then
-  check "tests, other rooms" run_tests -n 3 -m "not alone" --ignore tests/app tests
+  # They wait for processes and timers for a third of their time.
+  check "tests, other rooms" run_tests -n 4 -m "not alone" --ignore tests/app tests
   started=$SECONDS status=0
   printf '\n== types (mypy) and rooms (import-linter)\n'
   wait "$types" || status=$?

@@ -45,9 +45,16 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-def pytest_runtest_teardown() -> None:
-    if next(_tests) % _TESTS_BETWEEN_COLLECTIONS == 0:
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, None, None]:
+    """What a file leaves lasts, as what it imported: looked through each time, it would cost more with each file."""
+    of_file_end = nextitem is None or nextitem.path != item.path
+    if not of_file_end and next(_tests) % _TESTS_BETWEEN_COLLECTIONS == 0:
         gc.collect()
+    yield
+    if of_file_end:
+        gc.collect()
+        gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)
@@ -102,7 +109,9 @@ _LONGEST_FIRST = (
     "recording/recorder/test_recorder_process.py", "perception/backends/test_export.py", "simulator/test_slow_link.py",
     "people/test_returning.py", "recording/forgetting/test_study.py", "recording/session/test_two_clocks.py",
     "live/test_face_page_in_chromium.py", "simulator/test_command.py", "simulator/test_picture.py",
-    "ui/test_panels.py", "ui/test_window.py",
+    "test_workers.py", "ui/test_tab_order.py", "ui/test_switching.py", "ui/test_every_window.py",
+    "ui/test_timeline.py", "ui/test_screen_reader.py", "ui/palette/test_entries.py", "ui/test_window.py",
+    "ui/test_every_size.py", "ui/test_observer_window.py", "ui/test_pictures.py", "ui/test_permissions.py",
 )  # fmt: skip
 # A rehearsal is played in real time; beside these, which start one console after the other, too little is left for it.
 _NOT_BESIDE_A_REHEARSAL = ("app/test_bad_input.py", "app/test_robot_room.py")

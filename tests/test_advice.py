@@ -1,12 +1,14 @@
 """Whatever is told as wrong says what to do: no warning, error or alarm of the program comes without advice."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import caris_desktop
+from tests.support.parsed_sources import parse_all, parsed
 
 ROOT = Path(caris_desktop.__file__).parent
 SEVERITIES = ("info", "warning", "error")
@@ -69,7 +71,8 @@ def may_be_empty(advice: ast.expr) -> bool:
 
 @pytest.fixture(scope="module")
 def trees() -> dict[Path, ast.Module]:
-    return {path: ast.parse(path.read_text("utf-8")) for path in sorted(ROOT.rglob("*.py"))}
+    parse_all(ROOT)
+    return {path: parsed(path.read_text("utf-8")) for path in sorted(ROOT.rglob("*.py"))}
 
 
 def everything_told(trees: dict[Path, ast.Module]) -> Iterator[tuple[str, str, ast.expr]]:
@@ -88,6 +91,33 @@ def test_no_warning_and_no_error_comes_without_advice(trees: dict[Path, ast.Modu
     assert {grave for _, grave, _ in found} == set(SEVERITIES)
     without = [where for where, grave, advice in found if grave != "info" and may_be_empty(advice)]
     assert {where.split(":")[0] for where in without} == ONLY_LOGGED, without
+
+
+_NO_HELP = re.compile(r"(The log (has the details|tells why)|Nothing (is )?to (be )?do(ne)?|Check the \w+)\.")
+
+
+def test_advice_says_what_to_do(trees: dict[Path, ast.Module]) -> None:
+    """More than where the details are, and which thing to look at for what."""
+    told = [
+        f"{where}: {node.value}"
+        for where, grave, advice in everything_told(trees)
+        for node in ast.walk(advice)
+        if grave != "info" and isinstance(node, ast.Constant) and _NO_HELP.fullmatch(str(node.value))
+    ]
+    assert told == []
+
+
+def test_the_wizard_reads_of_connections_and_not_of_links(trees: dict[Path, ast.Module]) -> None:
+    """One word for one thing. A reason without a full stop stands in records, whose words stay."""
+    of_the_disk_or_the_air = ("that leads out of the session", "wireless link")
+    marked = [
+        f"{path.relative_to(ROOT)}:{node.lineno}: {node.args[0].value}"
+        for path, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and name_of(node) in ("tr", "QT_TR_NOOP") and node.args
+        and isinstance(node.args[0], ast.Constant) and re.search(r"\blink\b.*[a-z]\.(\s|$)", str(node.args[0].value))
+    ]  # fmt: skip
+    assert [each for each in marked if not any(words in each for words in of_the_disk_or_the_air)] == []
 
 
 @pytest.mark.parametrize(

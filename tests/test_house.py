@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.parsed_sources import parse_all, parsed
+
 ROOT = Path(__file__).parents[1]
 METHODS, LINES = 45, 600
 LIMITS = {"live/console.py": 350, "ui/main_window.py": 600}
@@ -67,6 +69,11 @@ MODE = re.compile(r"[rwxa][bt]?[+]?$")
 READING_OF = {"subprocess": {"Popen", "call", "check_call", "check_output", "run"}, "tempfile": {"TemporaryFile"}}
 
 
+@pytest.fixture(autouse=True, scope="module")
+def all_parsed() -> None:
+    parse_all(ROOT / "caris_desktop")
+
+
 @cache
 def files() -> dict[str, str]:
     """The program's files, by their path below its folder."""
@@ -76,7 +83,7 @@ def files() -> dict[str, str]:
 
 def gives_a_reason(text: str) -> bool:
     """Whether a sentence of the file's own docstring says why it is long: it begins with "Long because"."""
-    return bool(re.search(r"(?:^|[.:]\s+)Long because \w", ast.get_docstring(ast.parse(text)) or "", re.MULTILINE))
+    return bool(re.search(r"(?:^|[.:]\s+)Long because \w", ast.get_docstring(parsed(text)) or "", re.MULTILINE))
 
 
 def too_long() -> set[str]:
@@ -86,7 +93,7 @@ def too_long() -> set[str]:
 def with_many_methods() -> dict[str, int]:
     counted = {}
     for name, text in files().items():
-        for node in ast.walk(ast.parse(text)):
+        for node in ast.walk(parsed(text)):
             if isinstance(node, ast.ClassDef):
                 methods = sum(isinstance(each, (ast.FunctionDef, ast.AsyncFunctionDef)) for each in node.body)
                 if methods > METHODS:
@@ -97,7 +104,7 @@ def with_many_methods() -> dict[str, int]:
 def files_written(text: str) -> list[str]:
     """What in this source writes to a disk, or is made for that."""
     found = []
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(parsed(text)):
         match node:
             case ast.Import(names=names):
                 found += [each.name for each in names if each.name in WRITING_MODULES]
@@ -135,7 +142,7 @@ def reads_in(text: str) -> list[tuple[str, str]]:
                     found.append((within, name))
             look(child, inside)
 
-    look(ast.parse(text), "")
+    look(parsed(text), "")
     return found
 
 

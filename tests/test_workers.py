@@ -68,13 +68,17 @@ def test_one_of_many(number):
 """
 
 
+_OPTIONS = ("-p", "xdist.plugin", "-p", "no:cacheprovider", "-n", "2", "--dist", "loadfile")
+
+
 def start(folder: Path, files: dict[str, str]) -> "subprocess.Popen[str]":
     for name, text in {"conftest.py": _HOOKS, "pytest.ini": "[pytest]", **files}.items():
         (folder / name).write_text(text)
     return subprocess.Popen(
-        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-n", "2", "--dist", "loadfile"],
+        [sys.executable, "-m", "pytest", *_OPTIONS],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(_REPOSITORY)},
+        # Other plugins, Qt among what they import, would take longer to come up in each of the processes than all else.
+        env={**os.environ, "PYTHONPATH": str(_REPOSITORY), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

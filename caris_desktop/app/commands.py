@@ -27,6 +27,8 @@ COMMANDS = {
     "check": ("caris_desktop.app.check_command", "is everything ready for a session?"),
 }
 
+# Somebody waits for their window, as for the console's; importing what they are made of is half of that.
+_OPEN_A_WINDOW = ("replay",)
 # They tell what happened in sentences; what a reader of the code wants to know goes to the log.
 _DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "forget", "track", "perceive-again")
 
@@ -34,6 +36,8 @@ _DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "forget", "t
 def run(words: Sequence[str]) -> int:
     """Dispatch to a command; without one, open the console."""
     if words and words[0] in COMMANDS:
+        if words[0] in _OPEN_A_WINDOW:
+            quick_start.begin()
         arguments = parser_of(words[0]).parse_args(list(words[1:]))
         if words[0] in _DETAILS_IN_LOG:
             configure_logging(log_file(), terminal=False)

@@ -16,9 +16,10 @@ from pathlib import Path
 from PySide6.QtCore import QSettings, Qt, QTimer
 
 from caris_desktop import __version__
-from caris_desktop.app import composition, simulator_calls
+from caris_desktop.app import composition, one_console, simulator_calls
 from caris_desktop.app.demo_robot import PROFILE, DemoRobot
 from caris_desktop.app.kept_settings import KeptSettings
+from caris_desktop.app.lost_screen import end_with_screen, forget_screen
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import OwnLayoutFiles
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
@@ -91,6 +92,7 @@ class ConsoleRun:
         self.console = Console(replace(parts, practice=practice, robots=robots, scenario=of_scenario), scenario)
         self.settings.failed.connect(self._on_settings_failed)
         self.host = LiveRobotHost(self.console, composition.live_consoles_dir(), self.console)
+        self.host.window_asked.connect(self._show_window)
         theme = self._theme = Theme(
             self.application, as_choice(arguments.theme or self.settings.value(THEME_KEY, "system"))
         )
@@ -124,6 +126,14 @@ class ConsoleRun:
         self.window.show_in_place()
         self.window.board.completed.connect(self._start_rest, Qt.ConnectionType.QueuedConnection)
         QTimer.singleShot(_REST_AT_LATEST_MS, self.window, self._start_rest)
+
+    def _show_window(self) -> None:
+        """Somebody starts the console that runs already."""
+        if self.window.isMinimized():
+            self.window.showNormal()
+        self.window.raise_()
+        self.window.activateWindow()
+        self.application.alert(self.window)
 
     def close(self) -> None:
         """The robot is stopped before anything else is waited for; what fails does not keep the rest from ending."""
@@ -267,20 +277,30 @@ def run(arguments: argparse.Namespace) -> int:
     configure_logging(log_file(), verbose=arguments.verbose)
     _log.info("CARIS Desktop %s starts", __version__)
     try:
-        console_run = ConsoleRun(arguments)
+        with one_console.held(composition.open_study(arguments.study).path, composition.live_consoles_dir()):
+            return _run(ConsoleRun(arguments))
+    except one_console.AlreadyOpenError as shown:
+        print(shown)
+        return 0
     except composition.StartError as refusal:
         print(refusal, file=sys.stderr)
         return 2
+
+
+def _run(console_run: ConsoleRun) -> int:
     end_when_told(console_run)
     console_run.show()
     try:
         return console_run.application.exec()
     finally:
         console_run.close()
+        forget_screen()
 
 
 def end_when_told(console_run: ConsoleRun) -> None:
-    """End in order on Ctrl+C, when the terminal is closed, and with the computer or the user's session."""
+    """End in order on Ctrl+C, when the terminal is closed, and with the computer or the user's session; and at once
+    when the screen goes away.
+    """
     application, console = console_run.application, console_run.console
 
     def end(_number: int, _frame: object) -> None:
@@ -296,6 +316,7 @@ def end_when_told(console_run: ConsoleRun) -> None:
     heartbeat.start(200)
     application.commitDataRequest.connect(lambda _manager: console.expect_shutdown())
     application.aboutToQuit.connect(console.expect_end)
+    end_with_screen(application)
 
 
 def check_screen() -> None:

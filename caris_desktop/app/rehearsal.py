@@ -22,6 +22,7 @@ from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.console import Console
 from caris_desktop.scenario.model import Place
+from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.main_window import MainWindow
 
 _log = logging.getLogger(__name__)
@@ -114,8 +115,10 @@ class Rehearsal(QObject):
         self._note("everything is ready")
 
         yield from self._start_recording()
-        yield from self._greet()
-        if scenario.permissions.transcription and self._participant is not None:
+        yield from self._meet()
+        if scenario.permissions.speech:
+            yield from self._greet()
+        if scenario.permissions.transcription and scenario.permissions.speech and self._participant is not None:
             yield from self._talk(self._participant)
         if scenario.permissions.photos:
             yield from self._take_photo()
@@ -180,11 +183,14 @@ class Rehearsal(QObject):
                 self._click(f"tick_{check.id}")
                 yield None
 
-    def _greet(self) -> Script:
+    def _meet(self) -> Script:
         state = self._state
         yield Until("a person was detected", lambda: any(row.here for row in state.persons.value), 40.0)
         self._note(f"{sum(row.here for row in state.persons.value)} person(s) here")
-        self._press(Qt.Key.Key_F1)
+
+    def _greet(self) -> Script:
+        state = self._state
+        yield from self._say_phrase(1, "Hello.")
         yield Until("the greeting is spoken", lambda: state.speech.value.now is not None)
         self._screenshot("greeting")
         yield Until("the greeting was said", lambda: state.speech.value.now is None, 20.0)
@@ -206,7 +212,7 @@ class Rehearsal(QObject):
             if number == 0:
                 yield from self._answer_by_suggestion()
             elif number == 1:
-                self._press(Qt.Key.Key_F3)
+                yield from self._say_phrase(3, "I see.")
             else:
                 yield from self._say_by_typing("That is a good question. Let us have a look.")
             yield Until("the answer is spoken", lambda: state.speech.value.now is not None)
@@ -224,7 +230,15 @@ class Rehearsal(QObject):
         else:
             # None is a valid answer of a language model.
             self._note("nothing was suggested: answered by a phrase")
-            self._press(Qt.Key.Key_F2)
+            yield from self._say_phrase(2, "Please tell me more.")
+
+    def _say_phrase(self, number: int, otherwise: str) -> Script:
+        """By its key; where the scenario has no such phrase, or it asks for a word first, something is typed."""
+        phrases = phrases_on_keys(self._console.scenario, self._state.phrase_group.value)
+        if number <= len(phrases) and "{" not in phrases[number - 1].say:
+            self._press(Qt.Key(Qt.Key.Key_F1 + number - 1))
+        else:
+            yield from self._say_by_typing(otherwise)
 
     def _say_by_typing(self, text: str) -> Script:
         self._press(Qt.Key.Key_L, Qt.KeyboardModifier.ControlModifier)
@@ -245,8 +259,9 @@ class Rehearsal(QObject):
     def _drive_while_speaking(self) -> Script:
         state = self._state
         yield Until("the robot knows where it is", lambda: state.pose.value is not None)
-        yield from self._say_by_typing("Please follow me, I would like to show you around.")
-        yield Until("the sentence is spoken", lambda: state.speech.value.now is not None)
+        if self._console.scenario.permissions.speech:
+            yield from self._say_by_typing("Please follow me, I would like to show you around.")
+            yield Until("the sentence is spoken", lambda: state.speech.value.now is not None)
         self._press(Qt.Key.Key_D, Qt.KeyboardModifier.ControlModifier)
         start = state.pose.value.pose_in_map
         target = self._nearest_place(start)
@@ -283,6 +298,10 @@ class Rehearsal(QObject):
     def _ask_assistant(self) -> Script:
         state = self._state
         self._show_tab("Assistant")
+        if self._find("assistant_field") is None:
+            # The scenario permits it and shows other panels: as a wizard does who looks for it.
+            yield from self._find_anything("Assistant")
+            yield Until("the Assistant panel is open", lambda: self._find("assistant_field") is not None)
         field = self._find("assistant_field")
         if not isinstance(field, QLineEdit):
             raise RehearsalError("there is no field to ask the assistant")
@@ -295,6 +314,8 @@ class Rehearsal(QObject):
         if state.assistant.value.state == "failed":
             raise RehearsalError(f"the assistant failed: {state.assistant.value.detail}")
         self._note("the assistant answered")
+        if not self._console.scenario.permissions.speech:
+            return
         self._click("assistant_say")
         yield Until("the answer is spoken", lambda: state.speech.value.now is not None)
         self._press(Qt.Key.Key_F12)
@@ -305,13 +326,7 @@ class Rehearsal(QObject):
         state = self._state
         pose = state.pose.value.pose_in_map
         place = max(self._console.scenario.places, key=lambda place: _distance_m(pose, place.pose_in_map))
-        self._press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
-        yield Until("Find anything is open", lambda: self._find("palette_field") is not None)
-        field = self._find("palette_field")
-        if field is None:
-            raise RehearsalError("Find anything has no field")
-        yield from self._type(field, f"Go to {place.name}")
-        self._press(Qt.Key.Key_Return, target=field)
+        yield from self._find_anything(f"Go to {place.name}")
         yield Until(
             "the robot navigates",
             lambda: state.goal.value is not None and state.goal.value.state == "active" and self._moving(),
@@ -325,6 +340,15 @@ class Rehearsal(QObject):
         yield Until("stop halts the robot", lambda: not self._moving(), 5.0)
         yield Until("the goal is cancelled", lambda: state.goal.value.state in ("cancelled", "reached"), 5.0)
         self._note(f"sent to {place.name}, stopped with Esc")
+
+    def _find_anything(self, words: str) -> Script:
+        self._press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+        yield Until("Find anything is open", lambda: self._find("palette_field") is not None)
+        field = self._find("palette_field")
+        if field is None:
+            raise RehearsalError("Find anything has no field")
+        yield from self._type(field, words)
+        self._press(Qt.Key.Key_Return, target=field)
 
     # The wizard's hands
 

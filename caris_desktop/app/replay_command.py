@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import functools
+import gc
 import hashlib
 import json
 import logging
@@ -23,6 +24,7 @@ from PySide6.QtWidgets import QApplication, QProgressDialog
 from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen
 from caris_desktop.app.kept_settings import KeptSettings
+from caris_desktop.app.lost_screen import end_with_screen, forget_screen
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
@@ -90,11 +92,13 @@ def run(arguments: argparse.Namespace) -> int:
     heartbeat = QTimer()
     heartbeat.timeout.connect(lambda: None)  # Python sees signals only between Qt events
     heartbeat.start(200)
+    end_with_screen(replay.application)
     replay.show()
     try:
         status = replay.application.exec()
     finally:
         replay.close()
+        forget_screen()
     if replay.console.unsaved:
         print(replay.console.unsaved, file=sys.stderr)
         return status or 1
@@ -184,6 +188,7 @@ def _opened(folder: Path) -> Session:
     """Open it; repairing a long one takes a while, which a small window tells. Raises SessionError."""
     if not needs_repair(folder):
         return open_session(folder)
+    gc.enable()  # what was left off for a quick start: nothing is quick now
     told = QProgressDialog()
     told.setWindowTitle("CARIS Desktop")
     told.setLabelText(
@@ -227,6 +232,7 @@ def _imported(bag: Path) -> Path:
         folder.parent.mkdir(parents=True, exist_ok=True)
         _remove_unfinished_imports(folder.parent)
         print(f"Reading {bag.name} …", file=sys.stderr)
+        gc.enable()  # as above
         # A folder of another name until it is whole.
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=_IMPORT_PREFIX) as workplace:
             partial = Path(workplace) / folder.name

@@ -53,7 +53,7 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
                 break
             yield chunk
         if checksum.hexdigest() != sha256:
-            raise NotFetched(filled(QT_TR_NOOP("what arrived is not the published file, so it was thrown away")))
+            raise NotFetched(QT_TR_NOOP("what arrived is not the published file, so it was thrown away"))
 
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -63,7 +63,7 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
             replace_file(target, expected(response.iter_bytes()), durable=False)
     except httpx.ConnectError as error:
         _log.info("no download of %s: %s", target.name, error)
-        raise NotFetched(filled(QT_TR_NOOP("this computer is offline"))) from error
+        raise NotFetched(QT_TR_NOOP("this computer is offline")) from error
     except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
         _log.warning("download of %s failed: %s", target.name, error)
         raise NotFetched(filled(QT_TR_NOOP("failed: {error}"), error=error)) from error

@@ -54,7 +54,7 @@ def to_jsonable(value: Any) -> Any:
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
         return None
-    return value
+    return str.__str__(value) if isinstance(value, str) else value  # of a text of the program what it reads
 
 
 def from_jsonable(value_type: type[T], data: Any) -> T:

@@ -21,6 +21,7 @@ class Delivery(Enum):
     MEDIA = "media"  # pixels in a shared ring; recorded as video
 
 
+Freshness = Literal["none", "fresh", "stale", "lost"]
 ShownAs = Literal["panels", "picture"]
 """What a busy machine shows less often: first all panels, the map among them, and only then the picture."""
 

@@ -8,10 +8,13 @@ and many as ``%n``.
 A process that speaks English, or a room that does not know who will read it, says ``filled(QT_TR_NOOP("..."),
 name=value)``: the English sentence, which still has its text and its values apart, so that ``tr`` can say it anew. The
 number of one and many stands in the mark there, as it does in ``tr``: ``QT_TR_NOOP("%n pictures are lost.", "", 3)``.
+What is marked stays a text of the program wherever it goes, as a value of another sentence too; all else is data.
+Files keep the English sentence alone; ``refilled`` finds text and values in it again.
 """
 
 import re
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from typing import Self
 
 _NUMBER = "%n"
@@ -36,19 +39,34 @@ def use_translator(translator: Translator | None) -> None:
 
 def tr(text: str, meant: str = "", number: int = -1) -> str:
     """``text`` in the wizard's language. ``meant`` tells apart two meanings of one English text."""
+    if not text:
+        return ""
     if isinstance(text, Filled):
+        if not text.values:
+            return _Used.translator(text.template, meant, number)
         number = int(text.values.get(_NUMBER, number))
         return _fill(_Used.translator(text.template, meant, number), text.values, tr)
-    return _Used.translator(text, meant, number) if text else ""
+    return _Used.translator(text, meant, number)
+
+
+def tr_filled(text: str) -> str:
+    """For a list that holds texts of the program and words of others: ``tr`` for what is ``Filled``; others stay."""
+    return tr(text) if isinstance(text, Filled) else text
 
 
 def QT_TR_NOOP(text: str, _meant: str = "", number: int = -1) -> str:  # noqa: N802 - by this name lupdate finds it
-    """Marks a text that ``tr`` is given later; one with ``%n`` keeps the number for it."""
-    return Filled(text, {_NUMBER: str(number)}) if number >= 0 else text
+    """Marks a text that ``tr`` is given later; one with ``%n`` keeps the number for it.
+
+    It stays a text of the program wherever it goes: one that is filled into another is translated with it.
+    """
+    return Filled(text, {_NUMBER: str(number)}) if number >= 0 else Filled.marked(text)
+
+
+_NOTHING: Mapping[str, str] = {}
 
 
 class Filled(str):
-    """An English sentence with values in it, which keeps its text and the values for whoever translates it.
+    """An English text of the program, with values in it or none, which keeps both apart for whoever translates it.
 
     ``template`` is the text as it is looked up, ``values`` what stands in its ``{names}``: data, put in as it is. One
     that is filled itself is translated too. It travels to other processes as these two, and is recorded as plain text.
@@ -62,6 +80,13 @@ class Filled(str):
         self.template, self.values = template, dict(values)
         return self
 
+    @classmethod
+    def marked(cls, text: str) -> Self:
+        """With nothing in it yet: quickly, as every table of texts is made of these when its module is read."""
+        self = super().__new__(cls, text)
+        self.template, self.values = text, _NOTHING
+        return self
+
     def __str__(self) -> str:
         return self  # and so does the error that it is the words of
 
@@ -69,7 +94,7 @@ class Filled(str):
         return Filled, (self.template, dict(self.values))
 
 
-def filled(text: str, **values: object) -> Filled:
+def filled(text: str, /, **values: object) -> Filled:
     """``text``, marked by ``QT_TR_NOOP``, with its ``{names}`` filled; those that are not given yet stay."""
     before = text.values if isinstance(text, Filled) else {}
     return Filled(
@@ -78,10 +103,47 @@ def filled(text: str, **values: object) -> Filled:
     )
 
 
+def refilled(sentence: str, texts: tuple[str, ...]) -> str:
+    """A sentence that was kept as plain text, with its text and values apart again; as it is where it is none of
+    ``texts``. The longest that fits counts, and a value that is one of them itself is refilled too.
+    """
+    if isinstance(sentence, Filled):
+        return sentence
+    for text, pattern in _patterns(texts):
+        if found := pattern.fullmatch(sentence):
+            values = found.groupdict()
+            number = values.pop(_NUMBER_GROUP, None)
+            told = {name: refilled(value, texts) for name, value in values.items()}
+            return Filled(text, told if number is None else {_NUMBER: number, **told})
+    return sentence
+
+
 def joined(sentences: Iterable[str], between: str = " ") -> Filled:
     """Several in a row, each of which keeps what it is filled with."""
     values = {f"part_{number}": sentence for number, sentence in enumerate(sentences)}
     return Filled(between.join(f"{{{name}}}" for name in values), values)
+
+
+_NUMBER_GROUP = "_number"
+
+
+@lru_cache
+def _patterns(texts: tuple[str, ...]) -> tuple[tuple[str, re.Pattern[str]], ...]:
+    """Each with what it reads like once it is filled, the one with the most words of its own first."""
+    templates = {text.template if isinstance(text, Filled) else text for text in texts}
+    by_length = sorted(templates, key=lambda text: (-len(_PLACE.sub("", text)), text))
+    return tuple((text, re.compile(_pattern(text), re.DOTALL)) for text in by_length)
+
+
+def _pattern(text: str) -> str:
+    pieces, end, known = list[str](), 0, set[str]()
+    for place in _PLACE.finditer(text):
+        name = place[1] or _NUMBER_GROUP
+        pieces.append(re.escape(text[end : place.start()]))
+        pieces.append(f"(?P={name})" if name in known else f"(?P<{name}>{'.+?' if place[1] else '[0-9]+'})")
+        known.add(name)
+        end = place.end()
+    return "".join((*pieces, re.escape(text[end:])))
 
 
 def _fill(template: str, values: Mapping[str, str], say: Callable[[str], str]) -> str:

@@ -21,8 +21,14 @@ class _PlainDumper(PlainScalars, yaml.SafeDumper):
         return True
 
 
-know_scalars(_ReadableDumper)
-know_scalars(_PlainDumper)
+def _plain_text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+    """Of a text of the program too, which keeps more than that."""
+    return dumper.represent_str("".join(text))
+
+
+for _dumper in (_ReadableDumper, _PlainDumper):
+    know_scalars(_dumper)
+    _dumper.add_multi_representer(str, _plain_text)
 
 
 def yaml_text(data: Any) -> str:

@@ -186,10 +186,12 @@ class CodingDesk(QObject):
             self._problem(
                 tr("The timeline cannot show what was recorded."),
                 tr("Replay and coding still work."),
-                tr("The log tells why."),
+                tr("Close the replay and open it again; the log tells why."),
             )
 
     def _on_save_failed(self, why: str) -> None:
         self._problem(
-            tr("Your annotations are not saved."), tr(why), tr("Make room or rights for the session's folder.")
+            tr("Your annotations are not saved."),
+            tr(why),
+            tr("Make room on its disk, or make the session's folder writable; the next change saves them all."),
         )

@@ -101,7 +101,7 @@ class DistantEar(QObject):
                 "warning",
                 tr("No sound comes from a microphone that is open: {microphone}.").format(microphone=self._whose),
                 tr("Nothing that is said there is heard, recorded or written down until it is back."),
-                tr("Check its link, and that the robot publishes its sound as the profile says."),
+                tr("Check its connection, and that the robot publishes its sound as the profile says."),
                 until="microphone",
                 cause="robot_sound",
             )

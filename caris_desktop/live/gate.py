@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.actor import MODEL
+from caris_desktop.domain.actor import MODEL, WIZARD, in_words
 from caris_desktop.domain.events import ProblemEnd, Severity
 from caris_desktop.domain.intents import INTENTS, AsBefore, Intent, IntentSpec, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -57,7 +57,7 @@ class Refusal:
 
 
 class Gate:
-    """Permission, bounds, emergency stop, link, replay. GUI thread."""
+    """Permission, bounds, emergency stop, who drives, link, replay. GUI thread."""
 
     def __init__(self, state: LiveState, permissions: Callable[[], Permissions], *, replay: bool = False) -> None:
         self._state = state
@@ -108,24 +108,34 @@ class Gate:
                 until="released",
                 quiet=spec.quiet,
             )
+        driver = self._state.drive.value.driver
+        if moves == "base" and driver and intent.actor not in (driver, WIZARD):
+            # Who sits at this computer answers for the robot, and takes it over from anybody.
+            return Refusal(
+                tr("{act} is not possible: {who} is driving by hand.").format(act=words, who=tr(in_words(driver))),
+                tr("Nothing was sent to the robot."),
+                tr("Ask for it again when the driving is over."),
+                severity="info",
+                quiet=spec.quiet,
+            )
         if spec.needs_link and self._state.link.value.state != "connected":
             return Refusal(
                 tr("{act} is not possible: the robot is not connected.").format(act=words),
                 tr("Nothing was sent to it, and nothing is kept for later."),
-                tr("Try again when the link is back."),
+                tr("Try again when the robot is connected again."),
                 until="connected",
                 quiet=spec.quiet,
             )
         return None
 
-    def _of_control(self, intent: Intent, spec: IntentSpec) -> tuple[str, bool]:
-        """Words for it, and whether it may move the robot; of a control both are its own."""
+    def _of_control(self, intent: Intent, spec: IntentSpec) -> tuple[str, intents.Moves | None]:
+        """Words for it, and what of the robot may move; of a control both are its own."""
         if not isinstance(intent, intents.UseControl):
             return tr(spec.words), spec.moves
         control = next((one for one in self._state.controls.value if one.id == intent.control), None)
         if control is None:
-            return tr(spec.words), True
-        return tr("Using “{control}”").format(control=control.title), control.is_motion
+            return tr(spec.words), "base"
+        return tr("Using “{control}”").format(control=control.title), "base" if control.is_motion else None
 
 
 def _unfit(intent: Intent, spec: IntentSpec) -> tuple[str, float] | None:

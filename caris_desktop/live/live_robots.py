@@ -1,19 +1,22 @@
 """The live robots of this user on this computer, and their stop from the window of a replay, which is another program.
 
 Each running console listens at a local socket in one folder that only this user can enter. A replay looks there and can
-ask for a stop and an emergency stop, nothing else; each is confirmed. GUI thread only.
+ask for a stop and an emergency stop, nothing else; one that is started a second time asks for its window. Each is
+confirmed. GUI thread only, but for :func:`show_window`.
 """
 
 import hashlib
 import json
 import logging
 import os
+import socket
 import tempfile
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Literal
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtNetwork import QLocalServer, QLocalSocket
 
 from caris_desktop.domain import intents
@@ -80,8 +83,24 @@ def _found_consoles(folder: Path) -> list[Path]:
     return [path for path in found if _runs(path.name)]
 
 
+def show_window(folder: Path, pid: int) -> bool:
+    """Ask the console of this process to show its window; whether it has. One that begins or ends does not. Blocks."""
+    try:
+        with closing(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)) as console:
+            console.settimeout(CONFIRMED_WITHIN_MS / 1e3)
+            console.connect(os.fspath(_meeting_place(folder) / str(pid)))
+            console.sendall(json.dumps({"do": "show_window"}).encode() + b"\n")
+            with console.makefile("r", encoding="utf-8") as lines:
+                return any(json.loads(line).get("did") == "show_window" for line in lines)
+    except (OSError, ValueError):
+        _log.debug("the console of process %d does not answer", pid, exc_info=True)
+        return False
+
+
 class LiveRobotHost(QObject):
     """Lets replays stop the robot of this console, and tells them of it."""
+
+    window_asked = Signal()  # by a console that is started a second time
 
     def __init__(self, console: WizardConsole, folder: Path, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -114,8 +133,8 @@ class LiveRobotHost(QObject):
         self._clients.clear()
 
     def _on_new_connection(self) -> None:
-        while (socket := self._server.nextPendingConnection()) is not None:
-            client = _Lines(socket, self._on_message, self._on_gone)
+        while (pending := self._server.nextPendingConnection()) is not None:
+            client = _Lines(pending, self._on_message, self._on_gone)
             self._clients.append(client)
             client.send(self._present())
             client.read()
@@ -126,9 +145,11 @@ class LiveRobotHost(QObject):
             self._console.do(intents.Stop())
         elif order == "emergency_stop":
             self._console.do(intents.EmergencyStop())
+        elif order == "show_window":
+            self.window_asked.emit()
         else:
             return
-        _log.info("a replay's window asked for %s", order)
+        _log.info("another window asked for %s", order)
         client.send({"did": order})
 
     def _on_gone(self, client: "_Lines") -> None:
@@ -227,12 +248,12 @@ class LiveRobots(QObject):
                 self._connect(path)
 
     def _connect(self, path: Path) -> None:
-        socket = QLocalSocket(self)
-        socket.connectToServer(str(path))
-        if socket.state() != QLocalSocket.LocalSocketState.ConnectedState:
-            socket.deleteLater()  # it has just ended, or is only beginning
+        console = QLocalSocket(self)
+        console.connectToServer(str(path))
+        if console.state() != QLocalSocket.LocalSocketState.ConnectedState:
+            console.deleteLater()  # it has just ended, or is only beginning
             return
-        self._consoles[path.name] = _Lines(socket, self._on_message, self._on_gone)
+        self._consoles[path.name] = _Lines(console, self._on_message, self._on_gone)
 
     def _name_of(self, console: "_Lines") -> str:
         return next((name for name, known in self._consoles.items() if known is console), "")

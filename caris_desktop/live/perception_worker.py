@@ -244,7 +244,7 @@ class PerceptionWorker(QObject):
                     self._set_status(replace(self._status, state="ready", detail=""))
                 self._look_rates.note(item.camera, now_ns=clock.now_ns())
                 if asked is not None and (asked.camera, asked.sequence) == (item.camera, item.frame_sequence):
-                    people, events = presence.update(item)
+                    people, events = presence.update(item, clock.now_ns())
                     self._publish(people)
                     self._publish_all(events)
                     self._locate(people, presence)

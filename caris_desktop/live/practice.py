@@ -75,8 +75,10 @@ STEPS = (
         QT_TR_NOOP("Press {key}, or Mark at the top. It goes into the record, for whoever analyses it."), 20.0, "mark",
     ),
     PracticeStep(
-        "link", QT_TR_NOOP("Recover from a lost link"),
-        QT_TR_NOOP("The link was cut. See how the window tells you. It comes back by itself: then drive on a little."),
+        "link", QT_TR_NOOP("Recover from a lost connection"),
+        QT_TR_NOOP(
+            "The connection was cut. See how the window tells you. It comes back by itself: then drive on a little."
+        ),
         40.0,
     ),
     PracticeStep(

@@ -10,12 +10,12 @@ from functools import partial
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import PreflightState
+from caris_desktop.domain.streams import Freshness
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
-    Freshness,
     LinkStatus,
     ListeningStatus,
     MicrophoneStatus,
@@ -136,10 +136,12 @@ def _robot(facts: Facts) -> PreflightCheck:
         case "connecting":
             return check("major", tr("{robot} does not answer yet.").format(robot=name), way)
         case "lost" | "closed":
-            return check("major", tr("There is no link to {robot}.").format(robot=name), way)
+            return check("major", tr("{robot} is not connected.").format(robot=name), way)
         case "trouble":
             return check(
-                "minor", tr("The link to {robot} is in trouble.").format(robot=name), tr("Move closer to the router.")
+                "minor",
+                tr("The connection to {robot} is unsteady.").format(robot=name),
+                tr("Move closer to the router."),
             )
     if facts.robot_heard in ("stale", "lost"):
         return check(

@@ -115,9 +115,9 @@ class LiveRobotExplorer(QObject):
             except Exception as error:
                 logger.exception("Looking at a robot failed")
                 result = ToldFailure(
-                    tr("Looking at the robot failed."),
-                    f"{type(error).__name__}: {error}.",
-                    tr("The log has the details."),
+                    tr("Looking at the robot failed ({error}).").format(error=f"{type(error).__name__}: {error}"),
+                    tr("What it offers is not known; nothing was changed."),
+                    tr("See that rosbridge runs on it, and look again; the log has the details."),
                 )
             self._answered.emit(number, done, result)
 

@@ -303,7 +303,9 @@ def _begun_replay(folder: Path, command: Sequence[str]) -> _Replay:
     except OSError as error:
         _log.exception("the replay of %s", folder)
         raise ToldFailure(
-            tr("The replay did not open."), f"{error.strerror}.", tr("Try again, or from a terminal.")
+            tr("The replay did not open ({why}).").format(why=error.strerror),
+            tr("The session itself is unharmed, and the one that runs here is not touched by it."),
+            tr("Try again; the log has the details."),
         ) from error
     return _Replay(folder, process, words)
 
@@ -335,7 +337,7 @@ def _look(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryS
     hits = index.search(query) if query.text.strip() else ()
     total = len(index.sessions())
     unreadable = index.unreadable()
-    details = [index.message] if index.message else []
+    details = [tr(index.message)] if index.message else []
     if unreadable:
         names = ", ".join(session.folder.name for session in unreadable[:3])
         told = tr("Cannot be read: {names} and others.") if len(unreadable) > 3 else tr("Cannot be read: {names}.")

@@ -18,7 +18,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.sensing import CameraState, FrameRef, People, PeopleInMap, PersonPlace
 from caris_desktop.domain.sound import Hearing
-from caris_desktop.domain.streams import BY_NAME, BY_TYPE, STATE_STREAMS, Delivery, StreamSpec
+from caris_desktop.domain.streams import BY_NAME, BY_TYPE, STATE_STREAMS, Delivery, Freshness, StreamSpec
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import (
@@ -26,7 +26,6 @@ from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
     FaceStatus,
-    Freshness,
     GamepadStatus,
     GoingOnStatus,
     HeadStatus,

@@ -28,8 +28,6 @@ from caris_desktop.people.store import HistoryEntry
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.assistant import NamedText
 
-Freshness = Literal["none", "fresh", "stale", "lost"]
-
 
 @dataclass(frozen=True, slots=True)
 class LinkStatus:
@@ -46,10 +44,10 @@ class LinkStatus:
 class DriveStatus:
     """``allowed`` is False with a ``reason`` for the wizard; ``cap_reason`` says why speed is limited, if it is.
 
-    ``target_*`` is what is asked for now (after caps), zero when nothing is held. ``max_left_mps`` is 0 on a base that
-    cannot move sideways. ``guard_distance_m`` is the free way ahead of the footprint, where the guard measures it;
-    ``guard_detail`` says in words why it is blind. ``goal_limit_mps`` is what the robot's navigation keeps to on its
-    way to goals; None where it drives as fast as it is set up to.
+    ``target_*`` is what is asked for now (after caps); ``driver`` is who holds it, empty for nobody: the gate refuses
+    the base to everybody else. ``max_left_mps`` is 0 on a base that cannot move sideways. ``guard_distance_m`` is the
+    free way ahead of the footprint, where it is measured; ``guard_detail`` says why it is blind. ``goal_limit_mps`` is
+    what the robot's navigation keeps to on its way to goals; None where it drives as fast as it is set up to.
     """
 
     allowed: bool = False
@@ -60,6 +58,7 @@ class DriveStatus:
     target_forward_mps: float = 0.0
     target_left_mps: float = 0.0
     target_turn_radps: float = 0.0
+    driver: Actor = ""
     max_forward_mps: float = 0.5
     max_left_mps: float = 0.0
     max_turn_radps: float = 1.0
@@ -147,7 +146,7 @@ class SoundStatus:
 @dataclass(frozen=True, slots=True)
 class RecordingStatus:
     """``room_s`` is how long the disk lasts at ``bytes_per_s``; ``dropped`` counts what is missing, by stream; of
-    the cameras ``covered_whole`` nothing is to be seen in the record.
+    the cameras ``covered_whole`` nothing is to be seen in the record. ``detail`` is English, for ``tr``.
     """
 
     state: Literal["idle", "starting", "recording", "paused", "stopping", "failed"] = "idle"
@@ -540,7 +539,7 @@ class ProposalStatus:
 
 @dataclass(frozen=True, slots=True)
 class LoadStatus:
-    """How much is given up because the machine is busy: ``step`` 0 is nothing; ``detail`` says what, in words."""
+    """How much is given up because the machine is busy: ``step`` 0 is nothing; ``detail`` says what, for ``tr``."""
 
     step: int = 0
     detail: str = ""

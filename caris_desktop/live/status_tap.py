@@ -148,6 +148,8 @@ def _for_the_record(value: Any) -> Any:
     """Names of people stay in the study's database, and paths of this computer on this computer."""
     if isinstance(value, RecordingStatus):
         return replace(value, folder=None)
+    if isinstance(value, DriveStatus):
+        return replace(value, driver="")  # another wizard's name; each command has it, where exports leave it out
     if isinstance(value, tuple) and value and isinstance(value[0], PersonRow):
         return tuple(map(_without_words, value))
     return value

@@ -235,11 +235,11 @@ def _explanation(path: Path, verb: Verb, error: sqlite3.DatabaseError) -> Filled
     if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
         return _damaged(path)
     if code == sqlite3.SQLITE_FULL:
-        return joined((_cannot(path, verb), filled(QT_TR_NOOP("The disk is full: make room on it."))))
+        return joined((_cannot(path, verb), QT_TR_NOOP("The disk is full: make room on it.")))
     if code == sqlite3.SQLITE_BUSY:
-        return joined((_cannot(path, verb), filled(QT_TR_NOOP("Another program is using them: close it."))))
+        return joined((_cannot(path, verb), QT_TR_NOOP("Another program is using them: close it.")))
     if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_IOERR):
-        return joined((_cannot(path, verb), filled(QT_TR_NOOP("Choose a study folder that you may write to."))))
+        return joined((_cannot(path, verb), QT_TR_NOOP("Choose a study folder that you may write to.")))
     return _for_this_reason(path, verb, error)
 
 

@@ -1,9 +1,8 @@
 """Who is here: turns tracks into people, and finds out which of the known ones they are, on injected time."""
 
-import itertools
 import math
 import re
-from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -28,6 +27,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.decisions import Decisions, PeopleIntent
 from caris_desktop.people.heard import HeardHistory
 from caris_desktop.people.known import KnownPeople
+from caris_desktop.people.patience import Patience
 from caris_desktop.people.portraits import Portraits
 from caris_desktop.people.several_cameras import SeveralCameras
 from caris_desktop.people.store import HistoryEntry
@@ -35,11 +35,8 @@ from caris_desktop.people.visits import Track, Visit, Visits
 
 CONFIRM_FRAMES = 3
 LEAVE_AFTER_S = 1.5
-# Of how many looks the longest pause counts, and how many pauses of that length without somebody are a leaving.
-_LOOKS, _LOOKS_MISSED = 5, 2.5
 # Of two cameras that see somebody the one that saw them first speaks for them, until it has lost them for so long.
 _OTHER_CAMERA_AFTER_NS = 1_000_000_000
-_MOST_PATIENCE_NS = 6_000_000_000
 # Who was away for longer is recognised anew, whatever number the tracker gives them.
 _SAME_VISIT_WITHIN_NS = 3_000_000_000
 # Who looks like nobody known after so many looks is somebody new.
@@ -170,13 +167,12 @@ class Presence:
         self.portraits = Portraits() if portraits is None else portraits
         self._known = KnownPeople() if known is None else known
         self._confirm_frames = confirm_frames
-        self._leave_after_ns = round(leave_after_s * 1e9)
         self._settings = settings
         self._candidates: dict[Track, _Candidate] = {}
         self._visits = Visits()
         self._decisions = Decisions(self._known, self._visits, self.portraits)
         self._cameras = SeveralCameras(self._visits, self._decisions, self._known)
-        self._looks_ns: dict[str, deque[int]] = {}
+        self._patience = Patience(round(leave_after_s * 1e9))
         self._speaking = ""
         self._heard = HeardHistory(self._known)
         self._portraits_fetched: dict[str, bool] = {}
@@ -199,32 +195,33 @@ class Presence:
 
     # What is seen
 
-    def update(self, people: People) -> tuple[People, list[Event]]:
-        """Take in one frame's tracks.
+    def update(self, people: People, known_ns: int | None = None) -> tuple[People, list[Event]]:
+        """Take in one frame's tracks. ``known_ns`` is when they are known: a while after the picture was taken.
 
         Returns the same frame with ``person_id`` filled in for everybody who is confirmed, and what happened.
         """
         now_ns = people.stamp_ns
-        self._looks_ns.setdefault(people.camera, deque(maxlen=_LOOKS)).append(now_ns)
+        self._patience.note_look(people.camera, now_ns, now_ns if known_ns is None else known_ns)
         events: list[Event] = []
         for box in people.boxes:
             self._cameras.see((people.camera, box.track), now_ns)
             events += self._see((people.camera, box.track), now_ns)
             self._note_state((people.camera, box.track), box)
-        events += self.tick(now_ns)
+        events += self._let_leave(now_ns, self._patience.in_pictures_ns)
         boxes = tuple(replace(box, person_id=self._id_of((people.camera, box.track))) for box in people.boxes)
         return replace(people, boxes=boxes), events
 
     def tick(self, now_ns: int) -> list[Event]:
         """Let people leave who have not been seen for a while; to be called also when no frames arrive."""
+        return self._let_leave(now_ns, self._patience.now_ns)
+
+    def _let_leave(self, now_ns: int, patience_ns: Callable[[str], int]) -> list[Event]:
         self._candidates = {
             track: candidate
             for track, candidate in self._candidates.items()
-            if now_ns - candidate.last_seen_ns <= self._patience_ns(track[0])
+            if now_ns - candidate.last_seen_ns <= patience_ns(track[0])
         }
-        overdue = [
-            visit for visit in self._visits.here() if now_ns - visit.last_seen_ns > self._patience_ns(visit.camera)
-        ]
+        overdue = [visit for visit in self._visits.here() if now_ns - visit.last_seen_ns > patience_ns(visit.camera)]
         events = [event for visit in overdue for event in self._leave(visit, now_ns)]
         self._known.turn_day()
         return [*events, *self._known.problems(now_ns)]
@@ -359,11 +356,6 @@ class Presence:
         self._known.close()
 
     # Tracks
-
-    def _patience_ns(self, camera: str) -> int:
-        looks_ns = self._looks_ns.get(camera, ())
-        apart_ns = max((after - before for before, after in itertools.pairwise(looks_ns)), default=0)
-        return max(self._leave_after_ns, min(round(_LOOKS_MISSED * apart_ns), _MOST_PATIENCE_NS))
 
     def _see(self, track: Track, now_ns: int) -> list[Event]:
         visit = self._visits.of_track(track)

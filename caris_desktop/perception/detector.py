@@ -61,5 +61,5 @@ def person_classes(detector: Detector, weights: Weights) -> tuple[int, ...]:
     raise WeightsError(
         filled(QT_TR_NOOP("The detector {name} does not detect people"), name=weights.path.name),
         searched=(str(weights.path),),
-        advice=filled(QT_TR_NOOP("Choose a detector with a class named person")),
+        advice=QT_TR_NOOP("Choose a detector with a class named person"),
     )

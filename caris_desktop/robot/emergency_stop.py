@@ -18,7 +18,7 @@ from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.messages import decode_bool, encode_bool
 
 logger = logging.getLogger(__name__)
-_REFUSED = filled(QT_TR_NOOP("it refused"))
+_REFUSED = QT_TR_NOOP("it refused")
 
 
 class StoppedByIt(Protocol):
@@ -170,7 +170,7 @@ class EmergencyStop:
             if self._command.publish(encode_bool(latched)):
                 self._told(latched=latched, reason="")
             else:
-                self._told(latched=latched, reason=filled(QT_TR_NOOP("it is not connected")))
+                self._told(latched=latched, reason=QT_TR_NOOP("it is not connected"))
         elif interface.service is not None:
             kind = service_type_name(self._dialect, "std_srvs", "SetBool")
             request = {interface.service_field: latched is interface.service_stop_value}

@@ -149,7 +149,7 @@ def _message(
         field = by_name.get(name)
         inside = f"{where}.{name}" if where else str(name)
         if field is None:
-            allowed = ", ".join(sorted(by_name)[:12]) or filled(QT_TR_NOOP("none at all"))
+            allowed = ", ".join(sorted(by_name)[:12]) or QT_TR_NOOP("none at all")
             raise MessageMismatchError(
                 filled(
                     QT_TR_NOOP("there is no field {field}; the robot knows {known}"), field=repr(inside), known=allowed
@@ -304,12 +304,12 @@ def _package_and_name(type_: str) -> tuple[str, str]:
 
 
 def _named(where: str) -> str:
-    return filled(QT_TR_NOOP("the field {field}"), field=repr(where)) if where else filled(QT_TR_NOOP("the message"))
+    return filled(QT_TR_NOOP("the field {field}"), field=repr(where)) if where else QT_TR_NOOP("the message")
 
 
 def _told(value: Any) -> str:
     if value is None:
-        return filled(QT_TR_NOOP("nothing"))
+        return QT_TR_NOOP("nothing")
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -317,4 +317,4 @@ def _told(value: Any) -> str:
     if isinstance(value, (int, float)):
         return str(value)[:40]
     a_list = isinstance(value, (list, tuple))
-    return filled(QT_TR_NOOP("a list")) if a_list else filled(QT_TR_NOOP("a group of fields"))
+    return QT_TR_NOOP("a list") if a_list else QT_TR_NOOP("a group of fields")

@@ -92,7 +92,7 @@ def what_rosapi_said(error: Exception) -> str:
     """A sentence: that it did not answer, or its own words."""
     said = error.said.strip() if isinstance(error, ServiceCallError) else ""
     if not said:
-        return filled(QT_TR_NOOP("rosapi does not answer."))
+        return QT_TR_NOOP("rosapi does not answer.")
     words = said if len(said) <= _SAID_AT_MOST else f"{said[:_SAID_AT_MOST]}…"
     return filled(QT_TR_NOOP("rosbridge says “{words}”."), words=words)
 

@@ -364,12 +364,13 @@ class _Ranking:
 
     def navigation(self) -> list[Candidate]:
         found = []
+        why: str
         for action, found_type in self._offer.actions.items():
             last = action.rsplit("/", 1)[-1]
             if any(same_type(found_type, wanted) for wanted in _NAVIGATION):
                 certainty, why = 0.95, filled(QT_TR_NOOP("It is an action server of {type}."), type=found_type)
             elif not found_type and last in ("move_base", "navigate_to_pose"):
-                certainty, why = 0.75, filled(QT_TR_NOOP("It is an action server of the usual name."))
+                certainty, why = 0.75, QT_TR_NOOP("It is an action server of the usual name.")
             else:
                 continue
             found.append(self._in_namespace(Candidate(action, found_type, certainty, why)))
@@ -437,7 +438,7 @@ class _Ranking:
     def _rated(self, kind: _Kind, topic: str, found_type: str) -> Candidate:
         words = [word for word in topic.lower().split("/") if word]
         last = words[-1] if words else ""
-        reasons = [filled(QT_TR_NOOP("It carries {type}."), type=found_type)]
+        reasons: list[str] = [filled(QT_TR_NOOP("It carries {type}."), type=found_type)]
         if last in kind.names:
             certainty = 0.95 - 0.03 * kind.names.index(last)
             reasons.append(filled(QT_TR_NOOP("It is named “{name}”."), name=last))
@@ -456,7 +457,7 @@ class _Ranking:
         count = (self._offer.publishers if kind.published else self._offer.subscribers).get(topic)
         if count == 0 and kind.published:
             certainty -= 0.25
-            reasons.append(filled(QT_TR_NOOP("But nothing publishes it now.")))
+            reasons.append(QT_TR_NOOP("But nothing publishes it now."))
         elif count:
             certainty += 0.03
         return self._in_namespace(Candidate(topic, found_type, _clipped(certainty), joined(reasons)))

@@ -475,7 +475,7 @@ class SafeFactory:
         if self._lost is not None and not self._lost.done():
             await asyncio.wait([self._lost], timeout=timeout_s)
         if self._proto is not None:
-            self._proto.wire.abort(filled(QT_TR_NOOP("closed by this program")))
+            self._proto.wire.abort(QT_TR_NOOP("closed by this program"))
 
     def on_ready(self, callback: Callback) -> None:
         """Call ``callback`` with the protocol now, or at the next connection."""
@@ -640,7 +640,7 @@ class SafeFactory:
         finally:
             admission, self._admission = self._admission, None
             if not admission.done() or admission.cancelled() or admission.exception() is not None:
-                wire.abort(filled(QT_TR_NOOP("not admitted")))
+                wire.abort(QT_TR_NOOP("not admitted"))
 
     def _refusal(self) -> SecurityError:
         name = self._security.rosauth_secret_env
@@ -685,7 +685,7 @@ class SafeFactory:
                 self._admission.set_result(None)
             return
         if len(self._arrived) >= _MOST_WAITING:
-            self.refuse(filled(QT_TR_NOOP("more messages at once than can be handled")))
+            self.refuse(QT_TR_NOOP("more messages at once than can be handled"))
             return
         stamp_ns = now_ns()
         found = topic_of_publish(payload)
@@ -768,7 +768,7 @@ class SafeFactory:
             )
         self._left_open = [wire for wire in (*self._left_open, proto.wire) if wire.left_open]
         self._established.clear()
-        proto.fail_everything(NoAnswer(filled(QT_TR_NOOP("the link to the robot was lost"))))
+        proto.fail_everything(NoAnswer(QT_TR_NOOP("the link to the robot was lost")))
         self.emit("close", proto)
         self.run_safely(self._observer.link_lost, reason)
         if self._lost is not None and not self._lost.done():
@@ -877,7 +877,7 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         protocol = self.factory.protocol
         if protocol is None:
             self.factory.dropped += 1
-            self.factory.run_safely(errback, NoAnswer(filled(QT_TR_NOOP("the robot is not connected"))))
+            self.factory.run_safely(errback, NoAnswer(QT_TR_NOOP("the robot is not connected")))
         else:
             protocol.send_ros_service_request(message, callback, errback, timeout_s)
 

@@ -539,7 +539,7 @@ async def open_wire(
             await made[-1].opened
     except BaseException:
         for wire in made:
-            wire.abort(filled(QT_TR_NOOP("the handshake did not complete")))
+            wire.abort(QT_TR_NOOP("the handshake did not complete"))
         raise
     return made[-1]
 

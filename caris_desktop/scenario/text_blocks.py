@@ -15,7 +15,7 @@ Block = tuple[str, list[str]]
 
 def one_line(text: str) -> str:
     """In quotation marks, with its line ends written as characters."""
-    written: str = yaml.safe_dump(text, default_style='"', allow_unicode=True, width=float("inf"))
+    written: str = yaml.safe_dump("".join(text), default_style='"', allow_unicode=True, width=float("inf"))
     return written.rstrip("\n")
 
 

@@ -15,7 +15,7 @@ import platformdirs
 
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.domain.value_class import dataclass
 
@@ -26,7 +26,7 @@ _MAX_DETAIL_CHARACTERS = 200
 
 
 class StudyFolderError(ToldFailure):
-    """The study folder cannot be used."""
+    """The study folder cannot be used. In English, with its values apart for whoever tells it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +103,15 @@ def new_session_folder(
         raise _unusable(folder.path, error) from error
     if free_bytes < min_free_bytes:
         raise StudyFolderError(
-            tr("Only {free_mb} MB are free where {path} lies.").format(
-                free_mb=f"{free_bytes / 1e6:.0f}", path=folder.path
+            filled(
+                QT_TR_NOOP("Only {free_mb} MB are free where {path} lies."),
+                free_mb=f"{free_bytes / 1e6:.0f}",
+                path=folder.path,
             ),
-            tr("No session was started: a recording needs room for its video."),
-            tr("Free at least {least_mb} MB, or choose another study folder.").format(
-                least_mb=f"{min_free_bytes / 1e6:.0f}"
+            QT_TR_NOOP("No session was started: a recording needs room for its video."),
+            filled(
+                QT_TR_NOOP("Free at least {least_mb} MB, or choose another study folder."),
+                least_mb=f"{min_free_bytes / 1e6:.0f}",
             ),
         )
     name = f"{now or datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}"
@@ -125,9 +128,9 @@ def new_session_folder(
             raise _unusable(folder.path, error) from error
         return path
     raise StudyFolderError(
-        tr("{sessions} holds a thousand sessions of this second already.").format(sessions=folder.sessions),
-        tr("No session was started."),
-        tr("Check the computer's clock."),
+        filled(QT_TR_NOOP("{sessions} holds a thousand sessions of this second already."), sessions=folder.sessions),
+        QT_TR_NOOP("No session was started."),
+        QT_TR_NOOP("Check the computer's clock."),
     )
 
 
@@ -171,7 +174,7 @@ def save_last_details(folder: StudyFolder, details: TrialDetails) -> None:
 
 def _unusable(path: Path, error: OSError) -> StudyFolderError:
     return StudyFolderError(
-        tr("The study folder {path} cannot be used: {why}.").format(path=path, why=error.strerror or error),
-        tr("No session can be recorded there. Driving and speaking still work."),
-        tr("Choose a folder that you may write to, or make room on its disk."),
+        filled(QT_TR_NOOP("The study folder {path} cannot be used: {why}."), path=path, why=error.strerror or error),
+        QT_TR_NOOP("No session can be recorded there. Driving and speaking still work."),
+        QT_TR_NOOP("Choose a folder that you may write to, or make room on its disk."),
     )

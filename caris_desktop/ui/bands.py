@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtGui import QPaintEvent
+from PySide6.QtGui import QAccessible, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
@@ -19,6 +19,8 @@ _BUTTON_PX = 28
 
 class Band(QWidget):
     """One sentence and its buttons, in the colour of what it says."""
+
+    accessible_role = QAccessible.Role.AlertMessage
 
     def __init__(self, theme: Theme, name: str, *, role: str) -> None:
         super().__init__()

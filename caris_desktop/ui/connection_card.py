@@ -5,12 +5,13 @@ from collections import deque
 from typing import Any
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.ui.accessible_roles import has_role
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel_table import possible_panels
 from caris_desktop.ui.theme import Theme
@@ -118,6 +119,7 @@ class ConnectionCard(Overlay):
         import pyqtgraph
 
         self._plot = pyqtgraph.PlotWidget()
+        has_role(self._plot, QAccessible.Role.Chart)
         self._plot.setObjectName("connection_plot")
         self._plot.setAccessibleName(tr("Connection in the last minute"))
         for part in (self._plot, self._plot.viewport()):
@@ -169,6 +171,8 @@ class ConnectionCard(Overlay):
 
 class _LegendEntry(QWidget):
     """Line sample, words, the newest value."""
+
+    accessible_role = QAccessible.Role.StaticText
 
     def __init__(self, theme: Theme, text: str, role: str, dash: Qt.PenStyle) -> None:
         super().__init__()

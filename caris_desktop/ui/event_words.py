@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from caris_desktop.domain import events, intents
 from caris_desktop.domain.actor import CONSOLE, OTHER_WIZARD, WIZARD, Actor, in_words
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.recording.session.gap_words import read_reason
 from caris_desktop.ui.preflight.preflight_words import log_line
 from caris_desktop.ui.words import NameOf, mark_sentence, missing, percent, shortened, with_detail, with_names
 
@@ -157,7 +158,7 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
         case events.Gap(reason=events.OVERTAKEN):
             return None  # every second on a crowded machine
         case events.Gap(stream=stream, count=count, reason=reason):
-            return PROBLEMS, with_detail(missing(stream, count), reason)
+            return PROBLEMS, with_detail(missing(stream, count), read_reason(reason))
         case events.Problem(severity=severity, what=what, meaning=meaning):
             return (SESSION if severity == "info" else PROBLEMS), f"{_sentence(what)} {meaning}".strip()
         case events.AlarmChanged(state="raised", told=False, what=what):

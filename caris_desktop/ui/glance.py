@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Literal
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer
-from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QAccessible, QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.events import GoalChanged
@@ -65,6 +65,8 @@ def signs_of(state: LiveState, *, moves: bool) -> dict[SignName, Sign]:
 
 class GlanceSigns(QWidget):
     """Icon and word each, always in the same place; painted when one of them changes and not before."""
+
+    accessible_role = QAccessible.Role.StaticText
 
     def __init__(self, theme: Theme, state: LiveState) -> None:
         super().__init__()

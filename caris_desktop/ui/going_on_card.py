@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QPaintEvent
+from PySide6.QtGui import QAccessible, QPaintEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain import intents
@@ -66,6 +66,8 @@ class GoingOnCard(QWidget):
 
     ``start_recording`` is where the next part of the trial begins.
     """
+
+    accessible_role = QAccessible.Role.Dialog
 
     def __init__(
         self, theme: Theme, over: QWidget, console: WizardConsole, start_recording: Callable[[], None]

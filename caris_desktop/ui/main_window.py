@@ -17,6 +17,7 @@ from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, Wi
 from caris_desktop.scenario.library import ScenarioChoice, list_scenarios
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.ui import boxes, words
+from caris_desktop.ui.accessible_roles import install_accessible_roles
 from caris_desktop.ui.action_conditions import ActionConditions
 from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GROUP
 from caris_desktop.ui.actions import Actions
@@ -112,6 +113,7 @@ class MainWindow(TabAsRead, QWidget):
         app = QApplication.instance()
         if not isinstance(app, QApplication):
             raise TypeError("the window needs a QApplication")
+        install_accessible_roles()
         self.setObjectName("main_window")
         self._console = console
         choice = as_choice(settings.value(THEME_KEY, "system")) if settings is not None else "system"
@@ -305,6 +307,7 @@ class MainWindow(TabAsRead, QWidget):
         """Rebuild panels, actions and shortcuts for ``scenario``, now; everything else keeps running."""
         self._begin_scenario(scenario)
         self.board.complete()
+        self.observers.complete()
 
     def _begin_scenario(self, scenario: Scenario) -> None:
         """The same in a few turns of the event loop; what it does not allow is gone at once."""
@@ -312,7 +315,7 @@ class MainWindow(TabAsRead, QWidget):
         self.board.begin(scenario, self._on_arranged, self.layout_keeper.begin)
         self._top_bar.show_scenario()
         self._status_bar.refresh()
-        self.observers.renew()
+        self.observers.show_scenario()
         self.setWindowTitle(self._title(scenario))
 
     def _on_arranged(self, tree: LayoutNode) -> None:

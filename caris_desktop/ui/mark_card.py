@@ -3,7 +3,7 @@
 import time
 
 from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QPaintEvent
+from PySide6.QtGui import QAccessible, QPaintEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.events import Marked
@@ -26,6 +26,8 @@ _LEFT_PX, _BELOW_TOP_BAR_PX = 16, 64
 
 class MarkCard(QWidget):
     """Lies over the window under the top bar. Takes the focus only to write a note, and gives it back."""
+
+    accessible_role = QAccessible.Role.Dialog
 
     earlier_requested = Signal()
     withdraw_requested = Signal()

@@ -1,7 +1,7 @@
 """A card over the window, which is not a dialog: the robot can be driven and stopped meanwhile."""
 
 from PySide6.QtCore import QEvent, QObject, QRect, Qt
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtGui import QAccessible, QColor, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.ui.theme import Theme
@@ -9,6 +9,8 @@ from caris_desktop.ui.theme import Theme
 
 class Overlay(QWidget):
     """A card in the upper middle of the window over a dimmed ground; a click beside it closes it."""
+
+    accessible_role = QAccessible.Role.Dialog
 
     def __init__(self, theme: Theme, window: QWidget, *, width_px: int) -> None:
         super().__init__(window)

@@ -6,7 +6,7 @@ from operator import attrgetter
 from typing import Any, Literal
 
 from PySide6.QtCore import QPointF, QRectF, QSizeF, QTimer, Signal
-from PySide6.QtGui import QPainter, QPainterPath, QPaintEvent, QPen
+from PySide6.QtGui import QAccessible, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -45,6 +45,8 @@ class Panel(QWidget):
     A panel that nobody sees (closed, or behind another tab) costs nothing: what comes meanwhile is left out by asking
     ``in_view`` first, and ``catch_up`` shows it once the panel is seen again.
     """
+
+    accessible_role = QAccessible.Role.Grouping
 
     title = ""
     drives = False  # bare drive keys work while this panel has the focus

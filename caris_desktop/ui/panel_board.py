@@ -198,6 +198,10 @@ class PanelBoard(QObject):
             self._build_next()
             if time.perf_counter() >= until_s:
                 break
+        if self._without_room is not None:
+            # Unseen, and gone with the window. One that gets its room at once does without: each change of what holds
+            # it has all of its parts styled anew.
+            self._panels[self._without_room].setParent(self._docks)
         if self.whole:
             self.completed.emit()
         else:
@@ -205,7 +209,7 @@ class PanelBoard(QObject):
 
     def _make_next(self, names: deque[PanelName]) -> None:
         name = self._without_room = names.popleft()
-        self._make(name).setParent(self._docks)  # unseen, and gone with the window
+        self._make(name)
 
     def _give_room(self) -> None:
         name, self._without_room = self._without_room, None

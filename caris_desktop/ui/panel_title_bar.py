@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import QEvent, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtGui import QAccessible, QColor, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.ui import boxes, tokens
@@ -19,11 +19,15 @@ class PanelTitleBar(QWidget):
 
     Where there is no room for all, the fact is cut short first, then buttons that have an icon lose their words, those
     on the right first, and last the title is cut short; what is cut short is in the tip.
-    ``more`` are controls of whoever arranges the panels, after the panel's own.
+    ``more`` are controls of whoever arranges the panels, after the panel's own. ``looked_at``: nothing can be pressed
+    here, so that there are none.
     """
 
-    def __init__(self, panel: Panel, more: Sequence[QWidget] = ()) -> None:
+    def __init__(self, panel: Panel, more: Sequence[QWidget] = (), *, looked_at: bool = False) -> None:
         super().__init__()
+        self._unseen = QWidget(self) if looked_at else None
+        if self._unseen is not None:
+            self._unseen.hide()
         self._panel = panel
         self._theme = panel.theme
         self.setFixedHeight(TITLE_HEIGHT_PX)
@@ -56,6 +60,10 @@ class PanelTitleBar(QWidget):
             if widget not in self._controls:
                 widget.hide()
                 widget.deleteLater()
+        if self._unseen is not None:
+            for widget in self._controls:
+                widget.setParent(self._unseen)
+            self._controls = ()
         self._row.setContentsMargins(14, 3, 6 if self._controls else 14, 3)
         for widget in self._controls:
             self._row.addWidget(widget)
@@ -118,6 +126,8 @@ class PanelTitleBar(QWidget):
 
 class _ElidedLabel(QWidget):
     """One line, right-aligned, cut short where there is no room; its beginning may stand out."""
+
+    accessible_role = QAccessible.Role.StaticText
 
     def __init__(self) -> None:
         super().__init__()

@@ -5,7 +5,7 @@ what happened, what it means, what to do. Never a box in the way.
 from collections.abc import Sequence
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QMouseEvent, QPaintEvent
+from PySide6.QtGui import QAccessible, QMouseEvent, QPaintEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.events import ANSWER, Problem, Severity
@@ -196,6 +196,8 @@ class ProblemLine(StatusButton):
 
 class ProblemCard(QWidget):
     """One problem, which ``alarm`` made of it, or somebody's answer."""
+
+    accessible_role = QAccessible.Role.AlertMessage
 
     dismissed = Signal(object)  # the card itself
     opened = Signal(object)

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
@@ -44,6 +44,8 @@ class ProtocolStrip(QWidget):
     """Hidden where the scenario has no protocol. In a replay it shows where the wizard was then, and how long each step
     took in the whole session; ``moment_wanted`` is when a step began that was clicked there.
     """
+
+    accessible_role = QAccessible.Role.Grouping
 
     moment_wanted = Signal(int)
 

@@ -62,7 +62,7 @@ def state_words(entry: SessionEntry) -> str:
 def lacks_words(entry: SessionEntry) -> str:
     """What a session lacks, and that it is a copy of another one; empty for most."""
     copy = tr("This is a copy of {session}: it counts once.").format(session=entry.copy_of) if entry.copy_of else ""
-    return " ".join((copy, *entry.losses)).strip()
+    return " ".join((copy, *map(tr, entry.losses))).strip()
 
 
 def natural_order(text: str) -> tuple[tuple[int, int, str], ...]:

@@ -4,7 +4,7 @@ import html
 import math
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from caris_desktop.domain.address import is_loopback, without_credentials
@@ -52,6 +52,8 @@ _LINK_ICONS = {
 
 class StatusItem(QWidget):
     """One short text, with an icon where it is more than a number."""
+
+    accessible_role = QAccessible.Role.StaticText
 
     clicked = Signal()
 
@@ -136,6 +138,8 @@ class StatusItem(QWidget):
 
 class StatusBar(QWidget):
     """Refreshes four times a second: ages grow by themselves."""
+
+    accessible_role = QAccessible.Role.StatusBar
 
     connection_clicked = Signal()
 
@@ -250,7 +254,7 @@ class StatusBar(QWidget):
         )  # fmt: skip
         load: LoadStatus = state.load.value
         items["load"].say(
-            tr("busy: {what}").format(what=load.detail) if load.detail else "", "amber",
+            tr("busy: {what}").format(what=tr(load.detail)) if load.detail else "", "amber",
             icon="gauge" if load.detail else "",
             tip=tr("The computer does not keep up. Driving, stopping, sound and the recording go on as before."),
         )  # fmt: skip
@@ -435,7 +439,7 @@ class StatusBar(QWidget):
             case "starting" | "stopping":
                 item.say(tr("starting to record") if recording.state == "starting" else tr("saving the recording"))
             case "failed":
-                item.say(tr("recording failed"), "red", icon="warning-octagon", tip=recording.detail)
+                item.say(tr("recording failed"), "red", icon="warning-octagon", tip=tr(recording.detail))
             case _:
                 item.say(tr("not recording"))
         dropped = {stream: count for stream, count in recording.dropped.items() if count}

@@ -1,6 +1,6 @@
 """Where Tab goes: through a window as it is read, one part after the other, as everything lies at that moment."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from PySide6.QtCore import QRect, Qt
 from PySide6.QtWidgets import QScrollArea, QWidget
@@ -42,10 +42,10 @@ def move_focus(window: QWidget, *, forward: bool) -> bool:
 
 def tab_stops(window: QWidget, focused: QWidget | None = None) -> list[QWidget]:
     """Everything that Tab stops at, in this order; with it what has the keys now, be it a stop or not."""
-    return list(_below(window, focused))
+    return _below(window, focused)
 
 
-def _below(holder: QWidget, focused: QWidget | None) -> Iterator[QWidget]:
+def _below(holder: QWidget, focused: QWidget | None) -> list[QWidget]:
     parts: list[_Part] = []
     shown = [child for child in holder.children() if isinstance(child, QWidget) and _is_shown(child)]
     over = next((child for child in reversed(shown) if isinstance(child, Overlay)), None)
@@ -56,8 +56,7 @@ def _below(holder: QWidget, focused: QWidget | None) -> Iterator[QWidget]:
         stops = [*own, *_below(child, focused)]
         if stops:
             parts.append((child.geometry(), stops))
-    for _place, stops in _as_read(parts):
-        yield from stops
+    return [stop for _place, stops in _as_read(parts) for stop in stops]
 
 
 def _is_shown(widget: QWidget) -> bool:

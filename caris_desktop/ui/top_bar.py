@@ -1,7 +1,7 @@
 """The top bar: scenario, who takes part, recording, marks, and the red button that is always there."""
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QFont, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QFont, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
@@ -395,6 +395,8 @@ class TopBar(QWidget):
 
 class ReplayBadge(QWidget):
     """Says that what is on show was recorded; hidden until then."""
+
+    accessible_role = QAccessible.Role.StaticText
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()

@@ -225,7 +225,7 @@ _DOES: dict[str, Callable[[Newcomer, Callable[[], float]], None]] = {
     "Ask the assistant": _asks_the_assistant,
     "Take a suggestion": _takes_a_suggestion,
     "Mark a moment": lambda newcomer, _driven_m: newcomer.presses("Ctrl+M"),
-    "Recover from a lost link": _recovers_the_link,
+    "Recover from a lost connection": _recovers_the_link,
     "Stop in an emergency": _stops_in_an_emergency,
 }
 """As the README and its pictures have it."""

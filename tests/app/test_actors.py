@@ -161,9 +161,11 @@ def tell(story: Story) -> None:
     ask(intents.ReleaseEmergencyStop(), events.EmergencyStopChanged, latched=False)
     story.until(lambda: state.drive.value.allowed, "the robot may be driven")
 
+    story.hold_a_key(WIZARD)
+    console.do(intents.ReleaseDrive())
     story.traces[intents.Drive] = story.hold_a_key(OTHER)
     ask(intents.SetSpeed(0.5), events.NavigationSpeedChanged)
-    story.hold_a_key(WIZARD)
+    story.hold_a_key(OTHER)
     ask(intents.ReleaseDrive(), events.CommandSent, twist=ZERO_TWIST)
     ask(intents.SetGuard(on=False), events.GuardChanged, state="overridden")
     do(intents.SetGuard(on=True), events.GuardChanged)

@@ -22,7 +22,7 @@ from tests.support.twist_listener import TwistListener
 pytestmark = pytest.mark.alone
 
 S = 1_000_000_000
-LINK_LOST = "The link to the robot is lost."
+LINK_LOST = "The connection to the robot is lost."
 
 
 @dataclass

@@ -1,12 +1,15 @@
 """The whole program broke off in the midst of a recording, or was told to end: what the next start offers."""
 
 import os
+import shutil
 import signal
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import get_args
 
+import psutil
 import pytest
 
 from caris_desktop.domain import intents
@@ -22,7 +25,7 @@ pytestmark = pytest.mark.alone
 
 
 @pytest.fixture
-def start() -> Iterator[Callable[[], ConsoleProcess]]:
+def start() -> Iterator[Callable[..., ConsoleProcess]]:
     """Each call starts the program of the same user, on the same robot and study."""
     # Short: where replays find the live robots, sockets lie, whose paths have about a hundred characters at most.
     with tempfile.TemporaryDirectory(prefix="s-", ignore_cleanup_errors=True) as name, SimulatedRobot() as robot:
@@ -33,8 +36,9 @@ def start() -> Iterator[Callable[[], ConsoleProcess]]:
         environment["PYTHONPATH"] = f"{folder}{os.pathsep}{Path(__file__).parents[2]}"
         environment |= {"CARIS_MODELS_DIR": str(folder / "models"), "YOLO_OFFLINE": "1"}
 
-        def run() -> ConsoleProcess:
-            console = ConsoleProcess(robot.address, folder / "study", module="tests.app.safety_child", **environment)
+        def run(**screen: str) -> ConsoleProcess:
+            of_this_run = environment | screen
+            console = ConsoleProcess(robot.address, folder / "study", module="tests.app.safety_child", **of_this_run)
             started.append(console)
             return console
 
@@ -69,7 +73,7 @@ def _begin_anyway(console: ConsoleProcess) -> None:
 
 
 def test_a_killed_program_offers_to_go_on_and_records_nothing_before_all_is_confirmed(
-    start: Callable[[], ConsoleProcess],
+    start: Callable[..., ConsoleProcess],
 ) -> None:
     killed = start()
     first = _recording(killed)
@@ -105,9 +109,48 @@ def test_a_killed_program_offers_to_go_on_and_records_nothing_before_all_is_conf
     assert confirmed == list(get_args(intents.AsBefore))
 
 
+@pytest.fixture
+def screen() -> Iterator[tuple["subprocess.Popen[bytes]", dict[str, str]]]:
+    """One that can be taken away, and the environment of who is to be seen on it."""
+    read_end, write_end = os.pipe()
+    command = ["Xvfb", "-displayfd", str(write_end), "-screen", "0", "1400x900x24"]
+    server = subprocess.Popen(command, pass_fds=(write_end,), stderr=subprocess.DEVNULL)
+    os.close(write_end)
+    with os.fdopen(read_end) as pipe:
+        yield server, {"DISPLAY": f":{pipe.readline().strip()}", "QT_QPA_PLATFORM": "xcb"}
+    server.kill()
+    server.wait()
+
+
+@pytest.mark.skipif(shutil.which("Xvfb") is None, reason="needs Xvfb")
+@pytest.mark.parametrize("told_to_end", [False, True])
+def test_without_its_screen_the_program_ends_at_once_and_a_trial_goes_on_unless_it_was_told_to_end(
+    start: Callable[..., ConsoleProcess],
+    screen: tuple["subprocess.Popen[bytes]", dict[str, str]],
+    told_to_end: bool,
+) -> None:
+    server, environment = screen
+    seen = start(**environment)
+    folder = _recording(seen)
+    _kept(seen, folder)
+    children = [pid for pid in seen.shown["children"].values() if pid]
+    server.kill()
+    if told_to_end:
+        os.kill(seen.pid, signal.SIGTERM)
+    status = seen.wait()
+    assert status == 1 or told_to_end, "where it is told before it sees what happened, it ends in order"
+    wait_for(lambda: not any(map(psutil.pid_exists, children)), "nothing of it is left", timeout_s=60.0)
+    ended = [value.reason for _, value in open_session(folder).values() if isinstance(value, SessionEnded)]
+    assert ended == ["console_closed"]
+
+    console = start()
+    console.wait_until_shown(timeout_s=120.0, link="connected", going_on="" if told_to_end else "offered")
+    assert console.close() == 0
+
+
 @pytest.mark.parametrize("told", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.long)])
 def test_a_program_that_is_told_to_end_saves_its_recording_and_offers_nothing(
-    start: Callable[[], ConsoleProcess], told: signal.Signals
+    start: Callable[..., ConsoleProcess], told: signal.Signals
 ) -> None:
     """Also in the midst of driving, when no window closes."""
     ended = start()

@@ -15,7 +15,7 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app import composition
 from caris_desktop.domain import intents
-from caris_desktop.domain.actor import MODEL
+from caris_desktop.domain.actor import CONSOLE, MODEL, SCRIPT, WIZARD
 from caris_desktop.domain.controls import CallService, RobotControl
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
@@ -154,7 +154,7 @@ class Bench:
     def connected(self) -> None:
         state = self.console.state
         state.link.set(replace(state.link.value, state="connected"))
-        state.drive.set(replace(state.drive.value, emergency_stop=False))
+        state.drive.set(replace(state.drive.value, emergency_stop=False, driver=""))
         state.controls.set((WAVE, LIGHT))
         self.done.clear()
         self.sent.clear()
@@ -280,6 +280,23 @@ def test_nothing_is_recorded_before_what_may_have_changed_is_confirmed(bench: Be
         state.going_on.set(GoingOnStatus(state_of_trial))
         assert bench.console.do(asked) == ""
     assert needed == get_args(intents.AsBefore) or not isinstance(asked, intents.StartRecording)
+
+
+@pytest.mark.logs(r"live\.bus: ")
+@pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
+def test_while_one_drives_the_base_is_refused_to_others_but_this_computers_wizard(bench: Bench, asked: Intent) -> None:
+    state = bench.console.state
+    base = (INTENTS[type(asked)].moves == "base" or isinstance(asked, intents.UseControl)) and not asked.lets_go
+    for driver, who in ((WIZARD, "the wizard"), ("wizard:b", "another wizard"), (SCRIPT, "a script")):
+        state.drive.set(replace(state.drive.value, driver=driver))
+        for actor in (WIZARD, "wizard:a", "wizard:b", SCRIPT, CONSOLE):
+            refuses = base and actor not in (driver, WIZARD)
+            bench.done.clear()
+            refused = bench.console.do(replace(asked, actor=actor))
+            what = f"{words_for(asked)} is not possible: {who} is driving by hand."
+            assert refused == (what if refuses else ""), (driver, actor)
+            assert bench.done == ([] if refuses else [replace(asked, actor=actor)]), (driver, actor)
+    assert bench.sent == []
 
 
 def test_a_light_is_no_motion(bench: Bench) -> None:

@@ -15,8 +15,27 @@ print(json.dumps({
     "modules": sorted({name.partition(".")[0] for name in sys.modules}),
 }))
 """
+_REPLAYS = """
+import builtins, gc, json, linecache, sys
+from unittest import mock
+from caris_desktop.app import commands
+plain = builtins.__import__
+found = {}
+def look(_module):
+    found.update(plain=builtins.__import__ is plain, collects=gc.isenabled(), qt="PySide6.QtCore" in sys.modules)
+    print(json.dumps(found))
+    sys.exit()
+with mock.patch("importlib.import_module", look):
+    commands.run(["replay", "nowhere"])
+"""
 _LATER = {"cryptography", "httpx", "psutil", "pyqtgraph", "roslibpy", "ruamel", "websockets"}
 """What the first window does without: a robot, somebody known or a question needs it."""
+
+
+def test_a_replay_begins_as_quickly() -> None:
+    """Before anything of it is imported, which imports Qt."""
+    program = subprocess.run([sys.executable, "-c", _REPLAYS], capture_output=True, text=True, check=True, timeout=100)
+    assert json.loads(program.stdout) == {"plain": True, "collects": False, "qt": True}
 
 
 def test_a_window_comes_without_what_it_does_not_need() -> None:

@@ -23,6 +23,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.app.rehearsal import SAYS
 from caris_desktop.app.replay_command import ReplayRun
 from caris_desktop.domain.sensing import StatusShown
+from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.state import LiveState
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.session_reader import open_session
@@ -105,6 +106,21 @@ def _alarms(session: Path) -> list[str]:
 def test_a_session_in_which_all_goes_well_raises_few_alarms(tour: Path) -> None:
     raised = _alarms(tour)
     assert len(raised) <= MOST_ALARMS, raised
+
+
+@pytest.mark.long
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("scenario", ["blank", "reception", "practice", "nothing"])
+def test_any_scenario_can_be_rehearsed_with_what_it_has(tmp_path: Path, scenario: str) -> None:
+    """Without phrases, without the Assistant panel in its layout, or with nothing permitted at all."""
+    name = scenario
+    if scenario == "nothing":
+        text = (layouts_dir() / "blank.yaml").read_text("utf-8").replace(": true\n", ": false\n")
+        (tmp_path / "nothing.yaml").write_text(text, "utf-8")
+        name = str(tmp_path / "nothing.yaml")
+    session = _rehearse(name, tmp_path / "out")
+    spoken = "/event/utterance_changed" in _messages(session)
+    assert spoken == (scenario != "nothing")
 
 
 @pytest.mark.long

@@ -11,8 +11,10 @@ import pytest
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.recorded_form import to_message
+from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined, tr, use_translator
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined, refilled, tr, use_translator
+from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.live.children import told_here
 from caris_desktop.ui.language import in_trial_language
 
@@ -49,6 +51,20 @@ def test_a_value_is_never_taken_for_a_text() -> None:
     evil = "{why} {camera.__class__} {0} %n {delay!r}"
     assert broke_off(evil) == f"{evil} broke off: no answer."
     assert tr(broke_off(evil)) == f"{evil} brach ab: keine Antwort."
+
+
+@pytest.mark.usefixtures("german")
+def test_a_marked_text_is_one_wherever_it_goes() -> None:
+    """As a value, out of a table or an error, and after it came from another process; a name that reads so is none."""
+    reasons = {"silent": QT_TR_NOOP("no answer")}
+    whys = (reasons["silent"], ValueError(QT_TR_NOOP("no answer")), pickle.loads(pickle.dumps(reasons))["silent"])  # noqa: S301
+    told = [tr(filled("{camera} broke off: {why}.", camera="no answer", why=why)) for why in whys]
+    assert told == ["no answer brach ab: keine Antwort."] * 3
+    assert tr(joined([QT_TR_NOOP("no answer"), "no answer"])) == "keine Antwort no answer"
+    assert json.dumps(reasons) == '{"silent": "no answer"}'
+    assert type(to_jsonable(reasons)["silent"]) is str
+    assert yaml_text(reasons) == "silent: no answer\n"
+    assert tr(QT_TR_NOOP("")) == ""
 
 
 @pytest.mark.usefixtures("german")
@@ -95,6 +111,22 @@ def test_the_console_tells_it_in_the_wizards_language() -> None:
     )  # fmt: skip
     use_translator(in_trial_language)
     assert told_here(sent).what.startswith("[Front bŕöķé".replace("ķ", "k")), told_here(sent).what
+
+
+@pytest.mark.usefixtures("german")
+def test_what_was_kept_as_plain_text_is_found_again() -> None:
+    texts = (*GERMAN, "{camera}: {why}.")
+    kept = (
+        broke_off("the {hall}: left"), filled("%n pictures of {camera} are lost.", camera="A\nB"),
+        filled(QT_TR_NOOP("%n pictures of {camera} are lost.", "", 3), camera="A\nB"),
+    )  # fmt: skip
+    told = [tr(refilled(str.__str__(json.loads(json.dumps(one))), texts)) for one in kept]
+    assert told == ["the {hall}: left brach ab: keine Antwort.", kept[1], "3 Bilder von A\nB fehlen."]
+    twice = refilled("A is A, not B.", ("{name} is {name}, not {other}.",))
+    assert isinstance(twice, Filled)
+    assert (twice, twice.values) == ("A is A, not B.", {"name": "A", "other": "B"})
+    for other in ("", "A is C, not B.", "of something else"):
+        assert type(refilled(other, ("{name} is {name}, not {other}.",))) is str
 
 
 ROOMS = ("robot", "recording", "perception", "conversation/listening", "conversation/voices", "app")

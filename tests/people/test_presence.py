@@ -41,6 +41,17 @@ def store(tmp_path: Path) -> Iterator[PeopleStore]:
     store.close()
 
 
+def test_who_is_seen_in_pictures_that_are_known_late_does_not_leave_before_the_next_one_is() -> None:
+    """On a busy machine a look takes longer than it used to, and until it is known nobody knows better."""
+    presence, events, late_ns = Presence(), list[object](), 1_800_000_000
+    for index in range(12):
+        taken_ns = index * 500_000_000
+        events += presence.update(_seen(taken_ns, 1), taken_ns + late_ns)[1]
+        events += presence.tick(taken_ns + late_ns + 450_000_000)
+    assert [type(event) for event in events] == [PersonAppeared]
+    assert [type(event) for event in presence.tick(taken_ns + late_ns + 1_700_000_000)] == [PersonLeft]
+
+
 def test_a_track_becomes_a_person_in_its_third_frame(store: PeopleStore) -> None:
     presence = Presence(KnownPeople(store))
     assert _watch(presence, [[4], [4]]) == []

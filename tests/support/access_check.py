@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 from PySide6.QtCore import QPoint, QRect
 from PySide6.QtGui import QAccessible, QAccessibleInterface
-from PySide6.QtWidgets import QAbstractScrollArea, QScrollArea, QScrollBar, QWidget
+from PySide6.QtWidgets import QAbstractScrollArea, QScrollBar, QWidget
 
 from caris_desktop.ui.layout.dock_area import DockArea
 from caris_desktop.ui.overlay import Overlay
 
 Role = QAccessible.Role
 
-_NO_ROLE = (Role.NoRole, Role.Pane, Role.Window, Role.Border, Role.Whitespace, Role.Separator)
+_NO_ROLE = (Role.NoRole, Role.Client, Role.Pane, Role.Window, Role.Border, Role.Whitespace, Role.Separator)
 """Of a part of which a screen reader says only that there is something."""
 
 _MAY_BE_ALIKE = (Role.Cell, Role.StaticText)
@@ -56,7 +56,7 @@ def told_flaws(part: QWidget) -> list[str]:
             found.append(f"{one.spot} has no name")
         elif one.name == one.widget.objectName() or one.name == type(one.widget).__name__:
             found.append(f"{one.spot} is called as the program calls it: {one.name!r}")
-        if one.role in _NO_ROLE or (one.role == Role.Client and not _paints_itself(one.widget)):
+        if one.role in _NO_ROLE:
             found.append(f"{one.spot}, {one.name!r}, does not say what it is")
         if one.place.isEmpty() or not (room.contains(one.place) or _scrolled(one)):
             found.append(f"{one.spot}, {one.name!r}, lies at {one.place.getRect()}, outside of {room.getRect()}")
@@ -69,7 +69,18 @@ def told_flaws(part: QWidget) -> list[str]:
         for (_panel, _role, name, _about), controls_ in alike.items()
         if len(controls_) > 1
     ]
-    return found
+    return [*found, *unknown_to_qt(part)]
+
+
+def unknown_to_qt(part: QWidget) -> list[str]:
+    """Widgets that have a name, a description or the focus, and are nothing to Qt: what they are is for us to say."""
+    shown = [widget for widget in (part, *part.findChildren(QWidget)) if widget.isVisible()]
+    met = [each for each in shown if each.accessibleName() or each.accessibleDescription() or each.focusPolicy().value]
+    return [
+        f"{type(widget).__name__} {widget.objectName()!r}, {widget.accessibleName()!r}, has no accessible_role"
+        for widget in met
+        if (told := QAccessible.queryAccessibleInterface(widget)) is not None and told.role() == Role.Client
+    ]
 
 
 def controls(part: QWidget) -> list[Told]:
@@ -109,14 +120,6 @@ def panel_of(widget: QWidget) -> QWidget:
             break
         at = holder
     return at
-
-
-def _paints_itself(widget: QWidget) -> bool:
-    """Qt has no role for what a program paints by itself, nor for text that is scrolled by keys: the name that it
-    was given has to say what it is.
-    """
-    own = type(widget).__module__.startswith("caris_desktop.") or isinstance(widget, QScrollArea)
-    return own and bool(widget.accessibleName())
 
 
 def _scrolled(one: Told) -> bool:

@@ -106,6 +106,10 @@ class ConsoleProcess:
     def terminate(self, number: signal.Signals = signal.SIGTERM) -> int:
         """As the system does that is shut down; gives the exit status."""
         self._process.send_signal(number)
+        return self.wait()
+
+    def wait(self) -> int:
+        """Until it has ended by itself; gives the exit status."""
         self._process.wait(60)
         self._remove_folder()
         return self._process.returncode

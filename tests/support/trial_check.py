@@ -57,12 +57,17 @@ class Data:
         found = {text.strip() for value in values for text in _strings(value)}
         self._texts = sorted((text for text in found if _WORD.search(text)), key=len, reverse=True)
         self._words = {word for text in self._texts for word in _WORD.findall(text)}
+        self._without: dict[str, str] = {}  # most texts stand in each of the windows that are looked over
 
     def without(self, text: str) -> str:
-        for known in self._texts:
-            if known in text:
-                text = re.sub(rf"(?<!\w){re.escape(known)}(?!\w)", " ", text)
-        return text
+        left = self._without.get(text)
+        if left is None:
+            left = text
+            for known in self._texts:
+                if known in left:
+                    left = re.sub(rf"(?<!\w){re.escape(known)}(?!\w)", " ", left)
+            self._without[text] = left
+        return left
 
     def knows(self, word: str) -> bool:
         return word in self._words or any(known.startswith(word) for known in self._words if len(word) > 2)
@@ -82,7 +87,7 @@ def plain_texts(windows: Iterable[QWidget], data: Data, drawn: set[int] | None =
     drawn = set() if drawn is None else drawn
     for window in windows:
         for widget in (window, *window.findChildren(QWidget)):
-            texts = {text for text in _texts_of(widget) if is_plain(text, data)}
+            texts = {text for text in _texts_of(widget) if text and is_plain(text, data)}
             if id(widget) not in drawn and _paints(widget):
                 drawn.add(id(widget))
                 texts |= {painted.text for painted in painted_by(widget) if is_plain_piece(painted.text, data)}

@@ -9,13 +9,15 @@ import ast
 import re
 import sys
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import get_args
 
 from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.tokens import Colors
 from caris_desktop.ui.widgets.buttons import Look
+from tests.support.parsed_sources import parsed
 
 PACKAGE = Path(__file__).parents[2] / "caris_desktop"
 ROOMS = ("app", "live", "ui")
@@ -122,10 +124,11 @@ _SHOWN = {
     "setAccessibleName", "setPlaceholderText", "setStatusTip", "setTabText", "setText", "setTitle", "setToolTip",
     "setWhatsThis", "setWindowTitle", "QLabel", "QPushButton", "QToolButton", "QCheckBox", "QRadioButton", "QGroupBox",
     "ActionButton", "CutLabel",
+    "set_fact", "set_label", "set_text", "show_text", "show_title", "show_words",
 }  # fmt: skip
 """Functions that show their arguments: here a single small word is a text too."""
 
-_NO_WORDS = {*get_args(Look), *icon_names()}
+_NO_WORDS = {*get_args(Look), *icon_names(), *(color.name for color in fields(Colors))}
 _UNITS = re.compile(r"(?<=\x00)[ \u202f]?(?:ms|s|min|h|Hz|kHz|[kMG]?B(?:/s)?|m|m/s|rad|px|dB|fps)\b")
 _ONE_KEY = (
     r"(?:[A-Z\d]|F\d+|Up|Down|Left|Right|Esc|Pause|Backspace|Del|Ins|Home|End|Tab|Space|Return|Enter|PgUp|PgDown)"
@@ -155,7 +158,7 @@ def untranslated() -> list[Found]:
 
 def told_untranslated() -> list[Found]:
     """What any room hands to the wizard with a failure or a problem, and marks with neither tr nor QT_TR_NOOP."""
-    trees = {path: ast.parse(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+    trees = {path: parsed(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
     classes = [node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
     told = set(_TOLD_BY)
     while more := {one.name for one in classes if one.name not in told and told & set(map(_name_of, one.bases))}:
@@ -185,7 +188,7 @@ def left() -> dict[str, int]:
 def texts_in(source: str, file: str = "") -> list[Found]:
     """Every text of a source that does not go through ``tr``."""
     finder = _Finder(file)
-    finder.visit(ast.parse(source))
+    finder.visit(parsed(source))
     return finder.found
 
 

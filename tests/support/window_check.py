@@ -7,6 +7,7 @@ taken from a drawing of the window that keeps text as text.
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QPoint, QPointF, QRect, QRectF, QSize, Qt
@@ -138,11 +139,23 @@ def painted_by(widget: QWidget) -> list[Painted]:
     generator.setSize(widget.size())
     generator.setViewBox(QRect(QPoint(), widget.size()))
     painter = QPainter(generator)
-    widget.render(painter, QPoint(), QRegion(), QWidget.RenderFlag(0))
+    with _pictures_left_out():
+        widget.render(painter, QPoint(), QRegion(), QWidget.RenderFlag(0))
     painter.end()
     texts = _texts_below(ET.fromstring(bytes(drawn.data())), QTransform())  # noqa: S314 - drawn just now
     # What is selected in a field is drawn twice, once for each colour.
     return list({(text.text, text.box.left(), text.box.top()): text for text in texts}.values())
+
+
+@contextmanager
+def _pictures_left_out() -> Iterator[None]:
+    """They keep no text, and the drawing would hold each as a PNG: that of a camera takes longer than all the rest."""
+    kept = QPainter.drawImage, QPainter.drawPixmap
+    QPainter.drawImage = QPainter.drawPixmap = lambda *_: None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        QPainter.drawImage, QPainter.drawPixmap = kept  # type: ignore[method-assign]
 
 
 def _texts_below(element: ET.Element, transform: QTransform) -> Iterator[Painted]:

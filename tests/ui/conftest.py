@@ -1,18 +1,19 @@
 """A window on a fake console."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 import shiboken6
-from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QAccessible, QShowEvent
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAccessible
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.scenario.library import ScenarioChoice
+from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui.layout.tree import panels_in, without
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
@@ -33,30 +34,52 @@ class MemorySettings:
         self.values[key] = value
 
 
-class _WindowsShown(QObject):
-    """Keeps each widget that was shown as a window of its own while it had no parent."""
+_shown_without_parent: list[QWidget] = []
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.seen: list[QWidget] = []
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        # By its class: each of ten thousand events of a new window would have to be asked for its type.
-        shown = type(event) is QShowEvent and isinstance(watched, QWidget)
-        if shown and watched.isWindow() and watched.parent() is None:
-            self.seen.append(watched)
-        return False
+def _watch_for_windows() -> None:
+    """Keeps each widget that is shown as a window of its own while it has no parent.
+
+    Whoever shows one calls it in Python, and is heard there: to look at each of the ten thousand events of a new window
+    costs a fifth of it.
+    """
+
+    def noting(shows: Callable[..., None]) -> Callable[..., None]:
+        def show(widget: QWidget, *visible: bool) -> None:
+            if visible != (False,) and widget.isWindow() and widget.parent() is None:
+                _shown_without_parent.append(widget)
+            shows(widget, *visible)
+
+        return show
+
+    for name in ("show", "setVisible", "showNormal", "showMaximized", "showFullScreen"):
+        for of in (QWidget, *_all_kinds_of(QWidget)):
+            if name in vars(of) and of.__module__.startswith("PySide6"):
+                setattr(of, name, noting(vars(of)[name]))
+
+
+def _all_kinds_of(base: type) -> Iterator[type]:
+    for kind in base.__subclasses__():
+        yield kind
+        yield from _all_kinds_of(kind)
+
+
+_watch_for_windows()
 
 
 @pytest.fixture(autouse=True)
-def no_part_is_shown_before_it_has_a_parent(qapp: QApplication) -> Iterator[None]:
+def no_part_is_shown_before_it_has_a_parent() -> Iterator[None]:
     """For a moment it is a window of its own then, which takes the keys from driving."""
-    shown = _WindowsShown()
-    qapp.installEventFilter(shown)
+    _shown_without_parent.clear()
     yield
-    qapp.removeEventFilter(shown)
-    parts = [widget for widget in shown.seen if shiboken6.isValid(widget) and widget.parent() is not None]
-    assert [f"{type(widget).__name__} {widget.objectName()!r}" for widget in parts] == []
+    assert take_parts_shown_early() == []
+
+
+def take_parts_shown_early() -> list[str]:
+    """Those that have a parent by now, and by which they are told."""
+    parts = [widget for widget in _shown_without_parent if shiboken6.isValid(widget) and widget.parent() is not None]
+    _shown_without_parent.clear()
+    return list(dict.fromkeys(f"{type(widget).__name__} {widget.objectName()!r}" for widget in parts))
 
 
 @pytest.fixture
@@ -69,12 +92,20 @@ def console(request: pytest.FixtureRequest) -> FakeConsole:
     """Its scenario is the tour; with ``@pytest.mark.panels("map")`` only those panels of it. To build the others costs
     twice as much as the window itself. A test of a marked file that needs them all has the mark without a name.
     """
-    tour, mark = samples.TOUR, request.node.get_closest_marker("panels")
-    if mark is not None and mark.args:
-        layout = without(tour.layout, set(panels_in(tour.layout)).difference(mark.args))
-        assert layout is not None, f"the tour has none of {mark.args}"
-        tour = dataclasses.replace(tour, layout=layout)
+    tour = with_marked_panels(request, samples.TOUR)
     return FakeConsole(tour, {samples.MENTAL.path: samples.MENTAL, tour.path: tour})
+
+
+def with_marked_panels(request: pytest.FixtureRequest, scenario: Scenario) -> Scenario:
+    """``scenario`` as the test's mark wants it, for a console of a file's own as well."""
+    mark = request.node.get_closest_marker("panels")
+    return scenario if mark is None or not mark.args else with_panels(scenario, *mark.args)
+
+
+def with_panels(scenario: Scenario, *names: str) -> Scenario:
+    layout = without(scenario.layout, set(panels_in(scenario.layout)).difference(names))
+    assert layout is not None, f"{scenario.title} has none of {names}"
+    return dataclasses.replace(scenario, layout=layout)
 
 
 @pytest.fixture(scope="session")

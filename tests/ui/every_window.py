@@ -160,6 +160,7 @@ class EveryWindow:
             self.window.observers.open(sees)
             shown = self.window.observers.shown
             assert shown is not None
+            shown.complete()
             yield Seen(f"observer, {sees}", shown)
         self.window.observers.close()
         face = self.console.state.face

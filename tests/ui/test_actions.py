@@ -32,6 +32,8 @@ from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("video", "speak")
+
 TABLE = {
     "stop": ({"Esc"}, set()),
     "emergency_stop": ({"Esc, Esc", "Pause"}, set()),

@@ -16,6 +16,8 @@ from caris_desktop.ui.panels.diagnostics import DiagnosticsPanel, bandwidth, loo
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("video", "session")
+
 ANCHOR = ClockAnchor.take()
 
 

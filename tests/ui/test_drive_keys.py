@@ -23,7 +23,7 @@ from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
-pytestmark = pytest.mark.panels("video", "speak", "drive", "assistant")
+pytestmark = pytest.mark.panels("video", "speak", "drive")
 
 ALT = Qt.KeyboardModifier.AltModifier
 BARE = Qt.KeyboardModifier.NoModifier
@@ -95,6 +95,7 @@ def test_each_change_is_one_call(view: QWidget, console: FakeConsole) -> None:
     assert len(console.calls) == 6
 
 
+@pytest.mark.panels("video", "speak", "drive", "assistant")
 def test_letters_typed_into_fields_never_drive(window: MainWindow, console: FakeConsole) -> None:
     for name in ("speak_field", "assistant_field"):
         field = find(window, name)
@@ -191,6 +192,7 @@ def test_closing_the_window_releases(window: MainWindow, view: QWidget, console:
     assert len(console.calls) == count
 
 
+@pytest.mark.panels("video", "speak", "drive", "assistant")
 def test_escape_stops_from_anywhere(window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = [100.0]
     monkeypatch.setattr("caris_desktop.ui.drive_keys.time.monotonic", lambda: now_s[0])

@@ -17,6 +17,8 @@ from caris_desktop.ui.widgets.check_box import CheckBox
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
+pytestmark = pytest.mark.panels("people", "map", "session")
+
 P07 = TrialDetails(participant="P07", trial="2")
 OFFERED = GoingOnStatus("offered", "2026-11-22_10-00-00_P07", P07)
 

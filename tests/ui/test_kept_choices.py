@@ -19,11 +19,14 @@ from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.panels.session import SessionPanel
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
-from tests.ui.conftest import MemorySettings, open_window
+from tests.ui.conftest import MemorySettings, open_window, with_panels
 from tests.ui.fake_console import FakeConsole
 
 Start = Callable[[], tuple[MainWindow, FakeConsole]]
-TOUR = replace(samples.TOUR, phrases=(PhraseGroup("Greeting", ("Hello",)), PhraseGroup("Tour", ("Follow me",))))
+TOUR = replace(
+    with_panels(samples.TOUR, "video", "map", "speak", "session"),  # those that keep what was chosen
+    phrases=(PhraseGroup("Greeting", ("Hello",)), PhraseGroup("Tour", ("Follow me",))),
+)
 ROLES = (NamedText("Guide", "You guide."), NamedText("Nurse", "You care."))
 SETUP = AssistantSetup(
     "embedded", roles=ROLES, styles=(NamedText("Brief", "Be brief."),),

@@ -17,7 +17,7 @@ from caris_desktop.ui.key_positions import position_codes
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
-from tests.ui.conftest import MemorySettings, click, find, open_window
+from tests.ui.conftest import MemorySettings, click, find, open_window, with_marked_panels
 from tests.ui.fake_console import FakeConsole
 
 pytestmark = pytest.mark.panels("video", "speak", "session")
@@ -32,8 +32,9 @@ CTRL, SHIFT, ALT, NONE = (
 
 
 @pytest.fixture
-def console() -> FakeConsole:
-    return FakeConsole(dataclasses.replace(samples.TOUR, recording=RecordingSettings(LABELS)))
+def console(request: pytest.FixtureRequest) -> FakeConsole:
+    tour = with_marked_panels(request, samples.TOUR)
+    return FakeConsole(dataclasses.replace(tour, recording=RecordingSettings(LABELS)))
 
 
 @pytest.fixture

@@ -3,15 +3,16 @@
 import dataclasses
 
 import pytest
-from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtCore import QCoreApplication, QEvent, QPoint, QRect, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QAbstractButton, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.ui.conversation.transcript import TranscriptView
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import ObserverWindow, Sees
+from caris_desktop.ui.panel_title_bar import PanelTitleBar
 from caris_desktop.ui.theme import Theme
 from tests.support.window_check import painted_texts
 from tests.ui import samples
@@ -25,6 +26,9 @@ def _opened(window: MainWindow, console: FakeConsole, sees: Sees) -> ObserverWin
     window.observers.open(sees)
     observer = window.observers.shown
     assert observer is not None
+    observer.complete()
+    for _each in ("window", "columns", "cards"):
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.LayoutRequest)
     freshen(console)
     return observer
 
@@ -66,6 +70,15 @@ def test_neither_mouse_nor_keys_do_anything_there(window: MainWindow, console: F
     assert [call for call in console.calls if call[0] != "keep_layout"] == []
 
 
+@pytest.mark.parametrize("sees", ["everything", "no_names"])
+def test_titles_show_no_control_that_would_do_nothing(window: MainWindow, console: FakeConsole, sees: Sees) -> None:
+    observer = _opened(window, console, sees)
+    bars = observer.findChildren(PanelTitleBar)
+    shown = [button for bar in bars for button in bar.findChildren(QAbstractButton) if button.isVisible()]
+    assert len(bars) == (4 if sees == "everything" else 2)
+    assert [button.objectName() for button in shown] == []
+
+
 def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console: FakeConsole) -> None:
     _opened(window, console, "everything")
     console.scenario = dataclasses.replace(samples.MENTAL, panels_off=("map",))
@@ -74,6 +87,30 @@ def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console
     assert observer is not None and observer.findChild(QWidget, "map_panel") is None
     observer.close()
     assert window.observers.shown is None
+
+
+def test_at_a_switch_it_stays_where_it_is_and_its_panels_come_one_in_a_turn(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    observer = _opened(window, console, "everything")
+    observer.setGeometry(40, 50, 900, 700)
+
+    def panels() -> set[str]:
+        qtbot.wait(0)  # what is replaced goes with the next turn
+        names = ("video_panel", "conversation_panel", "map_panel", "session_panel")
+        return {name for name in names if observer.findChild(QWidget, name) is not None}
+
+    before = panels()
+    assert len(before) == 4
+    console.scenario = dataclasses.replace(samples.MENTAL, panels_off=("map",))
+    seen: list[int] = []
+    made = observer._make_next
+    observer._turn.timeout.disconnect()
+    observer._turn.timeout.connect(lambda: seen.append(len(observer._missing)) or made())  # type: ignore[func-returns-value]
+    observer.show_scenario()
+    assert window.observers.shown is observer and observer.geometry() == QRect(40, 50, 900, 700)
+    qtbot.waitUntil(lambda: not observer._missing)
+    assert seen == [3, 2, 1] and panels() == before - {"map_panel"}
 
 
 class _OtherScreen:

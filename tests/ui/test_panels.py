@@ -25,6 +25,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, Marked, PhotoTaken, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People, PersonBox, RobotPose
+from caris_desktop.domain.translation import filled, tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import AssistantStatus, DriveStatus, PerceptionStatus, RecordingStatus, SpeechStatus
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, VelocityTopic
@@ -772,6 +773,18 @@ def test_an_ended_session_can_be_exported(qtbot: QtBot, window: MainWindow, cons
     dialog = window.findChild(QWidget, "export_dialog")
     assert dialog is not None and dialog.isVisible()
     dialog.close()
+
+
+@pytest.mark.panels("session")
+@pytest.mark.usefixtures("trial_language")
+def test_why_a_recording_failed_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
+    why = filled("The disk failed: {why}.", why="EIO")
+    console.state.recording.set(RecordingStatus("failed", Path("/s"), detail=why))
+    what = find(session(window), "session_what")
+    assert isinstance(what, QLabel)
+    assert what.text() == tr("The disk failed: {why}.").format(why="EIO") != why
+    window.status_bar.refresh()
+    assert window.status_bar.items["recording"].toolTip() == what.text()
 
 
 @pytest.mark.panels("session")

@@ -23,6 +23,8 @@ from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
 from tests.ui.fake_replay import FakeReplay, sample_overview
 
+pytestmark = pytest.mark.panels("video", "session")
+
 LONG = "The robot of the second floor that everybody calls by its full name " * 4
 
 
@@ -136,6 +138,7 @@ def test_a_replay_closes_without_a_question(window: MainWindow, console: FakeCon
     assert samples.TOUR.title in window.windowTitle()
 
 
+@pytest.mark.panels()
 def test_the_picture_is_whole_without_scrolling(window: MainWindow) -> None:
     panels, video = find(window, "replay_panels"), window.panels["video"]
     assert isinstance(panels, QScrollArea)
@@ -197,6 +200,7 @@ def test_problems_of_the_session_are_history(window: MainWindow, replay: FakeRep
     assert [card.problem.what for card in window.problems.cards] == ["Your annotations are not saved."]
 
 
+@pytest.mark.panels()
 def test_on_a_small_screen_the_timeline_is_a_drawer(qtbot: QtBot, window: MainWindow, replay: FakeReplay) -> None:
     panels, canvas, drawer = find(window, "replay_panels"), find(window, "timeline_view"), "timeline_drawer"
     canvas = canvas.focusProxy()

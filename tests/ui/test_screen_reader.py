@@ -1,11 +1,16 @@
 """What can be focused or pressed tells a screen reader its name, what it is and where, and no two are called alike."""
 
+import gc
+import random
+import weakref
 from collections.abc import Iterator
 
 import pytest
-from PySide6.QtCore import QSize, Qt
+from PySide6.QtCore import QEvent, QSize, Qt
+from PySide6.QtGui import QAccessible, QAccessibleInterface
 from PySide6.QtWidgets import QApplication, QLabel, QWidget
 from pytestqt.qtbot import QtBot
+from shiboken6 import Shiboken
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import CommandSent, Problem
@@ -13,6 +18,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.file import load_scenario
+from caris_desktop.ui.accessible_roles import install_accessible_roles
 from caris_desktop.ui.language import ENGLISH
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.motion import MotionPanel
@@ -48,11 +54,14 @@ def settle() -> None:
 
 @pytest.mark.usefixtures("screen_reader")
 @pytest.mark.parametrize("size", [QSize(1920, 1080), USUAL], ids=["1920x1080", "1366x768"])
-def test_every_control_of_every_scenario_can_be_told(shown: MainWindow, size: QSize) -> None:
+def test_every_control_of_every_scenario_can_be_told(
+    shown: MainWindow, size: QSize, request: pytest.FixtureRequest
+) -> None:
+    """Each panel is opened on the usual screen; with ``--long`` on the large one too, where names are the same."""
     shown.resize(size)
     settle()
     found = told_flaws(shown)
-    for name in shown.board.possible():
+    for name in shown.board.possible() if size == USUAL or request.config.getoption("--long") else ():
         shown.open_panel(name)
         settle()
         found += [f"{name} opened: {flaw}" for flaw in told_flaws(shown.dock_host.docks[name])]
@@ -97,6 +106,64 @@ def test_the_strips_of_motion_are_told_and_take_no_focus(
     ]
 
 
+@pytest.mark.usefixtures("screen_reader")
+@pytest.mark.panels("video", "map")
+def test_the_picture_the_map_and_what_was_said_say_what_they_are(window: MainWindow) -> None:
+    told: dict[str, tuple[str, str]] = {}
+    for panel, name in (("video", "video_view"), ("map", "map_view"), ("conversation", "transcript")):
+        window.open_panel(panel)
+        settle()
+        heard = QAccessible.queryAccessibleInterface(find(window, name))
+        assert heard is not None
+        told[name] = heard.role().name, heard.text(QAccessible.Text.Description)
+    assert told["video_view"][0] == told["map_view"][0] == "Graphic"
+    assert told["video_view"][1].startswith("In the picture: ") and told["map_view"][1].startswith("The robot is at")
+    assert told["transcript"][0] == "List"
+
+
+class _Painted(QWidget):
+    accessible_role = QAccessible.Role.Graphic
+
+    def accessible_words(self) -> str:
+        return f"with {len(self.children())} in it"
+
+
+@pytest.mark.usefixtures("screen_reader")
+def test_widgets_come_and_go_while_a_screen_reader_walks_through_them(qapp: QApplication) -> None:
+    """Qt deletes an interface with its widget, whichever way that ends, and a widget ends however often it was told."""
+    install_accessible_roles()
+    chance, holder = random.Random(7), QWidget()  # noqa: S311 - no secrets
+    ways = (QWidget.deleteLater, Shiboken.delete, lambda widget: widget.setParent(None))
+    gone: list[weakref.ref[QWidget]] = []
+    for number in range(400):
+        one = _Painted(holder)
+        one.setAccessibleName(f"number {number}")
+        _Painted(one)
+        gone += [weakref.ref(one), weakref.ref(one.children()[0])]
+        root = QAccessible.queryAccessibleInterface(holder)
+        assert root is not None
+        told = [told for told in _walked(root) if told.role() == QAccessible.Role.Graphic]
+        assert told[-2].text(QAccessible.Text.Description) == "with 1 in it"
+        del one, told, root
+        if number % 3:
+            chance.choice(ways)(chance.choice(holder.children()))
+        if not number % 5:
+            QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
+    holder.deleteLater()
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
+    del holder
+    gc.collect()
+    assert not [ref for ref in gone if ref() is not None and Shiboken.isValid(ref())]
+
+
+def _walked(node: QAccessibleInterface) -> Iterator[QAccessibleInterface]:
+    yield node
+    for number in range(node.childCount()):
+        child = node.child(number)
+        if child is not None:
+            yield from _walked(child)
+
+
 @pytest.mark.panels("video")
 def test_the_check_sees_what_cannot_be_told(window: MainWindow) -> None:
     """It would find it: a control without a name, two of one name, one beside the window, and one that says nothing."""
@@ -105,7 +172,9 @@ def test_the_check_sees_what_cannot_be_told(window: MainWindow) -> None:
     silent.setFocusPolicy(window.focusPolicy().StrongFocus)
     holder = QWidget(window)
     holder.setGeometry(100, 200, 300, 80)
-    for number, part in enumerate((nameless, twice, again, beside, silent)):
+    unknown = QWidget()
+    unknown.setAccessibleName("Drawn by hand")
+    for number, part in enumerate((nameless, twice, again, beside, silent, unknown)):
         part.setParent(holder)
         part.setGeometry(60 * number, 0, 50, 30)
     beside.move(3000, 0)
@@ -113,5 +182,11 @@ def test_the_check_sees_what_cannot_be_told(window: MainWindow) -> None:
     found = told_flaws(window)
     holder.hide()
     holder.deleteLater()
-    for words in ("has no name", "2 controls are called 'Twice'", "'Beside the window', lies at", "QLabel ''"):
+    for words in (
+        "has no name",
+        "2 controls are called 'Twice'",
+        "'Beside the window', lies at",
+        "QLabel ''",
+        "'Drawn by hand', has no",
+    ):
         assert any(words in flaw for flaw in found), (words, found)

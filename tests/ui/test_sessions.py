@@ -13,11 +13,13 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked, StopRequested, UtteranceChanged
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.services.governor import STEPS
 from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.export import FORMATS
+from caris_desktop.recording.session.repair_words import read_loss
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.robot.profile import AudioInterface, RobotProfile
 from caris_desktop.scenario.model import BlurSettings, PanelLeaf, Permissions, SplitNode
@@ -26,7 +28,7 @@ from caris_desktop.ui.export_dialog import ExportDialog
 from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.session import SessionPanel
-from caris_desktop.ui.session_table import COLUMNS
+from caris_desktop.ui.session_table import COLUMNS, lacks_words
 from caris_desktop.ui.sessions_window import SessionsWindow
 from caris_desktop.ui.start_dialog import StartDialog, kept_words, last_details
 from caris_desktop.ui.theme import Theme
@@ -454,6 +456,12 @@ def test_what_a_session_lacks_and_a_copy_are_told(sessions: SessionsWindow, libr
         assert (label.property("text"), label.isHidden()) == (words, not words)
 
 
+@pytest.mark.usefixtures("trial_language")
+def test_what_a_session_lacks_is_told_in_the_wizards_language() -> None:
+    told = read_loss("audio.wav is missing: 3.0 s of sound.")
+    assert lacks_words(entry(5, losses=(told,))).startswith("[audio.wav îš mîššîñğ: 3.0 š")
+
+
 def test_a_study_without_sessions_and_one_that_cannot_be_read(sessions: SessionsWindow, library: FakeLibrary) -> None:
     library.found.set(LibraryStatus(updating=True))
     assert find(sessions, "sessions_empty").property("text") == "Reading the sessions of this study…"
@@ -645,6 +653,13 @@ def test_a_failed_recording_is_told_whole(window: MainWindow, console: FakeConso
     assert find(window, "record_button").property("text") == "Not recording: failed"
     panel = session_panel(window)
     assert panel.fact == ("not recording", "red")
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_how_busy_the_machine_is_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
+    console.state.load.set(LoadStatus(2, STEPS[2].detail))
+    window.status_bar.refresh()
+    assert window.status_bar.items["load"].text == tr("busy: {what}").format(what=tr(STEPS[2].detail))
 
 
 def test_that_the_machine_is_busy_leaves_room_for_the_recording(window: MainWindow, console: FakeConsole) -> None:

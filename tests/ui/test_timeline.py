@@ -14,10 +14,12 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit, QMenu, QPlainTextEdit, QWidget
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.agreement import NOTHING
 from caris_desktop.recording.annotation.editing import tier_of
 from caris_desktop.recording.annotation.history import EditHistory
 from caris_desktop.recording.annotation.model import (
+    DEFAULT_TIER,
     Annotation,
     AnnotationDocument,
     Tier,
@@ -518,6 +520,19 @@ def test_a_tier_is_added_with_labels_of_the_scenario_and_changed(qtbot: QtBot, c
     coder.key(Qt.Key.Key_Z, CTRL)
     coder.key(Qt.Key.Key_Z, CTRL)
     assert len(coder.document.tiers) == 3
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_a_tier_that_is_named_in_the_wizards_language_keeps_its_name_in_the_file(theme: Theme) -> None:
+    tier, parent = Tier("t", DEFAULT_TIER, "Ana"), QWidget()
+    dialog = TierDialog(theme, AnnotationDocument((tier,)), parent, apply=lambda _wish: "", tier=tier)
+    name = dialog.findChild(QLineEdit, "tier_name")
+    assert name is not None
+    assert name.text() == tr(DEFAULT_TIER) != DEFAULT_TIER
+    assert dialog.wish().name == DEFAULT_TIER
+    name.setText("Stance")
+    assert dialog.wish().name == "Stance"
+    parent.deleteLater()
 
 
 def test_a_label_called_otherwise_takes_its_annotations_along(coder: Coder, qtbot: QtBot) -> None:

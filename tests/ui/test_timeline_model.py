@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation import editing
+from caris_desktop.recording.annotation.editing import AnnotationError
+from caris_desktop.recording.annotation.model import (
+    DEFAULT_TIER,
+    Annotation,
+    AnnotationDocument,
+    Tier,
+    Vocabulary,
+    VocabularyEntry,
+)
 from caris_desktop.recording.annotation.overview import Waveform
 from caris_desktop.ui.replay.timeline_model import (
     SCENARIO_LABELS,
@@ -164,3 +173,17 @@ def test_speed_keeps_its_fastest_moment_and_is_nothing_outside() -> None:
 def test_the_vocabulary_that_the_console_made_is_named_in_the_wizards_language() -> None:
     assert vocabulary_title(SCENARIO_LABELS) == tr(SCENARIO_LABELS) != SCENARIO_LABELS
     assert vocabulary_title("Motion") == "Motion", "what a coder wrote stays as it is"
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_the_tier_of_a_table_that_names_none_is_named_in_the_wizards_language() -> None:
+    names = ("Annotations", "Annotations (2)", "Annotations of mine", "Stance (2)")
+    document = AnnotationDocument(tuple(Tier(f"t{number}", name, "Ana") for number, name in enumerate(names)))
+    assert [row.name for row in all_rows(None, document)] == [
+        tr(DEFAULT_TIER), tr("Annotations ({number})").format(number=2), "Annotations of mine", "Stance (2)",
+    ]  # fmt: skip
+    coded = editing.add_annotation(document, "t0", 0, 10, "leans in")
+    coded = editing.add_vocabulary(coded, Vocabulary("Stances", (VocabularyEntry("curious"),)))
+    with pytest.raises(AnnotationError) as refusal:
+        editing.set_tier_vocabulary(coded, "t0", "Stances")
+    assert "“Annotations”" in str(refusal.value) and tr(DEFAULT_TIER) in tr(str(refusal.value))

@@ -13,15 +13,21 @@ from typing import TypeGuard, cast
 import pytest
 
 from tests.support import untranslated
+from tests.support.parsed_sources import parse_all, parsed
 
 PACKAGE = Path(__file__).parents[2] / "caris_desktop"
 MARKS = ("tr", "QT_TR_NOOP")
 
 
+@pytest.fixture(autouse=True, scope="module")
+def all_parsed() -> None:
+    parse_all(PACKAGE)
+
+
 @cache
 def _sources() -> tuple[tuple[Path, ast.Module], ...]:
     files = ((path, path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py")) if path.name != "translation.py")
-    return tuple((path, ast.parse(text)) for path, text in files if any(f"{mark}(" in text for mark in MARKS))
+    return tuple((path, parsed(text)) for path, text in files if any(f"{mark}(" in text for mark in MARKS))
 
 
 def _marked(tree: ast.AST) -> Iterator[ast.Call]:
@@ -116,6 +122,7 @@ def test_what_is_left_as_it_is_is_still_said() -> None:
         ('button = ActionButton(tr("Stop"), icon="hand-palm", look="ghost")', []),
         ('button = ActionButton("Stop", icon="hand-palm")', ["Stop"]),
         ('label.setText("moving")', ["moving"]),
+        ('self.set_fact("quiet", "dim")', ["quiet"]),
         ('label.setText(f"{count} people")', ["{} people"]),
         ('label.setText(tr("{count} of {all}").format(count=f"{n} people", all=3))', ["{} people"]),
         ('TABLE = {"Some key": "The robot is out of reach"}', ["The robot is out of reach"]),

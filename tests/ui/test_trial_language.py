@@ -122,6 +122,7 @@ class Spoken:
         )  # fmt: skip
         for opener in openers:
             opener()
+            window.observers.complete()
             found.append(self.shown())
             window.hold.escape_pressed.emit()
         return merged(*found)

@@ -174,6 +174,7 @@ def test_without_driving_there_is_no_way_to_drive(qtbot: QtBot, settings: Memory
     assert console.calls[-1] == ("stop", None)
 
 
+@pytest.mark.panels("video", "session")
 def test_the_start_dialog_asks_and_is_prefilled_the_next_time(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
@@ -200,6 +201,7 @@ def test_the_start_dialog_asks_and_is_prefilled_the_next_time(
     find(window, "start_dialog").close()
 
 
+@pytest.mark.panels("video", "session")
 def test_the_start_dialog_can_be_skipped(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     console.stop_session()
     console.calls.clear()
@@ -208,6 +210,7 @@ def test_the_start_dialog_can_be_skipped(qtbot: QtBot, window: MainWindow, conso
     assert console.calls == [("start_session", TrialDetails())]
 
 
+@pytest.mark.panels("video", "session")
 def test_a_running_recording_is_stopped_from_the_top_bar(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
@@ -216,6 +219,7 @@ def test_a_running_recording_is_stopped_from_the_top_bar(
     assert console.calls == [("stop_session", None)]
 
 
+@pytest.mark.panels("video", "session")
 def test_the_red_button_latches_and_only_the_band_releases(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
@@ -230,11 +234,13 @@ def test_the_red_button_latches_and_only_the_band_releases(
     assert not window.findChild(QWidget, "emergency_band").isVisible()  # type: ignore[union-attr]
 
 
+@pytest.mark.panels("video", "session")
 def test_the_red_button_acts_on_the_press(window: MainWindow, console: FakeConsole) -> None:
     QTest.mousePress(find(window, "emergency_stop"), Qt.MouseButton.LeftButton)
     assert console.calls == [("emergency_stop", None)]
 
 
+@pytest.mark.panels("video", "session")
 def test_problems_are_cards_that_can_be_dismissed(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     focused = window.focusWidget()
     for number in range(SHOWN_AT_ONCE + 1):
@@ -247,6 +253,7 @@ def test_problems_are_cards_that_can_be_dismissed(qtbot: QtBot, window: MainWind
     assert len(window.problems.cards) == SHOWN_AT_ONCE - 1
 
 
+@pytest.mark.panels("video", "session")
 def test_a_problem_that_is_over_goes_away_by_itself(window: MainWindow, console: FakeConsole) -> None:
     state = console.state
     link, drive = state.link.value, state.drive.value
@@ -259,7 +266,7 @@ def test_a_problem_that_is_over_goes_away_by_itself(window: MainWindow, console:
     state.take(Problem(1, "error", "Not told", "", "", until="released"))
     state.take(Problem(1, "error", "Broken", "", ""))
     state.link.set(dataclasses.replace(link, state="connecting"))
-    lost = "The link to the robot is lost."
+    lost = "The connection to the robot is lost."
     told(lost, "Not told", "Broken")
     state.link.set(link)
     told(lost, "Not told", "Broken")
@@ -272,6 +279,7 @@ def test_a_problem_that_is_over_goes_away_by_itself(window: MainWindow, console:
     told("Broken")
 
 
+@pytest.mark.panels("video", "session")
 @pytest.mark.parametrize(
     ("until", "value_of", "over"),
     [
@@ -293,6 +301,7 @@ def test_what_came_back_takes_its_problem_away(
     assert window.problems.cards == ()
 
 
+@pytest.mark.panels("video", "session")
 def test_a_picture_that_is_back_takes_its_problem_away(window: MainWindow, console: FakeConsole) -> None:
     console.state.frame.clear()
     console.state.take(Problem(1, "error", "No camera", "", "", until="picture"))
@@ -300,6 +309,7 @@ def test_a_picture_that_is_back_takes_its_problem_away(window: MainWindow, conso
     assert window.problems.cards == ()
 
 
+@pytest.mark.panels("video", "session")
 def test_anything_can_be_found_and_done(window: MainWindow, console: FakeConsole) -> None:
     view = find(window, "video_view")
     view.setFocus()
@@ -312,6 +322,7 @@ def test_anything_can_be_found_and_done(window: MainWindow, console: FakeConsole
     assert view.hasFocus()
 
 
+@pytest.mark.panels("video", "session")
 def test_escape_closes_the_palette_and_stops(window: MainWindow, console: FakeConsole) -> None:
     window.show_command_palette()
     QTest.keyClick(find(window, "palette_field"), Qt.Key.Key_Escape)
@@ -384,12 +395,14 @@ def test_every_control_has_a_name_for_screen_readers(window: MainWindow) -> None
     assert nameless == []
 
 
+@pytest.mark.panels("video", "session")
 def test_closing_keeps_the_place_of_the_window(window: MainWindow, settings: MemorySettings, qtbot: QtBot) -> None:
     with qtbot.waitSignal(window.closed):
         window.close()
     assert settings.values["window/geometry"]
 
 
+@pytest.mark.panels("video", "session")
 def test_the_connection_can_be_looked_at(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     click(qtbot, find(window, "status_link"))
     card = find(window, "connection_card")
@@ -472,6 +485,7 @@ def test_what_is_switched_off_cannot_be_added(qtbot: QtBot, settings: MemorySett
     assert not [entry.text for entry in window.palette_entries() if entry.text.startswith(("Robot", "Drive", "Go to"))]
 
 
+@pytest.mark.panels("video", "session")
 def test_the_robots_are_listed_and_another_is_asked_for_when_something_would_end(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
@@ -495,6 +509,7 @@ def test_the_robots_are_listed_and_another_is_asked_for_when_something_would_end
     assert console.named("use_robot") == ["tiago"]
 
 
+@pytest.mark.panels("video", "session")
 def test_a_robot_whose_profile_is_broken_is_listed_with_the_reason(
     window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -508,6 +523,7 @@ def test_a_robot_whose_profile_is_broken_is_listed_with_the_reason(
     menu.close()
 
 
+@pytest.mark.panels("video", "session")
 def test_at_rest_another_robot_is_connected_at_once(window: MainWindow, console: FakeConsole) -> None:
     console.state.goal.set(None)
     console.state.recording.set(RecordingStatus())
@@ -547,6 +563,7 @@ def test_no_band_moves_the_panels(window: MainWindow, console: FakeConsole) -> N
     assert not window.findChild(QWidget, "robot_now").isVisible()  # type: ignore[union-attr]
 
 
+@pytest.mark.panels("video", "session")
 @pytest.mark.parametrize("command", ["go to the kitchen", "Drive to kitchen", "navigate to the kitchen", "kitchen"])
 def test_a_place_is_driven_to_by_command(window: MainWindow, console: FakeConsole, command: str) -> None:
     window.show_command_palette()

@@ -34,7 +34,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import CameraState
-from caris_desktop.domain.translation import filled, use_translator
+from caris_desktop.domain.translation import filled, tr, use_translator
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.ui import event_words, words
 from caris_desktop.ui.preflight import preflight_words
@@ -208,3 +208,11 @@ def test_what_a_child_process_gives_as_the_reason_is_said_in_the_wizards_languag
     ):
         assert "front door" in say()
         assert untranslated_part(say) == []
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_why_values_are_missing_is_found_again_in_the_record() -> None:
+    gap = Gap(1, "frame", 3, "front door: left out, as the disk is nearly full")
+    _, said = event_words.event_sentence(gap, name_of) or ("", "")
+    assert "[front door: " in said, "a name stays as it is"
+    assert tr("the disk is nearly full") in said

@@ -143,7 +143,7 @@ def _reason(body: bytes, key: str | None) -> str:
         told = told["message"] if isinstance(told, dict) else told
     except (ValueError, KeyError, TypeError):
         told = body.decode("utf-8", "replace")
-    return shortened(without(key, str(told)), 100) or filled(QT_TR_NOOP("without a reason"))
+    return shortened(without(key, str(told)), 100) or QT_TR_NOOP("without a reason")
 
 
 def _advice(status: int) -> str:

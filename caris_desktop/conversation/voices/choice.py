@@ -48,7 +48,7 @@ def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
         except NoSuchVoiceError as error:
             why_not = str(error)
         except ImportError:
-            why_not = filled(QT_TR_NOOP("the program piper is not installed"))
+            why_not = QT_TR_NOOP("the program piper is not installed")
         except Exception as error:
             traceback.print_exc()
             why_not = filled(

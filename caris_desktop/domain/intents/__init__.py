@@ -19,7 +19,7 @@ from caris_desktop.domain.intents.assistant import (
     ResetPrompts,
     SayAnswer,
 )
-from caris_desktop.domain.intents.base import AsBefore, Bounds, Intent, IntentSpec, IntentTable, Permission
+from caris_desktop.domain.intents.base import AsBefore, Bounds, Intent, IntentSpec, IntentTable, Moves, Permission
 from caris_desktop.domain.intents.conversation import CONVERSATION, CorrectUtterance
 from caris_desktop.domain.intents.driving import (
     DRIVING,

@@ -48,6 +48,7 @@ class Intent:
 
 
 Bounds = tuple[float, float]
+Moves = Literal["base", "head"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,18 +56,19 @@ class IntentSpec:
     """One line of the table.
 
     ``words`` say what is asked for, as the subject of a sentence ("Driving is not possible: ..."). ``permission`` is
-    what the scenario must allow, and ``also`` another one that it must allow too. ``moves``: the robot may move of it,
-    so the emergency stop refuses it. ``needs_link``: it is for the robot, so nothing waits for one that is not there.
-    ``in_replay``: a replay does it too. ``quiet``: it is refused so often, as while a key is held, that nobody is told
-    each time; the window shows the reason all the while. ``proposable``: a language model may propose it. ``bounds``
-    are the least and the greatest value of numbers among its fields. ``confirmed`` is what has to be confirmed before,
-    where a trial goes on that broke off with the program.
+    what the scenario must allow, and ``also`` another one that it must allow too. ``moves`` is what of the robot may
+    move of it, so the emergency stop refuses it; while somebody drives by hand, what moves its base is refused to
+    others. ``needs_link``: it is for the robot, so nothing waits for one that is not there. ``in_replay``: a replay
+    does it too. ``quiet``: it is refused so often, as while a key is held, that nobody is told each time; the window
+    shows the reason all the while. ``proposable``: a language model may propose it. ``bounds`` are the least and the
+    greatest value of numbers among its fields. ``confirmed`` is what has to be confirmed before, where a trial goes on
+    that broke off with the program.
     """
 
     words: str
     permission: Permission | None = None
     also: Permission | None = None
-    moves: bool = False
+    moves: Moves | None = None
     needs_link: bool = False
     in_replay: bool = False
     quiet: bool = False

@@ -103,7 +103,7 @@ _SHARE: Bounds = (-1.0, 1.0)
 
 DRIVING: IntentTable = {
     Drive: IntentSpec(
-        QT_TR_NOOP("Driving"), "driving", moves=True, needs_link=True, quiet=True,
+        QT_TR_NOOP("Driving"), "driving", moves="base", needs_link=True, quiet=True,
         bounds={"forward": _SHARE, "left": _SHARE, "turn": _SHARE},
     ),
     ReleaseDrive: IntentSpec(QT_TR_NOOP("Letting go"), in_replay=True),
@@ -113,12 +113,12 @@ DRIVING: IntentTable = {
     ReleaseEmergencyStop: IntentSpec(QT_TR_NOOP("Releasing the emergency stop")),
     SetGuard: IntentSpec(QT_TR_NOOP("Switching the obstacle guard off"), "driving", needs_link=True),
     LookAt: IntentSpec(
-        QT_TR_NOOP("Looking there"), "driving", moves=True, needs_link=True, proposable=True,
+        QT_TR_NOOP("Looking there"), "driving", moves="head", needs_link=True, proposable=True,
         bounds={"pan_rad": (-math.tau, math.tau), "tilt_rad": (-math.tau, math.tau)},
     ),
     TurnHead: IntentSpec(
-        QT_TR_NOOP("Turning the head"), "driving", moves=True, needs_link=True, quiet=True,
+        QT_TR_NOOP("Turning the head"), "driving", moves="head", needs_link=True, quiet=True,
         bounds={"pan": _SHARE, "tilt": _SHARE},
     ),
-    Nod: IntentSpec(QT_TR_NOOP("Nodding"), "driving", moves=True, needs_link=True, proposable=True),
+    Nod: IntentSpec(QT_TR_NOOP("Nodding"), "driving", moves="head", needs_link=True, proposable=True),
 }  # fmt: skip

@@ -73,8 +73,10 @@ class SetMapping(Intent):
 
 
 PLACES: IntentTable = {
-    GoToPlace: IntentSpec(QT_TR_NOOP("Driving to the place"), "driving", moves=True, needs_link=True, proposable=True),
-    GoToPoint: IntentSpec(QT_TR_NOOP("Driving there"), "driving", moves=True, needs_link=True, proposable=True),
+    GoToPlace: IntentSpec(
+        QT_TR_NOOP("Driving to the place"), "driving", moves="base", needs_link=True, proposable=True
+    ),
+    GoToPoint: IntentSpec(QT_TR_NOOP("Driving there"), "driving", moves="base", needs_link=True, proposable=True),
     CancelGoal: IntentSpec(QT_TR_NOOP("Cancelling the goal")),
     SetInitialPose: IntentSpec(QT_TR_NOOP("Setting the robot's position"), "driving", needs_link=True),
     SavePlace: IntentSpec(QT_TR_NOOP("Saving the place"), "driving"),

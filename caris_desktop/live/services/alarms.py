@@ -137,7 +137,7 @@ def conditions(state: LiveState, standing: frozenset[str]) -> Iterator[Condition
     link = state.link.value
     if link.state == "lost" or ("link" in standing and link.state in ("connecting", "trouble")):
         yield Condition(
-            "link", "error", tr("The link to the robot is lost."),
+            "link", "error", tr("The connection to the robot is lost."),
             tr("It is not driven and says nothing; picture, map and LIDAR are missing. What else is recorded goes on."),
             tr("Look after the robot and its network. It is tried again by itself; press a key anew to drive."),
             until="connected", prevails=True,

@@ -10,7 +10,7 @@ from dataclasses import replace
 from PySide6.QtCore import QObject, Qt, QTimer
 
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
 from caris_desktop.domain.commands import Drive, LimitGoals, Release, RenewLease, SetEmergencyStop, SetGuard, StopMotion
 from caris_desktop.domain.events import (
     CommandSource,
@@ -87,7 +87,7 @@ class DriveService(Service):
             intents.Drive: lambda asked: self.drive(
                 forward=asked.forward, left=asked.left, turn=asked.turn, source=asked.source, actor=asked.actor
             ),
-            intents.ReleaseDrive: lambda asked: self.release(asked.reason, asked.actor),
+            intents.ReleaseDrive: lambda asked: self.let_go(asked.reason, asked.actor),
             intents.SetSpeed: lambda asked: self.set_speed_fraction(asked.fraction, asked.actor),
             intents.SetGuard: lambda asked: self.set_guard(on=asked.on, actor=asked.actor),
             intents.Stop: lambda asked: self._stop(asked.actor),
@@ -114,7 +114,7 @@ class DriveService(Service):
     def drive(self, *, forward: float, left: float, turn: float, source: CommandSource, actor: Actor = CONSOLE) -> None:
         """Each of -1..1. Takes the lease, or changes what it holds."""
         if not (forward or left or turn):
-            self.release(actor=actor)
+            self.let_go("", actor)
             return
         self._forward, self._left, self._turn, self._source, self._actor = forward, left, turn, source, actor
         if not self._state.drive.value.allowed:
@@ -123,6 +123,11 @@ class DriveService(Service):
         self._held = True
         self._send_target()
         self._renewal.start()
+
+    def let_go(self, reason: str, actor: Actor) -> None:
+        """Somebody's key came up. Where somebody else drives by now nothing ends: that takes a stop."""
+        if actor in (self._actor, WIZARD, CONSOLE):
+            self.release(reason, actor)
 
     def release(self, reason: str = "", actor: Actor = CONSOLE) -> None:
         self._renewal.stop()
@@ -332,6 +337,7 @@ class DriveService(Service):
                 target_forward_mps=self._sent_target.forward_mps,
                 target_left_mps=self._sent_target.left_mps,
                 target_turn_radps=self._sent_target.turn_radps,
+                driver=self._actor if self._held else "",
             )
         )
 

@@ -11,7 +11,7 @@ from PySide6.QtCore import QObject, Qt, QTimer
 from caris_desktop.domain import clock
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import ModelClient
@@ -254,4 +254,4 @@ class GovernorService(Service):
         step = steps[number]
         self._people.look_at_most_every(steps[max(number, self._waited_for())].look_every_s)
         self._bus.pass_at_most_every(panels_s=step.panels_every_s, picture_s=step.picture_every_s)
-        self._state.load.set(LoadStatus(number, tr(step.detail) if step.detail else ""))
+        self._state.load.set(LoadStatus(number, step.detail))

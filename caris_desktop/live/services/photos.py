@@ -235,7 +235,7 @@ class PhotosService(Service):
             raise ToldFailure(
                 tr("There is no deleted photo to bring back."),
                 tr("What was deleted goes for good when its session ends."),
-                tr("Nothing to do."),
+                tr("Take another one if it is needed."),
                 severity="warning",
             )
         self._change(
@@ -253,7 +253,7 @@ class PhotosService(Service):
             raise ToldFailure(
                 tr("This scenario takes no photos."),
                 tr("The assistant was not asked."),
-                tr("Nothing to do."),
+                tr("Ask without a photo."),
                 severity="warning",
             )
         kept = self._found(asked.file_name)
@@ -313,7 +313,7 @@ class PhotosService(Service):
                 raise ToldFailure(
                     what,
                     tr("Its file cannot be changed ({error}).").format(error=error),
-                    tr("Look at the study's folder."),
+                    tr("Make room on its disk, or make the study's folder writable, then try again."),
                 ) from error
 
         self._slow_work.do(change, done, self._bus.answer)
@@ -335,7 +335,12 @@ def _pictures(path: Path, *most_px: int) -> list[bytes]:
         return previews(path, *most_px)
     except (OSError, PhotoFileError) as error:
         what = tr("{name} cannot be read ({error}).").format(name=path.name, error=error)
-        raise ToldFailure(tr("A photo cannot be shown."), what, tr("Look at its file."), severity="warning") from error
+        raise ToldFailure(
+            tr("A photo cannot be shown."),
+            what,
+            tr("It is left as it is. See whether another program shows its file."),
+            severity="warning",
+        ) from error
 
 
 def _earlier(study: Path, file_name: str) -> PhotoEntry | None:

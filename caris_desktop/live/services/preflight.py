@@ -20,7 +20,7 @@ _LOOK_EVERY_MS = 500
 _DISK_EVERY_MS = 15_000
 # The peak of a quiet word two metres off; a fan or a humming cable stays below.
 _LOUD = 0.04
-_LINK_LOST = QT_TR_NOOP("Taken back, as the link to the robot was lost. Look again.")
+_LINK_LOST = QT_TR_NOOP("Taken back, as the connection to the robot was lost. Look again.")
 _OTHER_ROBOT = QT_TR_NOOP("Taken back, as another robot is connected. Look again.")
 _NEXT_RECORDING = QT_TR_NOOP("For the next recording, look again.")
 

@@ -1,5 +1,6 @@
 """The recorder process and the session that it writes. GUI thread, except where a method says otherwise."""
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ANSWER, Event, LinkChanged, Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
@@ -37,6 +38,7 @@ from caris_desktop.recording.recorder.messages import (
 )
 from caris_desktop.scenario.model import Scenario
 
+_log = logging.getLogger(__name__)
 # The recorder allows itself a minute for the checksums, and tells the log when it gives up.
 _CLOSE_WITHIN_S = 65.0
 ACTIVE = ("starting", "recording", "paused")
@@ -154,7 +156,10 @@ class RecordingService(Service):
     def begin_session(
         self, new_session: Callable[[], tuple[Path, SessionHeader]], actor: Actor, *, refused: Callable[[], None]
     ) -> None:
-        """Have the folder of the announced session made, and record into it; ``refused`` where there is none."""
+        """Have the folder of the announced session made, and record into it; ``refused`` where there is none.
+
+        ``new_session`` raises ToldFailure in English: so the record has it, and ``tr`` says it.
+        """
         if not self._feed.holds or self._making_folder:
             return
         self._making_folder = True
@@ -163,10 +168,10 @@ class RecordingService(Service):
             self._making_folder = self._audio = False
             self._feed.drop()
             self._state.recording.set(replace(self._state.recording.value, state="failed", detail=failure.what))
-            self._problem("error", failure.what, failure.meaning, failure.advice, until="recording")
+            self._problem("error", tr(failure.what), tr(failure.meaning), tr(failure.advice), until="recording")
             refused()
 
-        self._slow_work.do(new_session, lambda made: self._on_folder_made(*made, actor), failed)
+        self._slow_work.do(lambda: _made(new_session), lambda made: self._on_folder_made(*made, actor), failed)
 
     def _on_folder_made(self, folder: Path, header: SessionHeader, actor: Actor) -> None:
         self._making_folder = False
@@ -283,7 +288,7 @@ class RecordingService(Service):
                 state=report.state,
                 written_bytes=report.written_bytes,
                 free_bytes=report.free_bytes,
-                detail=tr(report.detail),
+                detail=report.detail,
                 bytes_per_s=report.bytes_per_s,
                 room_s=report.room_s,
                 dropped=report.dropped,
@@ -315,7 +320,7 @@ class RecordingService(Service):
             replace(
                 self._state.recording.value,
                 state="failed" if interrupted or not again else "idle",
-                detail=tr("the recorder stopped"),
+                detail=QT_TR_NOOP("the recorder stopped"),
             )
         )
         self._problem(
@@ -338,6 +343,21 @@ class RecordingService(Service):
         """
         self._feed.close()
         self._recorder.stop(grace_s=_CLOSE_WITHIN_S)
+
+
+def _made(new_session: Callable[[], tuple[Path, SessionHeader]]) -> tuple[Path, SessionHeader]:
+    """Raises ToldFailure."""
+    try:
+        return new_session()
+    except ToldFailure:
+        raise
+    except Exception as error:
+        _log.exception("a session was not begun")
+        raise ToldFailure(
+            QT_TR_NOOP("The folder of the session could not be made."),
+            filled(QT_TR_NOOP("Nothing is recorded ({error})."), error=f"{type(error).__name__}: {error}"),
+            QT_TR_NOOP("Start recording again; the log has the details."),
+        ) from error
 
 
 def _without_home(problem: Problem) -> Problem:

@@ -455,8 +455,8 @@ class RobotService(Service):
             self._problem(
                 "warning",
                 tr("The robot cannot go to {place}.").format(place=name),
-                tr("It stays where it is."),
-                tr("This scenario has no such place."),
+                tr("It stays where it is: this scenario has no such place."),
+                tr("Choose one of its places, or a point on the map."),
                 cause=ANSWER,
             )
         else:
@@ -473,7 +473,8 @@ class RobotService(Service):
         status = self._state.drive.value
         if not status.allowed:
             what = tr("The robot cannot go to {place}.").format(place=where)
-            self._problem("warning", what, tr("It stays where it is."), f"{tr(status.reason)}.", cause=ANSWER)
+            why = tr("It stays where it is. {why}.").format(why=tr(status.reason))
+            self._problem("warning", what, why, tr("Send it again when that has changed."), cause=ANSWER)
             return
         self._before_goal()
         now_ns = clock.now_ns()
@@ -482,7 +483,7 @@ class RobotService(Service):
                 "warning",
                 tr("The robot could not be sent to {place}.").format(place=where),
                 tr("It stays where it is."),
-                tr("Check the link."),
+                tr("Send it again when the robot is connected again."),
                 until="connected",
                 cause=ANSWER,
             )
@@ -529,7 +530,8 @@ class RobotService(Service):
     def _send_or_tell(self, command: RobotCommand, what: str) -> None:
         if self._state.link.value.state != "connected" or not self.send(command):
             self._problem(
-                "warning", what, tr("It is not connected."), tr("Try again when the link is back."),
+                "warning", what, tr("It is not connected, and nothing is kept for later."),
+                tr("Try again when the robot is connected again."),
                 until="connected", cause=ANSWER,
             )  # fmt: skip
 

@@ -35,7 +35,7 @@ from caris_desktop.scenario.model import Scenario
 @dataclass(frozen=True, slots=True)
 class SessionParts:
     """All but ``photo_file`` waits on files, in a thread of its own; ``new_session`` makes the folder, and raises
-    ToldFailure.
+    ToldFailure in English.
     """
 
     suggested_details: Callable[[], TrialDetails]

@@ -42,7 +42,7 @@ def open_chosen(
         if not remote.people:
             raise WeightsError(
                 filled(QT_TR_NOOP("The detector at {server} does not detect people"), server=settings.server),
-                advice=filled(QT_TR_NOOP("Start the server there with a detector that has a class named person")),
+                advice=QT_TR_NOOP("Start the server there with a detector that has a class named person"),
             )
         return Chosen(remote, remote.people, None)
     weights = find_weights(own or settings.model, allow_download=allow_download)

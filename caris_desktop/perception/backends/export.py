@@ -11,7 +11,7 @@ from typing import Any
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.onnx_graph import with_metadata
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.perception.backends.library import load_model
 from caris_desktop.perception.backends.network import UNDECODED
 from caris_desktop.perception.backends.outputs import BINS, STRIDES_PX
@@ -53,7 +53,7 @@ def _exported(model: Any) -> bytes:
     network = copy.deepcopy(model.model).float().cpu().eval().fuse()
     head = network.model[-1]
     if not isinstance(head, Detect) or isinstance(head, Segment | OBB):
-        raise ModelExportError(filled(QT_TR_NOOP("it is no detector of boxes")))
+        raise ModelExportError(QT_TR_NOOP("it is no detector of boxes"))
     for part in network.modules():
         if isinstance(part, Detect):
             # What ultralytics' own exporter sets.

@@ -99,7 +99,7 @@ class NetworkDetector:
         self._longest_px = weights.input_px
         facts = network.facts
         if not facts.detects:
-            raise UnknownFormError(filled(QT_TR_NOOP("it is no detector of boxes")))
+            raise UnknownFormError(QT_TR_NOOP("it is no detector of boxes"))
         size = network.fixed_size or input_size((480, 640), weights.input_px)
         self._to_input: Callable[[NDArray[np.uint8]], NDArray[np.float32]] = (
             pixels_rgb if network.channels_last else planes_rgb

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.onnx_graph import cut_graph, describe
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.perception.backends.network import ModelFacts, UnknownFormError, facts_of
 from caris_desktop.perception.backends.outputs import BINS
 
@@ -56,7 +56,7 @@ class OnnxNetwork:
         on_gpu = _CUDA in self._session.get_providers()
         (taken, *more) = self._session.get_inputs()
         if more or taken.type not in ("tensor(float)", "tensor(float16)") or len(taken.shape) != 4:
-            raise UnknownFormError(filled(QT_TR_NOOP("it takes something else than one picture")))
+            raise UnknownFormError(QT_TR_NOOP("it takes something else than one picture"))
         facts = facts_of(self._session.get_modelmeta().custom_metadata_map)
         self.facts: ModelFacts = facts if cut is None else replace(facts, undecoded=True)
         self.runtime = f"onnxruntime on {'CUDA' if on_gpu else 'CPU'}"

@@ -35,7 +35,7 @@ def open_detector(weights: Weights, *, confidence: float, threads: int, device: 
                     error=error,
                 ),
                 searched=(str(weights.path),),
-                advice=filled(QT_TR_NOOP("Choose a YOLO detector that was exported by ultralytics, or YOLOX")),
+                advice=QT_TR_NOOP("Choose a YOLO detector that was exported by ultralytics, or YOLOX"),
             ) from error
         # Ultralytics made it, so it can read it.
         log.info("%s is left to ultralytics: %s", weights.path, error)
@@ -65,7 +65,7 @@ def _network(weights: Weights, *, confidence: float, threads: int, device: Devic
                     QT_TR_NOOP("The detector {name} needs OpenVINO, which is not installed"), name=weights.path.name
                 ),
                 searched=(str(weights.path),),
-                advice=filled(QT_TR_NOOP("Run: pip install openvino, or choose an .onnx file")),
+                advice=QT_TR_NOOP("Run: pip install openvino, or choose an .onnx file"),
             )
         return openvino.OpenvinoNetwork(weights.path, threads=threads)
     return None
@@ -85,5 +85,5 @@ def _unreadable(weights: Weights) -> WeightsError:
     return WeightsError(
         filled(QT_TR_NOOP("The detector {name} could not be loaded"), name=weights.path.name),
         searched=(str(weights.path),),
-        advice=filled(QT_TR_NOOP("Replace the file by an intact YOLO detector; the log has the details")),
+        advice=QT_TR_NOOP("Replace the file by an intact YOLO detector; the log has the details"),
     )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.onnx_graph import describe
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.perception.backends.network import ModelFacts, UnknownFormError, facts_of
 from caris_desktop.perception.backends.onnx import without_decoding
@@ -59,7 +59,7 @@ class OpenvinoNetwork:
         else:
             model, facts = core.read_model(str(file)), facts_of(_metadata_beside(file))
         if len(model.inputs) != 1 or len(model.input().get_partial_shape()) != 4:
-            raise UnknownFormError(filled(QT_TR_NOOP("it takes something else than one picture")))
+            raise UnknownFormError(QT_TR_NOOP("it takes something else than one picture"))
         undecoded = facts.undecoded or model.output().get_partial_shape()[1] == 4 * BINS + len(facts.class_names)
         self.facts: ModelFacts = replace(facts, undecoded=undecoded and bool(facts.class_names))
         _, _, height, width = model.input().get_partial_shape()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.perception.backends.network import ModelFacts, UnknownFormError, facts_of
 
 _WHOLE = (np.dtype(np.int8), np.dtype(np.uint8), np.dtype(np.int16))
@@ -26,7 +26,7 @@ class TfliteNetwork:
         self._interpreter.allocate_tensors()
         (self._taken, *more) = self._interpreter.get_input_details()
         if more or len(self._taken["shape"]) != 4:
-            raise UnknownFormError(filled(QT_TR_NOOP("it takes something else than one picture")))
+            raise UnknownFormError(QT_TR_NOOP("it takes something else than one picture"))
         self._given = self._interpreter.get_output_details()[0]
         self.runtime = "LiteRT on CPU"
         self.facts: ModelFacts = facts_of(metadata_of(path))

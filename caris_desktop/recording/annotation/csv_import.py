@@ -18,6 +18,7 @@ from caris_desktop.recording.annotation.editing import (
     sorted_document,
 )
 from caris_desktop.recording.annotation.model import (
+    DEFAULT_TIER,
     Annotation,
     AnnotationDocument,
     Tier,
@@ -29,7 +30,6 @@ from caris_desktop.recording.annotation.store import file_content
 _MOST_ROWS = 500_000
 _SNIFFED_CHARACTERS = 50_000
 _LATEST_MS = 2**32 - 1
-_DEFAULT_TIER = "Annotations"
 # Lengths of whole numbers below are seconds, from the second on milliseconds; in between nobody can tell.
 _SECONDS_BELOW, _MILLISECONDS_FROM = 30, 100
 _NAMES = {
@@ -182,7 +182,7 @@ def _document(lines: list[_Line], coder: str) -> AnnotationDocument:
             annotation = Annotation(f"csv-{len(annotations) + 1}", tier.tier_id, start_ms, end_ms, value)
             annotations.append(annotation)
             lines_of[annotation.annotation_id] = line.number
-    _refuse_overlaps(annotations, {tier.tier_id: tier.name for tier in tiers.values()}, lines_of)
+    _refuse_overlaps(annotations, {tier.tier_id: tier.title for tier in tiers.values()}, lines_of)
     vocabularies = _vocabularies(tuple(tiers.values()), annotations)
     document = sorted_document(AnnotationDocument(tuple(tiers.values()), vocabularies, tuple(annotations)))
     check_document(document)
@@ -194,7 +194,7 @@ def _values(line: _Line, columns: _Columns) -> list[tuple[str, str]]:
     if columns.tiers:
         cells = [(name, plain_text(_cell(line, column))) for column, name in columns.tiers]
         return [(name, value) for name, value in cells if value]
-    name = plain_text(_cell(line, columns.tier)) or _DEFAULT_TIER
+    name = plain_text(_cell(line, columns.tier)) or DEFAULT_TIER
     return [(name, plain_text(_cell(line, columns.value)))]
 
 

@@ -97,7 +97,7 @@ def set_tier_vocabulary(document: AnnotationDocument, tier_id: str, vocabulary: 
                         " annotation, or add the value to the vocabulary."
                     ),
                     value=quoted(annotation.value),
-                    tier=quoted(tier.name),
+                    tier=quoted(tier.title),
                     vocabulary=quoted(vocabulary),
                 )
     return _with_tier(document, replace(tier, vocabulary=vocabulary))
@@ -127,7 +127,7 @@ def move_annotation(
         if tier.coder != tier_of(document, annotation.tier_id).coder:
             raise AnnotationError(
                 QT_TR_NOOP("The tier {tier} is {coder}'s. An annotation stays with the coder who made it."),
-                tier=quoted(tier.name),
+                tier=quoted(tier.title),
                 coder=tier.coder,
             )
         _value(document, tier, annotation.value)
@@ -223,7 +223,7 @@ def change_vocabulary(
                         "{value} is used on the tier {tier} at {time}. Change that annotation first, or keep the value."
                     ),
                     value=quoted(value),
-                    tier=quoted(tiers[item.tier_id].name),
+                    tier=quoted(tiers[item.tier_id].title),
                     time=time_text(item.start_ms),
                 )
             item = replace(item, value=value) if value != item.value else item  # noqa: PLW2901 - the item as renamed
@@ -422,7 +422,7 @@ def check_document(document: AnnotationDocument) -> None:
         if tier.vocabulary and tier.vocabulary not in values:
             raise AnnotationError(
                 QT_TR_NOOP("The tier {tier} uses the vocabulary {vocabulary}, which is not there."),
-                tier=quoted(tier.name),
+                tier=quoted(tier.title),
                 vocabulary=quoted(tier.vocabulary),
             )
     if len({item.annotation_id for item in document.annotations}) < len(document.annotations):
@@ -438,7 +438,7 @@ def check_document(document: AnnotationDocument) -> None:
         if item.start_ms < ends.get(item.tier_id, 0):
             raise AnnotationError(
                 QT_TR_NOOP("Two annotations of the tier {tier} overlap at {time}."),
-                tier=quoted(owner.name),
+                tier=quoted(owner.title),
                 time=time_text(item.start_ms),
             )
         ends[item.tier_id] = item.end_ms
@@ -446,7 +446,7 @@ def check_document(document: AnnotationDocument) -> None:
             raise AnnotationError(
                 QT_TR_NOOP("{value} on the tier {tier} is no value of the vocabulary {vocabulary}."),
                 value=quoted(item.value),
-                tier=quoted(owner.name),
+                tier=quoted(owner.title),
                 vocabulary=quoted(owner.vocabulary),
             )
 
@@ -474,7 +474,7 @@ def _insert(document: AnnotationDocument, tier: Tier, annotation: Annotation) ->
                     " tier do not overlap: make it shorter, or use another tier."
                 ),
                 value=quoted(neighbour.value),
-                tier=quoted(tier.name),
+                tier=quoted(tier.title),
                 start=time_text(neighbour.start_ms),
                 end=time_text(neighbour.end_ms),
             )
@@ -513,7 +513,7 @@ def _own_tier(document: AnnotationDocument, tier_id: str) -> Tier:
     if not tier.coder:
         raise AnnotationError(
             QT_TR_NOOP("The tier {tier} is made from the record and stays as it is. Add a tier of your own for it."),
-            tier=quoted(tier.name),
+            tier=quoted(tier.title),
         )
     return tier
 

@@ -4,10 +4,13 @@ from collections.abc import Iterable
 from typing import Annotated
 
 from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.translation import QT_TR_NOOP, refilled
 from caris_desktop.domain.value_class import dataclass
 
 Named = Annotated[str, Rule(shortest=1, longest=200, pattern="\\S", allowed="more than blanks.")]
 Text = Annotated[str, Rule(longest=20_000)]
+DEFAULT_TIER = QT_TR_NOOP("Annotations")
+"""Where a table names no tier. In a document, and so in every language, the tier has this name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,11 @@ class Tier:
     coder: str = ""
     vocabulary: str = ""
     participant: str = ""
+
+    @property
+    def title(self) -> str:
+        """The name, for ``tr_filled``: what a coder wrote stays as it is."""
+        return refilled(self.name, (DEFAULT_TIER, QT_TR_NOOP("Annotations ({number})"))) if self.coder else self.name
 
 
 def shown_names(tiers: Iterable[Tier]) -> dict[str, str]:

@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterable
 
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
+
 
 def id_part(coder: str) -> str:
     """Ids are those of XML too: letters, digits, hyphens, and no digit first."""
@@ -25,5 +27,7 @@ def untaken(name: str, taken: Iterable[str]) -> str:
 
 def quoted(text: str) -> str:
     """As messages show it: one line, not too long."""
+    if isinstance(text, Filled):
+        return filled(QT_TR_NOOP("“{name}”"), name=text)
     text = " ".join(text.split())
     return f"“{text[:40]}…”" if len(text) > 41 else f"“{text}”"

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.overview import Moment, SessionOverview, Waveform
 from caris_desktop.recording.annotation.session_tiers import SessionRecord, streams_of_tiers
 from caris_desktop.recording.session.marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import SpokenUtterance
 
 BUCKET_NS = 20_000_000
 _SPEED_EVERY_NS = 50_000_000
@@ -27,6 +29,8 @@ _POSE_EVERY_NS = 200_000_000  # the speed between poses that are closer is mostl
 _LONGEST_STEP_NS = 2_000_000_000
 _READ_SAMPLES = 1 << 20
 _LONGEST_NS = 48 * 3600 * 1_000_000_000  # a stamp far outside the session must not cost all memory
+_SPEAKERS = {"participant": QT_TR_NOOP("participant"), "robot": QT_TR_NOOP("robot"), "wizard": QT_TR_NOOP("wizard")}
+_MARKS = {"wizard_error": QT_TR_NOOP("Wizard error"), "note": QT_TR_NOOP("Note"), "mark": QT_TR_NOOP("Mark")}
 _log = logging.getLogger(__name__)
 
 
@@ -54,7 +58,7 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
     tiers = record.tiers()
     moments = [Moment("mark", mark.start_ns, _mark_text(mark)) for mark in record.marks()]
     moments += [
-        Moment("utterance", item.start_ns, f"{item.speaker}: {item.text}")
+        Moment("utterance", item.start_ns, _said(item))
         for item in record.utterances()
         if item.said and item.start_ns is not None
     ]
@@ -70,9 +74,14 @@ def run_overview(connection: Connection, session: Session) -> None:
     connection.send(build_overview(session))
 
 
+def _said(item: SpokenUtterance) -> str:
+    who = filled(_SPEAKERS[item.speaker]) if item.speaker in _SPEAKERS else item.speaker
+    return filled(QT_TR_NOOP("{who}: {text}"), who=who, text=item.text)
+
+
 def _mark_text(mark: FinalMark) -> str:
-    label = mark.label or {"wizard_error": "Wizard error", "note": "Note", "mark": "Mark"}[mark.kind]
-    return f"{label}: {mark.note}" if mark.note else label
+    label = mark.label or filled(_MARKS[mark.kind])
+    return filled(QT_TR_NOOP("{label}: {note}"), label=label, note=mark.note) if mark.note else label
 
 
 def _cameras(session: Session) -> tuple[str, ...]:

@@ -1,7 +1,8 @@
 """Tiers made from the record of a session: what was said, driven, marked and seen, and every other kind of event.
 
 An event type that this file does not name becomes a tier of its own: moments, or stretches where it has ``start_ns``
-and ``end_ns``. Names are English in files, and are looked up where the window shows them.
+and ``end_ns``. Names and states are English in files, and are looked up where the window shows them; what somebody
+said, wrote or named is none of them.
 """
 
 import dataclasses
@@ -38,8 +39,9 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, Delivery, StreamSpec
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.annotation import states
 from caris_desktop.recording.annotation.editing import LONGEST_VALUE, plain_text
 from caris_desktop.recording.annotation.event_summary import summary_of, type_in_words
 from caris_desktop.recording.annotation.model import (
@@ -62,8 +64,7 @@ from caris_desktop.recording.session.visits import VISIT_EVENTS, VisitEvent, vis
 MOMENT_MS = 200  # ELAN has stretches only; less where the next one follows sooner
 MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")
 ERRORS_VOCABULARY = QT_TR_NOOP("Wizard errors")
-UNNAMED = "unspecified"  # a mark that nobody named
-WIZARD_ERRORS = ("slip", "late", "wrong branch")
+UNNAMED = states.state("unspecified")  # a mark that nobody named
 MOST_PEOPLE = 12  # in a crowd only how many there are is worth a tier
 _HELD_NS = 500_000_000  # a velocity without a newer one says nothing of the time after that
 _STILL_MPS, _STILL_RADPS = 0.02, 0.05
@@ -231,7 +232,7 @@ class SessionRecord:
             if speaker == "robot":
                 yield _Row(
                     QT_TR_NOOP("Robot speech origin"),
-                    [_Stretch(item.start_ns or 0, item.end_ns, item.origin) for item in mine],
+                    [_Stretch(item.start_ns or 0, item.end_ns, states.state(item.origin)) for item in mine],
                     "Speech origin",
                     participant,
                 )
@@ -249,8 +250,7 @@ class SessionRecord:
 
     def _protocol_row(self) -> _Row:
         visits = self._step_visits()
-        titles = ((visit, f"{visit.title} (skipped)" if visit.left == "skipped" else visit.title) for visit in visits)
-        stretches = [_Stretch(visit.start_ns, visit.end_ns, title or visit.step_id) for visit, title in titles]
+        stretches = [_Stretch(visit.start_ns, visit.end_ns, states.step_words(visit)) for visit in visits]
         return _Row(QT_TR_NOOP("Protocol"), stretches, participant="Wizard")
 
     def _mark_rows(self) -> Iterable[_Row]:
@@ -260,7 +260,7 @@ class SessionRecord:
         yield _Row(MARKS_VOCABULARY, [_of_mark(mark, mark.label or UNNAMED) for mark in labelled], MARKS_VOCABULARY)
         yield _Row(
             ERRORS_VOCABULARY,
-            [_of_mark(mark, mark.label or UNNAMED) for mark in errors],
+            [_of_mark(mark, states.error_words(mark.label) or UNNAMED) for mark in errors],
             ERRORS_VOCABULARY,
             participant="Wizard",
         )
@@ -273,8 +273,8 @@ class SessionRecord:
         if motion:
             # Nothing commanded is standing: before the first command and wherever commands went silent.
             motion = _filled(motion, "standing", self._session.started_ns, ended_ns, self._paused_spans())
-        yield _Row(QT_TR_NOOP("Motion"), motion, "Motion", "Robot")
-        yield _Row(QT_TR_NOOP("Driving source"), self._sources.until(ended_ns), "Driving source", "Wizard")
+        yield _Row(QT_TR_NOOP("Motion"), _in_states(motion), "Motion", "Robot")
+        yield _Row(QT_TR_NOOP("Driving source"), _in_states(self._sources.until(ended_ns)), "Driving source", "Wizard")
         goals = navigation_goals(self._goals, started_ns=self._session.started_ns, pauses=self._paused_spans())
         yield _Row(QT_TR_NOOP("Navigation goals"), [_of_goal(goal, ended_ns) for goal in goals], "", "Robot")
 
@@ -300,21 +300,21 @@ class SessionRecord:
             if isinstance(event, PersonAppeared) and event.number
         }
         for person_id, spans in present.items():
-            yield _Row(_person(person_id, numbers), [_Stretch(*span, "present") for span in spans], "", person_id)
+            there = [_Stretch(*span, states.state("present")) for span in spans]
+            yield _Row(_person(person_id, numbers), there, "", person_id)
 
     def _assistant_rows(self) -> Iterable[_Row]:
         yield _Row(
             QT_TR_NOOP("LLM exchanges"),
-            [
-                _Stretch(item.asked_ns, item.stamp_ns, item.answer or f"({item.outcome}: {item.detail})")
-                for item in self._exchanges
-            ],
+            [_Stretch(item.asked_ns, item.stamp_ns, states.answer_words(item)) for item in self._exchanges],
             participant="Assistant",
         )
         utterances = self.utterances()
         uses = [(item, "unheard" if unheard(item, utterances) else item.use) for item in self._answers]
         yield _Row(
-            QT_TR_NOOP("LLM answer use"), [_Stretch(item.stamp_ns, None, use) for item, use in uses], "Answer use"
+            QT_TR_NOOP("LLM answer use"),
+            [_Stretch(item.stamp_ns, None, states.state(use)) for item, use in uses],
+            "Answer use",
         )
 
     def _console_rows(self) -> Iterable[_Row]:
@@ -324,13 +324,12 @@ class SessionRecord:
             changes = [change for change in self._links if change.link == link]
             for change, end_ns in _until_next(changes, ended_ns):
                 if change.state in _TROUBLE:
-                    detail = f" ({change.detail})" if change.detail else ""
-                    trouble.append(_Stretch(change.stamp_ns, end_ns, f"{link}: {change.state}{detail}"))
+                    trouble.append(_Stretch(change.stamp_ns, end_ns, states.link_words(change)))
         yield _Row(QT_TR_NOOP("Link trouble"), trouble)
         yield _Row(
             QT_TR_NOOP("Obstacle guard"),
             [
-                _Stretch(change.stamp_ns, end_ns, change.state)
+                _Stretch(change.stamp_ns, end_ns, states.state(change.state))
                 for change, end_ns in _until_next(self._guards, ended_ns)
                 if change.state not in ("absent", "clear")
             ],
@@ -338,14 +337,12 @@ class SessionRecord:
         yield _Row(
             QT_TR_NOOP("Emergency stop"),
             [
-                _Stretch(change.stamp_ns, end_ns, f"set by {change.actor or change.by}")
+                _Stretch(change.stamp_ns, end_ns, states.emergency_words(change))
                 for change, end_ns in _until_next(self._emergencies, ended_ns)
                 if change.latched
             ],
         )
-        yield _Row(
-            QT_TR_NOOP("Pauses"), [_Stretch(start_ns, end_ns, "paused") for start_ns, end_ns in self._paused_spans()]
-        )
+        yield _Row(QT_TR_NOOP("Pauses"), [_Stretch(*span, states.state("paused")) for span in self._paused_spans()])
         yield _Row(
             QT_TR_NOOP("Scenario"),
             [
@@ -434,7 +431,7 @@ class SessionRecord:
         )
         known: dict[str, tuple[str, dict[str, str]]] = {
             MARKS_VOCABULARY: ("The labels of the marks, from the scenario.", dict.fromkeys(labels, "")),
-            ERRORS_VOCABULARY: ("What the wizard did wrong.", dict.fromkeys(WIZARD_ERRORS, "")),
+            ERRORS_VOCABULARY: ("What the wizard did wrong.", dict.fromkeys(states.WIZARD_ERRORS, "")),
             "Motion": ("How the robot was told to move.", _MOTIONS),
             "Driving source": ("What the velocity came from.", dict.fromkeys(get_args(CommandSource), "")),
             "Speech origin": ("Where the words came from.", dict.fromkeys(get_args(UtteranceOrigin), "")),
@@ -546,12 +543,15 @@ def _until_next(changes: list[Any], ended_ns: int) -> list[tuple[Any, int]]:
 
 
 def _of_mark(mark: FinalMark, value: str) -> _Stretch:
-    return _Stretch(mark.start_ns, mark.end_ns, " ".join(value.split()))
+    return _Stretch(mark.start_ns, mark.end_ns, value if isinstance(value, Filled) else " ".join(value.split()))
 
 
 def _of_goal(goal: NavigationGoal, ended_ns: int) -> _Stretch:
-    target = goal.place or f"({goal.target_in_map.x_m:.2f}, {goal.target_in_map.y_m:.2f})"
-    return _Stretch(goal.start_ns, ended_ns if goal.end_ns is None else goal.end_ns, f"{target}: {goal.state}")
+    return _Stretch(goal.start_ns, ended_ns if goal.end_ns is None else goal.end_ns, states.goal_words(goal))
+
+
+def _in_states(stretches: list[_Stretch]) -> list[_Stretch]:
+    return [dataclasses.replace(one, value=states.state(one.value)) for one in stretches]
 
 
 def _lanes(
@@ -567,6 +567,8 @@ def _lanes(
     ends_ms: list[int] = []
     for stretch in sorted(stretches, key=_start_ns):
         value = plain_text(stretch.value)[:LONGEST_VALUE]
+        if value == stretch.value:
+            value = stretch.value  # with its text and values apart
         start_ms = min(max((stretch.start_ns - started_ns) // 1_000_000, 0), duration_ms - 1)
         moment = stretch.end_ns is None or stretch.end_ns <= stretch.start_ns
         end_ms = start_ms if moment else min(((stretch.end_ns or 0) - started_ns) // 1_000_000, duration_ms)

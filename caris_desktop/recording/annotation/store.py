@@ -189,7 +189,7 @@ def _load(path: Path) -> tuple[AnnotationDocument, str]:
         )
     for place, problem in problems(Coding, data):
         _log.warning("%s: %s", path, problem)
-        where = "/".join(str(step) for step in place) or filled(QT_TR_NOOP("the file as a whole"))
+        where = "/".join(str(step) for step in place) or QT_TR_NOOP("the file as a whole")
         raise AnnotationError(
             QT_TR_NOOP(
                 "{path} is damaged: {where} is not as it must be; the log has the details. It stays as"

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import filled
 from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.session import gap_words
 from caris_desktop.recording.session.format import AudioInfo
 from caris_desktop.recording.session.media_names import audio_file_name
 
@@ -68,7 +69,7 @@ class AudioFile:
             self._deviation_s = 0.0
         elif late < -_GAP_S * self.rate_hz:
             if -late >= len(samples):
-                raise ValueError(filled(QT_TR_NOOP("it belongs where sound was written already")))
+                raise ValueError(gap_words.WRITTEN_ALREADY)
             samples = samples[-late:]
             stamp_ns = self.first_stamp_ns + self.samples * 1_000_000_000 // self.rate_hz
             self._deviation_s = 0.0
@@ -200,11 +201,7 @@ class AudioWriter:
     def write(self, chunk: AudioChunk) -> list[AudioBlock]:
         """The blocks that are complete now. Raises OSError, and ValueError for what is no sound."""
         if chunk.samples.ndim != 2 or not 1 <= chunk.samples.shape[1] <= 64 or chunk.sample_rate_hz <= 0:
-            raise ValueError(
-                filled(
-                    QT_TR_NOOP("no sound: {shape} at {rate} Hz"), shape=chunk.samples.shape, rate=chunk.sample_rate_hz
-                )
-            )
+            raise ValueError(filled(gap_words.NO_SOUND, shape=chunk.samples.shape, rate=chunk.sample_rate_hz))
         blocks = []
         file = self._open.get(chunk.source)
         if file is not None and not file.fits(chunk):

@@ -17,7 +17,6 @@ from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
@@ -25,6 +24,7 @@ from caris_desktop.recording.recorder.messages import TakePhoto
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
 from caris_desktop.recording.recorder.video_file import VideoFileWriter
 from caris_desktop.recording.recorder.video_rate import Change, VideoRate
+from caris_desktop.recording.session import gap_words
 from caris_desktop.recording.session.format import VideoInfo
 from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
@@ -32,8 +32,6 @@ from caris_desktop.recording.session.session_clock import SessionClock
 _log = logging.getLogger(__name__)
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
 _CROWDED_SHARE = 0.6
-VIDEO_ENDED = filled(QT_TR_NOOP("the video has ended"))
-"""Why a frame is lost that comes after an encoder has failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,7 +307,7 @@ class _CameraThread:
 
     def _write(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> None:
         if self._refused:
-            self._results.append(MediaFailed("video", self._camera, 1, False, VIDEO_ENDED))
+            self._results.append(MediaFailed("video", self._camera, 1, False, gap_words.VIDEO_ENDED))
             return
         try:
             self._video_for(image_bgr).write(image_bgr, ref)

@@ -197,7 +197,7 @@ class _Recorder:
                     parent=wanted.without_session.parent,
                     error=error,
                 ),
-                QT_TR_NOOP("Make room or rights for the study's folder, then take it again."),
+                QT_TR_NOOP("Make room on its disk, or make the study's folder writable, then take it again."),
                 cause=ANSWER,
             )
             return

@@ -42,7 +42,6 @@ from caris_desktop.recording.recorder.blurring import Blurring
 from caris_desktop.recording.recorder.disk_watch import DiskLimits, DiskState, DiskWatch
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.media_writer import (
-    VIDEO_ENDED,
     MediaFailed,
     MediaWriter,
     VideoRateChanged,
@@ -53,6 +52,7 @@ from caris_desktop.recording.recorder.messages import BlurDemand, RecorderReport
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import Encoders
 from caris_desktop.recording.recorder.write_through import WriteThrough
+from caris_desktop.recording.session import gap_words
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, TRIAL_METADATA, VideoInfo
 from caris_desktop.recording.session.last_counts import forget_counts, keep_counts
@@ -222,7 +222,7 @@ class SessionRecorder:
                 "warning",
                 QT_TR_NOOP("No photo was taken."),
                 QT_TR_NOOP("This scenario does not permit photos."),
-                QT_TR_NOOP("Nothing to do."),
+                QT_TR_NOOP("Permit photos in the scenario where they are wanted."),
                 cause=ANSWER,
             )
             return
@@ -425,13 +425,12 @@ class SessionRecorder:
         if not self._video_permitted or self._video_ended:
             return
         if not self._media.wants(ref.camera):
-            why = self._spared_because or filled(QT_TR_NOOP("encoding takes too long"))
-            self._miss(spec.name, filled(QT_TR_NOOP("{camera}: left out, as {why}"), camera=ref.camera, why=why))
+            why = self._spared_because or gap_words.ENCODING_SLOW
+            self._miss(spec.name, filled(gap_words.LEFT_OUT, camera=ref.camera, why=why))
             return
         image_bgr = self._frames.read(ref)
         if image_bgr is None:
-            why = QT_TR_NOOP("{camera}: overwritten before it could be read")
-            self._miss(spec.name, filled(why, camera=ref.camera))
+            self._miss(spec.name, filled(gap_words.OVERWRITTEN, camera=ref.camera))
             return
 
         waits = self._blurring is not None and self._blurring.demanded
@@ -443,8 +442,7 @@ class SessionRecorder:
             if self._video_ended:
                 return
             if not self._media.add_frame(ref, covered):
-                late = QT_TR_NOOP("{camera}: the video encoder could not keep up")
-                self._miss(spec.name, filled(late, camera=ref.camera))
+                self._miss(spec.name, filled(gap_words.ENCODER_LATE, camera=ref.camera))
             elif not waits:
                 self._put(spec, ref, arrived_ns)
 
@@ -460,10 +458,10 @@ class SessionRecorder:
             blocks = self._audio.write(chunk)
         except OSError as error:
             _log.exception("sound of %s", chunk.source)
-            self._miss("audio", filled(QT_TR_NOOP("{source}: the disk did not take it"), source=chunk.source))
+            self._miss("audio", filled(gap_words.SOUND_REFUSED, source=chunk.source))
             self._end_audio(error)
         except ValueError as error:
-            self._miss("audio", filled(QT_TR_NOOP("{source}: {why}"), source=chunk.source, why=_short(error)))
+            self._miss("audio", filled(gap_words.OF_SOUND, source=chunk.source, why=_short(error)))
         else:
             self._put_blocks(blocks)
 
@@ -495,7 +493,7 @@ class SessionRecorder:
             self._miss(spec.name, QT_TR_NOOP("the disk did not take it"))
         except (TypeError, ValueError) as error:
             _log.exception("a value of %s could not be written", spec.name)
-            self._miss(spec.name, filled(QT_TR_NOOP("not writable: {why}"), why=_short(error)))
+            self._miss(spec.name, filled(gap_words.NOT_WRITABLE, why=_short(error)))
         self._guarded(lambda: self._plain.add(value))
         if self._offer is not None:
             self._offer(spec, value)
@@ -547,9 +545,9 @@ class SessionRecorder:
     def _troubles(self) -> list[str]:
         troubles: list[str] = []
         if self._on_reserve:
-            troubles.append(filled(QT_TR_NOOP("the disk is full: events only, in the room kept for them")))
+            troubles.append(QT_TR_NOOP("the disk is full: events only, in the room kept for them"))
         elif self._video_ended:
-            troubles.append(filled(QT_TR_NOOP("video ended: the disk is nearly full")))
+            troubles.append(QT_TR_NOOP("video ended: the disk is nearly full"))
         elif self._spared_because:
             every_second = QT_TR_NOOP("every second frame is recorded: {why}")
             troubles.append(filled(every_second, why=self._spared_because))
@@ -589,11 +587,11 @@ class SessionRecorder:
             )
             return
         if failure.lost:
-            why = filled(QT_TR_NOOP("{camera}: {why}"), camera=failure.camera, why=_short(failure.detail))
+            why = filled(gap_words.OF_CAMERA, camera=failure.camera, why=_short(failure.detail))
             self._miss("frame", why, failure.lost)
         if failure.disk_full:
-            self._end_video(filled(QT_TR_NOOP("The disk is full.")))
-        elif failure.kind == "video" and failure.detail != VIDEO_ENDED:
+            self._end_video(QT_TR_NOOP("The disk is full."))
+        elif failure.kind == "video" and failure.detail != gap_words.VIDEO_ENDED:
             self.problem(
                 "error",
                 filled(
@@ -667,11 +665,11 @@ class SessionRecorder:
         behind_s, self._behind_ns = self._behind_ns / 1e9, 0
         self._tell_behind(behind_s)
         self._spared_because = (
-            filled(QT_TR_NOOP("the disk is nearly full"))
+            gap_words.DISK_NEARLY_FULL
             if disk.stage in ("low", "out")
-            else filled(QT_TR_NOOP("the disk is slow"))
+            else gap_words.DISK_SLOW
             if disk.slow
-            else filled(QT_TR_NOOP("the recorder is behind"))
+            else gap_words.RECORDER_BEHIND
             if behind_s > _BEHIND_S
             else ""
         )
@@ -695,7 +693,7 @@ class SessionRecorder:
     def _live_on_reserve(self) -> None:
         """Events only, from now on."""
         self._told_reserve = True
-        self._end_video(filled(QT_TR_NOOP("The disk is full.")))
+        self._end_video(QT_TR_NOOP("The disk is full."))
         self._end_audio(None)
         self.problem(
             "error",

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import filled
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, Encoder, add_stream
+from caris_desktop.recording.session import gap_words
 from caris_desktop.recording.session.frame_times import INDEX_HEAD, index_cells
 from caris_desktop.recording.session.session_clock import SessionClock
 
@@ -59,7 +60,7 @@ class VideoFileWriter:
         if not (self.width_px and self.height_px):
             raise ValueError(
                 filled(
-                    QT_TR_NOOP("a picture of {width}x{height} pixels is too small for a video"),
+                    gap_words.PICTURE_TOO_SMALL,
                     width=width_px,
                     height=height_px,
                 )

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import filled
+from caris_desktop.recording.session import repair_words as words
 from caris_desktop.recording.session.media_repair import content_of
 
 _MAX_TOLD = 5
@@ -22,7 +23,7 @@ def losses_of(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
 def told_losses(header: Mapping[str, Any]) -> tuple[str, ...]:
     """What a repair found missing, in words for people."""
     told = header.get("losses")
-    return tuple(str(sentence) for sentence in told) if isinstance(told, list) else ()
+    return tuple(words.read_loss(str(sentence)) for sentence in told) if isinstance(told, list) else ()
 
 
 def lost_values(header: Mapping[str, Any]) -> dict[str, int]:
@@ -51,14 +52,11 @@ def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
         if what:
             sentences.append(what)
         else:
-            left = (
-                QT_TR_NOOP("{file} is missing.") if found_bytes < 0 else QT_TR_NOOP("{file} has {left} of {all} bytes.")
-            )
+            left = words.FILE_MISSING if found_bytes < 0 else words.FILE_SHORTER
             others.append(filled(left, file=name, left=found_bytes, all=told_bytes))
     sentences += others[:_MAX_TOLD]
     if len(others) > _MAX_TOLD:
-        further = len(others) - _MAX_TOLD
-        sentences.append(QT_TR_NOOP("%n further files are missing or shorter than they were.", "", further))
+        sentences.append(words.further_files_words(len(others) - _MAX_TOLD))
     return tuple(sentences)
 
 
@@ -86,11 +84,10 @@ def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, told_bytes:
     if video is not None:
         told = {"file": path.name, "count": video.get("frames"), "camera": video.get("camera")}
         if found_bytes < 0:
-            return filled(QT_TR_NOOP("{file} is missing: all {count} pictures of camera {camera}."), **told)
+            return filled(words.VIDEO_MISSING, **told)
         content = content_of(path)
         left = 0 if content is None else len(content.times_s)
-        what = QT_TR_NOOP("{file} is cut off: of {count} pictures of camera {camera}, %n are left.", "", left)
-        return filled(what, **told)
+        return filled(words.pictures_left_words(left), **told)
     sound = _entry(header, "audio", path.name)
     if sound is None:
         return ""
@@ -99,14 +96,9 @@ def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, told_bytes:
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         lasts_s = 0.0
     if found_bytes < 0:
-        return filled(QT_TR_NOOP("{file} is missing: {seconds} s of sound."), file=path.name, seconds=f"{lasts_s:.1f}")
+        return filled(words.SOUND_MISSING, file=path.name, seconds=f"{lasts_s:.1f}")
     left_s = lasts_s * found_bytes / max(1, told_bytes)
-    return filled(
-        QT_TR_NOOP("{file} is cut off: of {seconds} s of sound, {left} s are left."),
-        file=path.name,
-        seconds=f"{lasts_s:.1f}",
-        left=f"{left_s:.1f}",
-    )
+    return filled(words.SOUND_CUT_OFF, file=path.name, seconds=f"{lasts_s:.1f}", left=f"{left_s:.1f}")
 
 
 def _entry(header: Mapping[str, Any], key: str, file_name: str) -> dict[str, Any] | None:

@@ -31,7 +31,12 @@ from caris_desktop.recording.session.mcap_blocks import BlockIndex
 from caris_desktop.recording.session.mcap_records import MAGIC
 from caris_desktop.recording.session.mcap_rewriting import AddedMessage, rewrite
 from caris_desktop.recording.session.media_names import camera_of_video
-from caris_desktop.recording.session.repair_words import lost_values_words, new_index_words
+from caris_desktop.recording.session.repair_words import (
+    lost_values_words,
+    new_index_words,
+    unread_bytes_words,
+    unsaved_pictures_words,
+)
 from caris_desktop.recording.session.session_header import SessionError, SessionTimes, inside, read_header, times_of
 
 _log = logging.getLogger(__name__)
@@ -127,7 +132,7 @@ def repair_session(folder: Path) -> RepairReport:
                 QT_TR_NOOP("something in it is damaged in a way that was not foreseen; the log has the details")
             )
             if isinstance(error, OSError):
-                full = filled(QT_TR_NOOP("the disk has no room for it"))
+                full = QT_TR_NOOP("the disk has no room for it")
                 why = full if no_room(error) else error.strerror or error
             return RepairReport(
                 False,
@@ -344,14 +349,7 @@ class _Repair:
         elif self._expected is None and not self._complete:
             self._losses.append(QT_TR_NOOP("How many values are missing at the end of events.mcap is not known."))
         elif self._damaged_bytes:
-            self._losses.append(
-                QT_TR_NOOP(
-                    "%n bytes at the end of events.mcap cannot be read. Of what had been counted before, nothing is"
-                    " missing.",
-                    "",
-                    self._damaged_bytes,
-                )
-            )
+            self._losses.append(unread_bytes_words(self._damaged_bytes))
 
     def _count_lost_values(self) -> tuple[int, int]:
         """How many values are left, and of how many, as far as anything tells; fills in which are lost."""
@@ -480,8 +478,7 @@ class _Repair:
                 self._record.dropped[BY_TYPE[FrameRef].name] += lost
                 from_ns = max(last_ns, frames[0].shown_ns)
                 lost_s = (frames[-1].shown_ns - from_ns) / 1e9
-                what = QT_TR_NOOP("The last %n pictures of camera {camera} ({seconds} s) were not saved.", "", lost)
-                self._losses.append(filled(what, camera=camera, seconds=f"{lost_s:.1f}"))
+                self._losses.append(filled(unsaved_pictures_words(lost), camera=camera, seconds=f"{lost_s:.1f}"))
 
     # The rest
 

@@ -1,6 +1,11 @@
-"""Sentences on what a repair found, whole ones for each case, so that they can be said in another language."""
+"""Sentences on what a repair found and on what a session lacks, whole ones for each case, so that they can be said in
+another language. What a session lacks is kept as plain text in its head and in the index of a study: ``LOSSES`` are the
+texts by which it is found again.
+"""
 
-from caris_desktop.domain.translation import QT_TR_NOOP
+from itertools import product
+
+from caris_desktop.domain.translation import QT_TR_NOOP, refilled
 
 
 def new_index_words(left: int, *, finished: bool) -> str:
@@ -40,3 +45,61 @@ def lost_values_words(lost: int, *, broken: bool, early: bool) -> str:
             lost,
         )
     return QT_TR_NOOP("%n of the {recorded} values that were recorded are missing from events.mcap.", "", lost)
+
+
+def unread_bytes_words(count: int) -> str:
+    """Of what was counted before nothing is among them."""
+    return QT_TR_NOOP(
+        "%n bytes at the end of events.mcap cannot be read. Of what had been counted before, nothing is missing.",
+        "",
+        count,
+    )
+
+
+def unread_blocks_words(count: int) -> str:
+    """Which held so many ``{values}``."""
+    if count == 1:
+        return QT_TR_NOOP("1 block of events.mcap cannot be read: {values} values are left out.")
+    return QT_TR_NOOP("%n blocks of events.mcap cannot be read: {values} values are left out.", "", count)
+
+
+def unsaved_pictures_words(count: int) -> str:
+    """The last of a ``{camera}``, of so many ``{seconds}``."""
+    return QT_TR_NOOP("The last %n pictures of camera {camera} ({seconds} s) were not saved.", "", count)
+
+
+def pictures_left_words(left: int) -> str:
+    """In a ``{file}``, of a ``{count}``, of a ``{camera}``."""
+    return QT_TR_NOOP("{file} is cut off: of {count} pictures of camera {camera}, %n are left.", "", left)
+
+
+def further_files_words(count: int) -> str:
+    """Beside those that are told by name."""
+    return QT_TR_NOOP("%n further files are missing or shorter than they were.", "", count)
+
+
+VIDEO_MISSING = QT_TR_NOOP("{file} is missing: all {count} pictures of camera {camera}.")
+SOUND_MISSING = QT_TR_NOOP("{file} is missing: {seconds} s of sound.")
+SOUND_CUT_OFF = QT_TR_NOOP("{file} is cut off: of {seconds} s of sound, {left} s are left.")
+FILE_MISSING = QT_TR_NOOP("{file} is missing.")
+FILE_SHORTER = QT_TR_NOOP("{file} has {left} of {all} bytes.")
+LOSSES = (
+    *(lost_values_words(2, broken=broken, early=early) for broken, early in product((False, True), repeat=2)),
+    unread_bytes_words(2),
+    unread_blocks_words(1),
+    unread_blocks_words(2),
+    unsaved_pictures_words(2),
+    pictures_left_words(2),
+    further_files_words(2),
+    VIDEO_MISSING,
+    SOUND_MISSING,
+    SOUND_CUT_OFF,
+    FILE_MISSING,
+    FILE_SHORTER,
+)
+"""Those with values in them; the others are found as they are."""
+
+
+def read_loss(kept: str) -> str:
+    """A sentence of what is lacking that was kept as plain text, for ``tr``."""
+    return refilled(kept, LOSSES)

@@ -16,6 +16,7 @@ from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.losses import losses_of
 from caris_desktop.recording.session.mcap_blocks import BlockIndex
 from caris_desktop.recording.session.recovery import repair_session
+from caris_desktop.recording.session.repair_words import unread_blocks_words
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
 
@@ -88,12 +89,7 @@ class Session:
         if not self.unreadable_blocks:
             return self.losses
         blocks, values = len(self.unreadable_blocks), sum(self.unreadable_blocks.values())
-        what = (
-            QT_TR_NOOP("1 block of events.mcap cannot be read: {values} values are left out.")
-            if blocks == 1
-            else QT_TR_NOOP("%n blocks of events.mcap cannot be read: {values} values are left out.", "", blocks)
-        )
-        return (*self.losses, filled(what, values=values))
+        return (*self.losses, filled(unread_blocks_words(blocks), values=values))
 
     def values(self, *streams: str) -> Iterator[tuple[StreamSpec, Any]]:
         """Every value of these streams (all of them when none is named), as recorded, in the order of recording.

@@ -9,8 +9,8 @@ from caris_desktop.domain.value_class import dataclass
 class SessionEntry:
     """One session as the list shows it.
 
-    ``losses`` says what was recorded and is not there any more; ``copy_of`` names the session whose copy this one is:
-    it counts once.
+    ``losses`` says what was recorded and is not there any more, in English and for ``tr``; ``copy_of`` names the
+    session whose copy this one is: it counts once.
     """
 
     folder: Path

@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.store import load_documents
 from caris_desktop.recording.session.folder_lock import is_held
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.marks import final_marks_of
+from caris_desktop.recording.session.repair_words import read_loss
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, UtteranceEvent, spoken_of
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
@@ -263,7 +265,7 @@ class StudyIndex:
     def _entry(self, row: tuple[Any, ...], copies: dict[str, str]) -> SessionEntry:
         values = dict(zip(_ENTRY_COLUMNS, row, strict=True))
         values["copy_of"] = copies.get(values["name"], "")
-        values["losses"] = tuple(values["losses"].splitlines())
+        values["losses"] = tuple(map(read_loss, values["losses"].splitlines()))
         values["folder"] = self._sessions_dir / values.pop("name")
         values["closed_properly"] = bool(values["closed_properly"])
         return SessionEntry(**values)
@@ -292,7 +294,7 @@ class StudyIndex:
             return self._anew(error) if _is_damage(error) else self._in_memory(str(error))
         if foreign:
             database.close()
-            return self._in_memory("it is a database of something else")
+            return self._in_memory(QT_TR_NOOP("it is a database of something else"))
         return database
 
     def _anew(self, damage: sqlite3.Error) -> sqlite3.Connection:
@@ -307,15 +309,16 @@ class StudyIndex:
             if database is not None:
                 database.close()
             return self._in_memory(str(error))
-        self.message = "The index of the sessions was damaged and has been made anew from their folders."
+        self.message = QT_TR_NOOP("The index of the sessions was damaged and has been made anew from their folders.")
         return database
 
     def _in_memory(self, reason: str) -> sqlite3.Connection:
         _log.warning("%s cannot be used: %s", self._path, reason)
-        self.message = (
-            f"The index of the sessions cannot be kept in {self._path} ({reason}). Finding sessions works, but the"
-            " folders are read again each time. Choose a study folder that you may write to."
+        what = QT_TR_NOOP(
+            "The index of the sessions cannot be kept in {file} ({why}). Finding sessions works, but the folders are"
+            " read again each time. Choose a study folder that you may write to."
         )
+        self.message = filled(what, file=self._path, why=reason)
         database = _connected(":memory:")
         _prepare(database)
         return database

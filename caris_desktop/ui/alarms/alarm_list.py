@@ -1,7 +1,7 @@
 """What is wrong now, over the window, and the few words at its lower edge that open it."""
 
 from PySide6.QtCore import QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtGui import QAccessible, QPainter, QPaintEvent
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QWidget
 
 from caris_desktop.domain import intents
@@ -9,6 +9,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import Alarm
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.ui.accessible_roles import has_role
 from caris_desktop.ui.action_rows import ALARMS_GROUP
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
@@ -70,6 +71,7 @@ class AlarmList(Overlay):
         self._column.addWidget(self._nothing)
         self._column.addStretch(1)
         area = QScrollArea(widgetResizable=True)
+        has_role(area, QAccessible.Role.List)
         area.setAccessibleName(tr("What is wrong now"))
         area.setFrameShape(QFrame.Shape.NoFrame)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
@@ -138,6 +140,8 @@ class AlarmList(Overlay):
 
 class AlarmRow(QWidget):
     """One alarm."""
+
+    accessible_role = QAccessible.Role.ListItem
 
     def __init__(self, theme: Theme, console: WizardConsole, parent: QWidget) -> None:
         super().__init__(parent)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtGui import QAccessible, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QScrollArea, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -25,6 +25,8 @@ _USED = {"said": QT_TR_NOOP("Said"), "edited": QT_TR_NOOP("Said, edited")}
 
 class ExchangeRows(QScrollArea):
     """Arrow keys choose a row, Enter says its answer, Shift+Enter edits it first, Delete puts it away."""
+
+    accessible_role = QAccessible.Role.List
 
     chosen = Signal(str)
     say_wanted = Signal(str)

@@ -7,6 +7,7 @@ from typing import Literal
 
 from PySide6.QtCore import QEvent, QPoint, QRect, Qt, QTimer, Signal
 from PySide6.QtGui import (
+    QAccessible,
     QHelpEvent,
     QKeyEvent,
     QMouseEvent,
@@ -67,6 +68,8 @@ class TranscriptView(QAbstractScrollArea):
     turn (where nothing is changed, of Enter on it too), ``wanted`` of what was asked for with it, ``given`` what was
     written in its place. ``may_change`` is False where nothing is corrected, as in a replay.
     """
+
+    accessible_role = QAccessible.Role.List
 
     picked = Signal(str)  # utterance id
     wanted = Signal(str, str)  # who or mark; utterance id

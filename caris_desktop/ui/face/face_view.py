@@ -3,7 +3,7 @@
 from typing import assert_never
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QFont, QImage, QPainter, QPainterPath, QPaintEvent, QPen
+from PySide6.QtGui import QAccessible, QColor, QFont, QImage, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.conversation.face.drawing import Box, Drawing, Lips, Words
@@ -12,6 +12,8 @@ from caris_desktop.domain.translation import tr
 
 class FaceView(QWidget):
     """The face, a text, or a picture in its place."""
+
+    accessible_role = QAccessible.Role.Graphic
 
     def __init__(self) -> None:
         super().__init__()

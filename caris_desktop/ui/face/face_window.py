@@ -3,7 +3,7 @@
 from typing import Any
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QMouseEvent, QScreen
+from PySide6.QtGui import QAccessible, QCloseEvent, QGuiApplication, QMouseEvent, QScreen
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.translation import tr
@@ -15,6 +15,8 @@ from caris_desktop.ui.face.shown_face import show_on
 
 class FaceWindow(QWidget):
     """Fills another screen where there is one. A double click makes it full, or a window again."""
+
+    accessible_role = QAccessible.Role.Window
 
     closed_by_hand = Signal()
 

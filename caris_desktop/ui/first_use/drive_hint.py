@@ -3,7 +3,7 @@
 import math
 
 from PySide6.QtCore import QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QPaintEvent
+from PySide6.QtGui import QAccessible, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.geometry import Pose2D
@@ -25,6 +25,8 @@ class DriveHint(QWidget):
     """``driven`` once the robot has gone a metre; from then on ``practise_wanted`` where the wizard goes on to practise
     the rest. Hidden until it is wanted.
     """
+
+    accessible_role = QAccessible.Role.StaticText
 
     driven = Signal()
     practise_wanted = Signal()

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer
-from PySide6.QtGui import QImage, QPainter, QPaintEvent
+from PySide6.QtGui import QAccessible, QImage, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QProgressBar, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
@@ -154,6 +154,8 @@ class CameraPage(StepPage):
 
 class LivePicture(QWidget):
     """The newest picture some times a second; words where there is none, and never an old one."""
+
+    accessible_role = QAccessible.Role.Graphic
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__()

@@ -1,10 +1,12 @@
 """What an observer sees: picture, conversation and, unless a participant may see it too, map and log. Read only."""
 
+from collections import deque
 from collections.abc import Callable
+from itertools import zip_longest
 from typing import Literal
 
-from PySide6.QtCore import QByteArray, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
+from PySide6.QtGui import QAccessible, QCloseEvent, QGuiApplication, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -15,7 +17,7 @@ from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.glance import GlanceSigns
 from caris_desktop.ui.observer.watched_console import watched
-from caris_desktop.ui.panel import PanelContext
+from caris_desktop.ui.panel import PAUSE_MS, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
 from caris_desktop.ui.tab_order import TabAsRead
@@ -41,6 +43,8 @@ _LEAST_PX, _BOTH_FROM_PX = (480, 280), 480
 class ObserverWindow(TabAsRead, QWidget):
     """Never takes the keys that drive, and lets no click through."""
 
+    accessible_role = QAccessible.Role.Window
+
     closed = Signal()
 
     def __init__(self, theme: Theme, console: WizardConsole, hold: HoldToDrive, beside: QWidget, sees: Sees) -> None:
@@ -54,39 +58,72 @@ class ObserverWindow(TabAsRead, QWidget):
         only_looks = watched(console, discreet=sees == "no_names")
         actions = Actions(self, only_looks, self)
         actions.keep_only(())
-        actions.rebuild(only_looks.scenario)
         self._context = PanelContext(only_looks, theme, actions, hold, discreet=sees == "no_names")
-        column = boxes.column(self, margins_px=(0, 8, 0, 8))
+        self._column = boxes.column(self, margins_px=(0, 8, 0, 8))
         # Who looks on cannot scroll: what there is no room for is not shown.
-        column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
+        self._column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
         self.setMinimumSize(*_LEAST_PX)
         self._signs = GlanceSigns(theme, console.state)
         self._whole_signs_px = self._signs.width()
+        self._column.addWidget(self._signs)
+        self._shown: QSplitter | None = None
         self._lower: list[QWidget] = []
-        column.addWidget(self._signs)
-        shown = QSplitter(Qt.Orientation.Horizontal)
-        shown.setContentsMargins(8, 0, 8, 0)
-        # Whoever looks on clicks nothing: all of it is transparent for the mouse.
-        shown.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        possible = possible_panels(only_looks.scenario)
-        for names in _COLUMNS[sees]:
-            part = QSplitter(Qt.Orientation.Vertical)
-            cards = [self._panel(name) for name in names if name in possible]
-            for card in cards:
-                part.addWidget(card)
-            self._lower += cards[1:]
-            shown.addWidget(part)
-        shown.setSizes([60, 40])
-        column.addWidget(shown, 1)
+        self._missing: deque[tuple[QSplitter, PanelName]] = deque()
+        self._turn = QTimer(self, singleShot=True, interval=PAUSE_MS)
+        self._turn.timeout.connect(self._make_next)
         theme.changed.connect(self.update)
         self.resize(*_SIZE_PX)
         self._place(beside)
+        self.show_scenario()
+
+    def show_scenario(self) -> None:
+        """What the scenario forbids is gone at once; its panels come one in a turn of the event loop."""
+        scenario = self._context.console.scenario
+        self._context.actions.rebuild(scenario)
+        if self._shown is not None:
+            self._shown.hide()
+            self._shown.setParent(None)
+            self._shown.deleteLater()
+        self._lower.clear()
+        self._shown = QSplitter(Qt.Orientation.Horizontal)
+        self._shown.setContentsMargins(8, 0, 8, 0)
+        # Whoever looks on clicks nothing: all of it is transparent for the mouse.
+        self._shown.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        columns = [QSplitter(Qt.Orientation.Vertical) for _names in _COLUMNS[self.sees]]
+        for column in columns:
+            self._shown.addWidget(column)
+        possible = possible_panels(scenario)
+        rows = zip_longest(*(filter(possible.__contains__, names) for names in _COLUMNS[self.sees]))
+        self._missing = deque((column, name) for row in rows for column, name in zip(columns, row, strict=True) if name)
+        self._shown.setSizes([60, 40])
+        self._column.addWidget(self._shown, 1)
+        self._shown.show()
+        self._column.activate()
+        self._turn.start()
+
+    def complete(self) -> None:
+        """Make what is still missing, now."""
+        while self._missing:
+            self._make_next()
+
+    def _make_next(self) -> None:
+        column, name = self._missing.popleft()
+        card = self._panel(name)
+        lower = column.count() > 0
+        column.addWidget(card)
+        if lower:
+            self._lower.append(card)
+            card.setVisible(self.height() >= _BOTH_FROM_PX)
+        if self._missing:
+            self._turn.start()
+        else:
+            self._turn.stop()
 
     def _panel(self, name: PanelName) -> QWidget:
         panel = PANELS[name].load()(self._context)
         card = QWidget()
         rows = boxes.column(card, margins_px=0, spacing_px=0)
-        rows.addWidget(PanelTitleBar(panel))
+        rows.addWidget(PanelTitleBar(panel, looked_at=True))
         rows.addWidget(panel, 1)
         for part in (card, *card.findChildren(QWidget)):
             part.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -115,8 +152,8 @@ class ObserverWindow(TabAsRead, QWidget):
 
 
 class ObserverWindows:
-    """At most one, made anew with another scenario: what that forbids is gone from it too. One that was open when the
-    program ended, however it did, is open again with the next.
+    """At most one; what another scenario forbids is gone from it too. One that was open when the program ended, however
+    it did, is open again with the next.
     """
 
     def __init__(
@@ -166,9 +203,13 @@ class ObserverWindows:
         if self.shown is not None:
             self.shown.close()
 
-    def renew(self) -> None:
+    def show_scenario(self) -> None:
         if self.shown is not None:
-            self.open(self.shown.sees, self.shown.saveGeometry())
+            self.shown.show_scenario()
+
+    def complete(self) -> None:
+        if self.shown is not None:
+            self.shown.complete()
 
     def _on_closed(self) -> None:
         if self.shown is not None:

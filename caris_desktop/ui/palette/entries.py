@@ -143,7 +143,9 @@ class PaletteEntries:
         table = self._parts.actions
         intent = table.intent_of(spec)
         says = isinstance(intent, intents.Say)
-        moves = intent is not None and (INTENTS[type(intent)].moves or isinstance(intent, intents.UseControl))
+        moves = intent is not None and (
+            INTENTS[type(intent)].moves is not None or isinstance(intent, intents.UseControl)
+        )
         return Entry(
             spec.text,
             tr("Say") if says else tr("Do"),

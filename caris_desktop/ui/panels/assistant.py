@@ -408,7 +408,7 @@ class AssistantPanel(Panel):
             case "failed":
                 self.set_fact(tr("no answer"), "amber")
             case _:
-                self.set_fact("off")
+                self.set_fact(tr("off"))
 
     def _show_answer(self, answer: str) -> None:
         shown = self._answer.toPlainText()

@@ -1,7 +1,17 @@
 """Drive: arrows and stick, speed, obstacle guard, head, and what the robot is asked to do now."""
 
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QFontMetricsF, QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
+from PySide6.QtGui import (
+    QAccessible,
+    QFontMetricsF,
+    QHideEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QPolygonF,
+    QResizeEvent,
+)
 from PySide6.QtWidgets import QBoxLayout, QGridLayout, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
@@ -247,7 +257,7 @@ class DrivePanel(Panel):
             view.setEnabled(free)
         self._show_guard(drive)
         if drive.emergency_stop:
-            self.set_fact("stopped", "red")
+            self.set_fact(tr("stopped"), "red")
         elif not drive.allowed:
             self.set_fact(tr("not possible now"), "amber")
         elif drive.guard == "overridden":
@@ -315,6 +325,8 @@ class DrivePanel(Panel):
 
 class SpeedSteps(QWidget):
     """Slow, normal, fast: which of the three it is, and the keys that change it."""
+
+    accessible_role = QAccessible.Role.Slider
 
     chosen = Signal(float)
 
@@ -466,6 +478,8 @@ class DrivePad(QWidget):
 
 class HoldArrow(QWidget):
     """One arrow of the pad; moves the robot for as long as the mouse button is down on it."""
+
+    accessible_role = QAccessible.Role.Button
 
     def __init__(self, theme: Theme, actions: Actions, hold: HoldToDrive, action_id: str) -> None:
         super().__init__()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QBrush, QColor, QPen, QResizeEvent
+from PySide6.QtGui import QAccessible, QBrush, QColor, QPen, QResizeEvent
 from PySide6.QtWidgets import QGraphicsItem, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import CommandSent
@@ -15,6 +15,7 @@ from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import tokens, words
+from caris_desktop.ui.accessible_roles import has_role
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.told_state import ToldState
@@ -91,6 +92,7 @@ class MotionPanel(Panel):
         self._pause.setCheckable(True)
         self._pause.toggled.connect(self._on_pause_toggled)
         self._widget = pyqtgraph.GraphicsLayoutWidget()
+        has_role(self._widget, QAccessible.Role.Chart)
         self._widget.setAccessibleName(tr("Commanded and measured speed in the last half minute"))
         for part in (self._widget, self._widget.viewport()):
             part.setFocusPolicy(Qt.FocusPolicy.NoFocus)

@@ -293,7 +293,7 @@ class SessionPanel(Panel):
             case "starting":
                 self._toggle.set_label(tr("Stop recording"), icon="stop", look="plain")
                 text = tr("Getting ready to record")
-                self.set_fact("starting")
+                self.set_fact(tr("starting"))
             case "recording":
                 self._toggle.set_label(tr("Stop recording"), icon="stop", look="plain")
                 text, role = self._size_and_room(status)
@@ -307,10 +307,10 @@ class SessionPanel(Panel):
             case "stopping":
                 self._toggle.set_label(tr("Saving…"), icon="stop", look="plain")
                 text = tr("Finishing the files")
-                self.set_fact("saving")
+                self.set_fact(tr("saving"))
             case "failed":
                 self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
-                text, role = status.detail or tr("Nothing is recorded now."), "red"
+                text, role = tr(status.detail) or tr("Nothing is recorded now."), "red"
                 self.set_fact(tr("not recording"), "red")
             case _:
                 self._toggle.set_label(tr("Start recording"), icon="record", look="primary")

@@ -325,7 +325,7 @@ class SpeakPanel(Panel):
         elif not speech.ready and self.state.present.live:
             self.set_fact(speech.detail or tr("the voice is getting ready"), "amber" if speech.detail else "dim")
         else:
-            self.set_fact("quiet")
+            self.set_fact(tr("quiet"))
 
     def _saying(self, said: str, speech: SpeechStatus) -> str:
         left_s = 0.0 if speech.ends_ns is None else (speech.ends_ns - self.state.present.now_ns()) / 1e9

@@ -1,7 +1,7 @@
 """One person's portrait as a widget, or the round mark that stands for it."""
 
 from PySide6.QtCore import QRectF
-from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtGui import QAccessible, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.translation import tr
@@ -13,6 +13,8 @@ from caris_desktop.ui.widgets import avatar
 
 
 class FacePicture(QWidget):
+    accessible_role = QAccessible.Role.Graphic
+
     def __init__(self, theme: Theme, pixmaps: PortraitPixmaps, size_px: int) -> None:
         super().__init__()
         self._theme = theme

@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 
 from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
@@ -31,6 +31,8 @@ _LOOKS = {
 
 class StepDots(QWidget):
     """One sign for each step: a tick, skipped, the present one, or still open. Shapes differ, not colours alone."""
+
+    accessible_role = QAccessible.Role.Indicator
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -68,6 +70,8 @@ class StepDots(QWidget):
 
 class PracticeStrip(QWidget):
     """Below the notice strip while somebody practises, and until they have read how it went."""
+
+    accessible_role = QAccessible.Role.Grouping
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, wizards: WizardProfiles) -> None:
         super().__init__()

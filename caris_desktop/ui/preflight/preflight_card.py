@@ -57,7 +57,7 @@ class PreflightCard(Overlay):
     def _show(self, checks: tuple[PreflightCheck, ...]) -> None:
         live = self._console.state.present.live
         if live:
-            text = tr("{summary}. Everything is checked again when the link to the robot is lost.")
+            text = tr("{summary}. Everything is checked again when the connection to the robot is lost.")
         else:
             text = tr("{summary} when this recording began.")
         self._summary.setText(text.format(summary=summary(checks, past=not live)))

@@ -1,7 +1,7 @@
 """The list of checks: what each is, how it stands, what to do, and a tick where somebody has to look."""
 
 from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QPainter, QPaintEvent, QShowEvent
+from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QShowEvent
 from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
@@ -20,6 +20,8 @@ _ICON_PX = 20
 
 class PreflightList(QScrollArea):
     """Follows ``console.state.preflight`` while it is seen, and is up to date for whoever asks of its rows."""
+
+    accessible_role = QAccessible.Role.List
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__()
@@ -98,6 +100,8 @@ class PreflightList(QScrollArea):
 
 class PreflightRow(QWidget):
     """One check."""
+
+    accessible_role = QAccessible.Role.ListItem
 
     def __init__(self, theme: Theme, console: WizardConsole, check: PreflightCheck, parent: QWidget) -> None:
         super().__init__(parent)

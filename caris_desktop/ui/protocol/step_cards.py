@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
-from PySide6.QtGui import QHideEvent
+from PySide6.QtGui import QAccessible, QHideEvent
 from PySide6.QtWidgets import QApplication, QFrame, QLabel, QScrollArea, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -28,6 +28,8 @@ _ICONS: dict[StepState, str] = {
 
 class _CardBelow(FloatingCard):
     """Opens below a part of the strip; a press beside it closes it, and does what it does."""
+
+    accessible_role = QAccessible.Role.Dialog
 
     def open_below(self, part: QWidget) -> None:
         self._strip = part.parentWidget()

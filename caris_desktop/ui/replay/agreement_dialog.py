@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
 from caris_desktop.recording.annotation.agreement import Agreement, TierAgreement, compare_tiers, report
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
@@ -84,7 +84,9 @@ class AgreementDialog(TabAsRead, QDialog):
         self._tolerance = DropDown(theme, "agreement_tolerance", tr("Timing tolerance"))
         for tier in self._tiers:
             for choice in (self._first, self._second):
-                choice.addItem(tr("{tier} of {coder}").format(tier=tier.name, coder=tier.coder), tier.tier_id)
+                choice.addItem(
+                    tr("{tier} of {coder}").format(tier=tr_filled(tier.title), coder=tier.coder), tier.tier_id
+                )
         for milliseconds in TOLERANCES_MS:
             self._tolerance.addItem(f"± {milliseconds} ms", milliseconds)
         self._tolerance.setCurrentIndex(TOLERANCES_MS.index(_USUAL_MS))

@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 from typing import Literal
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer
-from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -41,6 +41,8 @@ def rate_text(rate: float) -> str:
 
 class ReplayBar(QWidget):
     """Moves through the session; ``actions`` gets the keys of a replay."""
+
+    accessible_role = QAccessible.Role.Grouping
 
     def __init__(self, theme: Theme, replay: ReplayControls, actions: Actions) -> None:
         super().__init__()
@@ -277,6 +279,8 @@ class ReplayBar(QWidget):
 class ReplayTitle(QWidget):
     """Says that this is a replay, and of what."""
 
+    accessible_role = QAccessible.Role.StaticText
+
     def __init__(self, theme: Theme, participant: str, when: str) -> None:
         super().__init__()
         self.setObjectName("replay_title")
@@ -319,6 +323,8 @@ class ReplayTitle(QWidget):
 
 class ReplayTimes(QWidget):
     """12:34.5 of 1:00:00, and what the clock on the wall showed. Digits keep their places while it plays."""
+
+    accessible_role = QAccessible.Role.StaticText
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QPoint, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
+    QAccessible,
     QFontMetricsF,
     QHideEvent,
     QImage,
@@ -18,7 +19,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.ui import tokens
 from caris_desktop.ui.replay.seek_throttle import SeekThrottle
@@ -39,6 +40,8 @@ class Scrubber(QWidget):
 
     Marks are flags above the line, utterances strokes on it, problems triangles below: told apart by shape.
     """
+
+    accessible_role = QAccessible.Role.Slider
 
     seek_wanted = Signal(object)
 
@@ -101,6 +104,9 @@ class Scrubber(QWidget):
     def shown_ns(self) -> int:
         """Where the handle is."""
         return self._hover_ns if self._dragging and self._hover_ns is not None else self._position_ns
+
+    def accessible_words(self) -> str:
+        return self._words(self._position_ns)
 
     def x_of(self, at_ns: int) -> float:
         room = max(1, self.width() - 2 * _SIDE_PX)
@@ -206,8 +212,10 @@ class Scrubber(QWidget):
             return ""
         nearest = min(near, key=lambda moment: (moment.kind != "mark", abs(self.x_of(moment.at_ns) - at_px)))
         if nearest.kind == "utterance":
-            return self._named(nearest.text)
-        return tr("Mark: {label}").format(label=nearest.text) if nearest.text else tr("Mark: without a label")
+            return self._named(tr_filled(nearest.text))
+        return (
+            tr("Mark: {label}").format(label=tr_filled(nearest.text)) if nearest.text else tr("Mark: without a label")
+        )
 
     def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
         if self._bubble is not None and self._bubble.isVisible():

@@ -15,7 +15,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
@@ -100,12 +100,13 @@ class TierDialog(TabAsRead, QDialog):
         self.setWindowTitle(tr("Add a tier") if tier is None else tr("Change the tier"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._document = document
+        self._tier = tier
         self._apply = apply
         self._scenario_labels = tuple(dict.fromkeys(label.strip() for label in scenario_labels if label.strip()))
         heading = QLabel(
             tr("What will be coded?")
             if tier is None
-            else tr("Tier {tier} of {coder}").format(tier=tier.name, coder=tier.coder)
+            else tr("Tier {tier} of {coder}").format(tier=tr_filled(tier.title), coder=tier.coder)
         )
         heading.setTextFormat(Qt.TextFormat.PlainText)
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
@@ -120,7 +121,7 @@ class TierDialog(TabAsRead, QDialog):
         if line is not None:
             line.setPlaceholderText(tr("your name or initials"))
             line.setMaxLength(editing.LONGEST_NAME)
-        self._name = QLineEdit("" if tier is None else tier.name, placeholderText=tr("for example Stance"))
+        self._name = QLineEdit("" if tier is None else tr_filled(tier.title), placeholderText=tr("for example Stance"))
         self._name.setObjectName("tier_name")
         self._name.setAccessibleName(tr("Name of the tier"))
         self._name.setMinimumHeight(36)
@@ -200,6 +201,8 @@ class TierDialog(TabAsRead, QDialog):
 
     def wish(self) -> TierWish:
         coder, name = " ".join(self._coder.currentText().split()), " ".join(self._name.text().split())
+        if self._tier is not None and self._name.text() == tr_filled(self._tier.title):
+            name = self._tier.name
         return TierWish(coder, name, self._vocabulary(name))
 
     def _chosen_name(self) -> str:

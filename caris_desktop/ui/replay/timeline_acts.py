@@ -5,7 +5,7 @@ from collections.abc import Callable
 from PySide6.QtCore import QObject, QPoint, QPointF, QRectF, Qt, Signal
 from PySide6.QtWidgets import QWidget
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation import editing
@@ -131,10 +131,12 @@ class TimelineActs(QObject):
             return
         vocabulary = vocabulary_named(self.document, tier.vocabulary) if tier.vocabulary else None
         if vocabulary is None:
-            self.say(tr("{tier} holds free text. Choose labels for it to code by keys.").format(tier=tier.name))
+            self.say(
+                tr("{tier} holds free text. Choose labels for it to code by keys.").format(tier=tr_filled(tier.title))
+            )
             return
         if number > len(vocabulary.entries):
-            self.say(tr("{tier} has %n labels.", "", len(vocabulary.entries)).format(tier=tier.name))
+            self.say(tr("{tier} has %n labels.", "", len(vocabulary.entries)).format(tier=tr_filled(tier.title)))
             return
         value = vocabulary.entries[number - 1].value
         selected = self._canvas.selected

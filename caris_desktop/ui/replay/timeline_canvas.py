@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from PySide6.QtCore import QEvent, QPoint, QPointF, QRect, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
+    QAccessible,
     QContextMenuEvent,
     QFocusEvent,
     QHelpEvent,
@@ -37,6 +38,8 @@ _ZOOM_PER_NOTCH = 1.25
 
 class TimelineCanvas(QWidget):
     """Draws rows and tells what is wanted; holds no annotations of its own and changes none."""
+
+    accessible_role = QAccessible.Role.Chart
 
     seek_wanted = Signal(float)  # milliseconds of the session
     create_wanted = Signal(str, int, int)  # tier, start and end in milliseconds

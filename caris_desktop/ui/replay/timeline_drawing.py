@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QImage, QPainter, QPixmap, QStaticText
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.overview import SessionOverview
 from caris_desktop.ui import tokens
@@ -301,7 +301,7 @@ class TimelineDrawing:
         starts = np.where(beside, rights + 4, np.maximum(lefts, 0) + 6)
         ends = np.where(beside, np.minimum(following - 2, starts + _BESIDE_PX), rights - 3)
         for number in np.flatnonzero(ends - starts >= TEXT_FROM_PX).tolist():
-            value = track.annotations[found.start + number].value
+            value = tr_filled(track.annotations[found.start + number].value)
             if value:
                 label = self._label(value, int(ends[number] - starts[number]), metrics, small=not row.own)
                 painter.drawStaticText(QPointF(float(starts[number]), y), label)
@@ -379,7 +379,7 @@ def _image(pixels: NDArray[np.uint32]) -> QImage:
 def _detail_of(shown: Shown, row: Row) -> str:
     """What stands beside a row's name."""
     if row.own and row.tier is not None:
-        same = row.tier.vocabulary.casefold() in ("", row.name.casefold())
+        same = row.tier.vocabulary.casefold() in ("", row.tier.name.casefold())
         return row.coder if same else f"{row.coder} · {vocabulary_title(row.tier.vocabulary)}"
     if row.kind != "speed":
         return ""

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.model import Annotation
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, PAD_PX, RULER_PX, Shown
@@ -118,7 +118,7 @@ class TimelineGeometry:
             item = hit.annotation
             times = tr("{start} to {end}").format(start=exact_text(item.start_ms), end=exact_text(item.end_ms))
             line = f"{times} · {length_text(item.end_ms - item.start_ms)}"
-            label = item.value or tr("No label yet")
+            label = tr_filled(item.value) or tr("No label yet")
             return f"{label}\n{line}"
         if hit.part == "names":
             row = self._shown.rows[hit.row]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sound import MICROPHONE, ROBOT_MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier, Vocabulary
 from caris_desktop.recording.annotation.overview import SessionOverview, Waveform
@@ -192,7 +192,9 @@ class Row:
 
 def all_rows(overview: SessionOverview | None, coding: AnnotationDocument) -> list[Row]:
     """The coders' own tiers, which are worked on; pictures, sound and speed; then what was recorded."""
-    rows = [Row(f"tier {tier.tier_id}", "tier", tier.name, tier=tier) for tier in coding.tiers if tier.coder]
+    rows = [
+        Row(f"tier {tier.tier_id}", "tier", tr_filled(tier.title), tier=tier) for tier in coding.tiers if tier.coder
+    ]
     if overview is None:
         return rows
     several = len(overview.cameras) > 1

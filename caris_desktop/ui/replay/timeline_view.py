@@ -4,10 +4,10 @@ import sys
 from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QKeyCombination, QObject, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QScrollBar, QSizePolicy, QWidget
 
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
@@ -56,6 +56,8 @@ class TimelineView(QWidget):
 
     Where there is no room for it beside the panels it is a drawer: a title that opens it, or the whole of it.
     """
+
+    accessible_role = QAccessible.Role.Grouping
 
     open_wanted = Signal(bool)
 
@@ -313,7 +315,7 @@ class TimelineView(QWidget):
         item = self.canvas.selected
         if item is not None:
             times = f"{exact_text(item.start_ms)} – {exact_text(item.end_ms)}"
-            label = self._replay.with_names(item.value) or tr("No label yet")
+            label = self._replay.with_names(tr_filled(item.value)) or tr("No label yet")
             return f"{label} · {times} · {length_text(item.end_ms - item.start_ms)}"
         if self._replay.overview.value is None:
             return tr("looking through the session…")

@@ -1,7 +1,7 @@
 """Says in words, beside the thing itself, why something was refused."""
 
 from PySide6.QtCore import QRect, QRectF, Qt, QTimer
-from PySide6.QtGui import QFontMetrics, QPaintEvent
+from PySide6.QtGui import QAccessible, QFontMetrics, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.ui import tokens
@@ -15,6 +15,8 @@ _FLAGS = int(Qt.TextFlag.TextWordWrap | Qt.AlignmentFlag.AlignLeft | Qt.Alignmen
 
 class WordsBubble(QWidget):
     """A note over its parent that goes away by itself, or with the next thing that is done. Takes no clicks."""
+
+    accessible_role = QAccessible.Role.HelpBalloon
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
         super().__init__(parent)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtGui import QPaintEvent
+from PySide6.QtGui import QAccessible, QPaintEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -15,6 +15,8 @@ Answer = tuple[str, Callable[[], None]]
 
 class Notice(QWidget):
     """``say`` puts a sentence in place of the one before. ``what`` is by what it is taken back."""
+
+    accessible_role = QAccessible.Role.AlertMessage
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()

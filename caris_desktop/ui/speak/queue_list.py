@@ -1,7 +1,7 @@
 """What is said next, in its order: changed by mouse or by keys alone."""
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QFocusEvent, QKeyEvent, QKeySequence, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtGui import QAccessible, QFocusEvent, QKeyEvent, QKeySequence, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QApplication, QLabel, QWidget
 
 from caris_desktop.domain import intents
@@ -25,6 +25,8 @@ ROW_PX = 30
 
 class QueueList(QWidget):
     """One row for each utterance that waits. With the focus it has the keys of the rows ``within`` the queue."""
+
+    accessible_role = QAccessible.Role.List
 
     left_over = Signal(str)  # what was written in the place of something that is being said already
     emptied = Signal()  # the last one went while the focus was here

@@ -7,7 +7,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPointF, QRect, QRectF, QSizeF, Qt, Signal
-from PySide6.QtGui import QFontMetricsF, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPixmap, QPolygonF
+from PySide6.QtGui import (
+    QAccessible,
+    QFontMetricsF,
+    QImage,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QPixmap,
+    QPolygonF,
+)
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.camera import CameraModel
@@ -80,6 +90,8 @@ def moved_since(before: People | None, people: People, frame: FrameRef) -> dict[
 
 class FrameView(QWidget):
     """Paints the newest frame to fit, with boxes over it. Never shows an old frame as if it were live."""
+
+    accessible_role = QAccessible.Role.Graphic
 
     clicked = Signal()
     hovered = Signal(object)  # QPointF in pixels of the frame, None outside

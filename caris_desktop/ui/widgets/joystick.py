@@ -4,7 +4,7 @@ import math
 from typing import Literal
 
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QTouchEvent
+from PySide6.QtGui import QAccessible, QHideEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QTouchEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -38,6 +38,8 @@ class Joystick(QWidget):
 
     ``moved(MotionWish)`` is emitted at each change, and AT_REST at once when it is let go, hidden or disabled.
     """
+
+    accessible_role = QAccessible.Role.Graphic
 
     moved = Signal(object)
 

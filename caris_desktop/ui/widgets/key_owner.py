@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QAccessible, QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -45,6 +45,8 @@ def owner_sentence(owner: KeyOwner, caps: Sequence[str]) -> str:
 
 class KeyOwnerChip(QWidget):
     """Follows ``hold.key_owner``."""
+
+    accessible_role = QAccessible.Role.StaticText
 
     def __init__(self, theme: Theme, hold: HoldToDrive) -> None:
         super().__init__()

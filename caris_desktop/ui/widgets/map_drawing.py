@@ -39,6 +39,8 @@ _CHIP_ICONS = {"warning": "warning", "good": "check", "bad": "warning-octagon", 
 # Where a label may stand: pixels from its mark to its left edge, how much of its width left of that, pixels to its top.
 _BESIDE_A_FLAG = ((11.0, 0.0, -10.0), (-11.0, 1.0, -10.0), (0.0, 0.5, -31.0), (0.0, 0.5, 11.0))
 _BESIDE_A_PERSON = ((10.0, 0.0, -10.0), (-10.0, 1.0, -10.0), (10.0, 0.0, 11.0), (10.0, 0.0, -31.0), (-10.0, 1.0, 11.0))
+# A picture of a wider ring around a person is larger than what it saves is worth.
+_KEPT_RING_PX = 48
 _PeopleRects = list[tuple[QRectF, QRectF | None]]
 
 Tool = Literal["look", "goal", "pose", "place"]
@@ -266,24 +268,36 @@ class MapDrawing:
             painter.setOpacity(0.45)
         for (person, name, named), (_, label) in zip(self.shown.people, rects, strict=True):
             at = self._viewport.to_view(person.x_m, person.y_m)
-            color = self._theme.color("green" if named else "text")
-            ring = max(9.0, person.spread_m * self._viewport.scale)
-            pen = QPen(color, 1.5)
-            pen.setDashPattern([3, 3])
-            painter.setPen(pen)
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawEllipse(at, ring, ring)
-            if self.shown.meant and person.person_id == self.shown.meant:
-                painter.setPen(QPen(self._theme.color("text"), 2.5))
-                painter.drawEllipse(at, 10, 10)
-            # As in the list of people: filled with a name, an outline without.
-            painter.setPen(QPen(self._theme.color("panel") if named else color, 1.5))
-            painter.setBrush(color if named else self._theme.color("panel"))
-            painter.drawEllipse(at, 6, 6)
+            meant = bool(self.shown.meant) and person.person_id == self.shown.meant
+            # By the pixel: how sure somebody's place is changes a little with each look.
+            ring = max(9, round(person.spread_m * self._viewport.scale))
+            if ring > _KEPT_RING_PX:
+                self._paint_person(at, ring, painter, named=named, meant=meant)
+            else:
+                reach = max(ring, 10) + 2
+                self.painted.draw(
+                    painter, at - QPointF(reach, reach), QSizeF(2 * reach, 2 * reach), ("person", ring, named, meant),
+                    partial(self._paint_person, QPointF(reach, reach), ring, named=named, meant=meant),
+                )  # fmt: skip
             if label is not None:
                 role = "green" if named else "text"
                 self._paint_label(painter, label, name, color=role, weight=tokens.WEIGHT_SEMIBOLD)
         painter.restore()
+
+    def _paint_person(self, at: QPointF, ring: int, onto: QPainter, *, named: bool, meant: bool) -> None:
+        """Dashed around where they may be; as in the list of people filled with a name, an outline without."""
+        color = self._theme.color("green" if named else "text")
+        pen = QPen(color, 1.5)
+        pen.setDashPattern([3, 3])
+        onto.setPen(pen)
+        onto.setBrush(Qt.BrushStyle.NoBrush)
+        onto.drawEllipse(at, ring, ring)
+        if meant:
+            onto.setPen(QPen(self._theme.color("text"), 2.5))
+            onto.drawEllipse(at, 10, 10)
+        onto.setPen(QPen(self._theme.color("panel") if named else color, 1.5))
+        onto.setBrush(color if named else self._theme.color("panel"))
+        onto.drawEllipse(at, 6, 6)
 
     def _paint_robot(self, painter: QPainter, pose: Pose2D) -> None:
         tip = self._viewport.to_view(pose.x_m, pose.y_m)

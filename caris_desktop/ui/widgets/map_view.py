@@ -6,7 +6,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QPoint, QPointF, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPolygonF, QResizeEvent, QWheelEvent
+from PySide6.QtGui import (
+    QAccessible,
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPolygonF,
+    QResizeEvent,
+    QWheelEvent,
+)
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.events import GoalChanged
@@ -35,6 +44,8 @@ class MapView(QWidget):
     ``place_clicked``). With another tool a press and a drag say a place and a heading (``aimed``), once; Esc or the
     right button give it up. Nothing here moves the robot.
     """
+
+    accessible_role = QAccessible.Role.Graphic
 
     follow_changed = Signal(bool)
     rotate_changed = Signal(bool)

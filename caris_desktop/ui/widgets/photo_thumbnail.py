@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer
-from PySide6.QtGui import QFontMetrics, QImage, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QAccessible, QFontMetrics, QImage, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.ui import tokens
@@ -25,6 +25,8 @@ def thumbnail_of(image_bgr: NDArray[np.uint8]) -> QImage:
 
 class PhotoThumbnail(QWidget):
     """Lies over the lower right of ``over``; clicks go through it."""
+
+    accessible_role = QAccessible.Role.Graphic
 
     def __init__(self, theme: Theme, over: QWidget) -> None:
         super().__init__(over)

@@ -8,6 +8,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.actor import SCRIPT, WIZARD
 from caris_desktop.domain.commands import (
     Drive,
     LimitGoals,
@@ -98,6 +99,22 @@ def test_each_change_is_sent_at_once_and_the_lease_is_renewed_until_release(
     renewals = len(robot.of(RenewLease))
     qtbot.wait(150)  # three renewal periods in which nothing may be sent
     assert len(robot.of(RenewLease)) == renewals
+
+
+def test_who_holds_it_is_told_and_only_they_this_wizard_or_a_stop_let_go(
+    driving: DriveService, state: LiveState, robot: RecordingRobot
+) -> None:
+    driving.drive(forward=1, left=0, turn=0, source="keyboard", actor="wizard:b")
+    assert state.drive.value.driver == "wizard:b"
+    driving.drive(forward=0, left=0, turn=0, source="keyboard", actor="wizard:a")
+    driving.let_go("", SCRIPT)
+    assert robot.of(Release) == [] and state.drive.value.driver == "wizard:b"
+    driving.drive(forward=-1, left=0, turn=0, source="keyboard", actor=WIZARD)
+    assert state.drive.value.driver == WIZARD
+    driving.let_go("", "wizard:b")  # whose key comes up only now
+    assert robot.of(Release) == [] and state.drive.value.driver == WIZARD
+    driving.halt("wizard:b")
+    assert len(robot.of(Release)) == len(robot.of(StopMotion)) == 1 and state.drive.value.driver == ""
 
 
 def test_nothing_is_sent_while_the_link_is_down_and_old_keys_do_not_drive_when_it_is_back(

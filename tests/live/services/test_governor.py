@@ -204,11 +204,12 @@ class Governed:
             self.governor._look()
 
 
+@pytest.mark.usefixtures("trial_language")
 def test_what_is_given_up_is_done_and_told(qapp: QApplication) -> None:
     governed = Governed()
     governed.run(3.0, late_ms=60.0)
     assert (governed.people.every_s, governed.passes[-1]) == (0.0, (0.0, 0.0))
-    assert governed.state.load.value == LoadStatus(1, "small pictures less often")
+    assert governed.state.load.value == LoadStatus(1, "small pictures less often"), "English, as the record has it"
     governed.run(3.0, late_ms=60.0)
     assert governed.people.every_s == STEPS[2].look_every_s > 0.0
     assert governed.state.load.value == LoadStatus(2, "people less often")

@@ -100,7 +100,7 @@ def test_a_lost_link_takes_everything_back_and_says_so(bench: Bench, gone: LinkS
     assert bench.check(SIGNED).state == "passed", "trouble is not loss"
     bench.link(gone)
     assert bench.check(SIGNED).state == "not checked"
-    assert "link to the robot was lost" in bench.check(SIGNED).detail
+    assert "connection to the robot was lost" in bench.check(SIGNED).detail
     assert bench.check("robot").state == "major"
     bench.link("connected")
     assert bench.check(SIGNED).state == "not checked", "it is looked after again"

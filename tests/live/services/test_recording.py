@@ -1,6 +1,8 @@
 """What the recorder is told of a scenario: whom to cover, who agreed to be filmed, and who is in a photo."""
 
+import json
 import pickle
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,19 +10,24 @@ from typing import Any
 import pytest
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.domain import clock
+from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import FrameRef, People, PersonBox, RobotPose
+from caris_desktop.domain.sensing import FrameRef, People, PersonBox, RobotPose, StatusShown
+from caris_desktop.domain.translation import filled, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.services.recording import RecordingService
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
+from caris_desktop.live.status_tap import StatusTap
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.recording.recorder.messages import BlurDemand, TakePhoto, UseConsents
+from caris_desktop.recording.recorder.messages import BlurDemand, RecorderReport, TakePhoto, UseConsents
 from caris_desktop.scenario.model import BlurSettings
+from caris_desktop.study.folder import StudyFolderError
 from tests.support.polling import wait_for
 
 
@@ -57,8 +64,9 @@ class Bench:
         self.state = LiveState(owner)
         self.bus = Bus(self.state, owner)
         self.recorder = Recorder()
+        self.slow_work = SlowWork(owner)
         self.service = RecordingService(
-            self.state, self.bus, self.recorder, ProcessBody("recorder", print), SlowWork(owner),  # type: ignore[arg-type]
+            self.state, self.bus, self.recorder, ProcessBody("recorder", print), self.slow_work,  # type: ignore[arg-type]
             rings=RingsToRead(()), parent=owner,
         )  # fmt: skip
         self.use(BlurSettings("without_consent", "faces"))
@@ -72,6 +80,7 @@ class Bench:
 def bench(qapp: QApplication) -> Any:
     bench = Bench()
     yield bench
+    bench.slow_work.finish(lambda _words, wait: wait())
     bench.service.end()
     bench.state.close()
 
@@ -114,3 +123,52 @@ def test_without_a_recording_the_recorder_hears_of_people_only_where_a_photo_has
     bench.use(BlurSettings("everybody"))
     bench.bus.publish(people())
     assert len(bench.recorder.of(People)) == 1
+
+
+@pytest.fixture
+def details(bench: Bench) -> Iterator[list[str]]:
+    """Why nothing, or not all, is recorded, as a file has it."""
+    kept: list[str] = []
+
+    def record(shown: StatusShown) -> None:
+        if shown.name == "recording":
+            kept.append(json.loads(json.dumps(shown.content))["detail"])
+
+    tap = StatusTap(bench.state, record)
+    yield kept
+    tap.deleteLater()
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_how_the_recorder_spares_the_disk_is_english_in_the_record(
+    bench: Bench, details: list[str], tmp_path: Path
+) -> None:
+    slow = filled("every second frame is recorded: {why}", why=filled("the disk is slow"))
+    bench.service.on_report(RecorderReport(1, "recording", tmp_path, detail=slow))
+    assert details[-1] == "every second frame is recorded: the disk is slow"
+    assert tr(slow) == tr(bench.state.recording.value.detail) != slow
+
+
+@pytest.mark.usefixtures("trial_language")
+@pytest.mark.logs(r"live\.bus: ", r"services\.recording: a session was not begun")
+@pytest.mark.parametrize(
+    ("raised", "what"),
+    [
+        (StudyFolderError("The disk is full.", "No session was started.", "Make room."), "The disk is full."),
+        (ValueError("of no kind"), "The folder of the session could not be made."),
+    ],
+)
+def test_why_a_session_was_not_begun_is_english_in_the_record_and_told_in_the_wizards_language(
+    bench: Bench, details: list[str], qtbot: QtBot, raised: Exception, what: str
+) -> None:
+    problems: list[Problem] = []
+    bench.bus.tap(lambda value, _raw: problems.append(value) if isinstance(value, Problem) else None)
+
+    def new_session() -> Any:
+        raise raised
+
+    assert bench.service.announce_session(())
+    bench.service.begin_session(new_session, "wizard", refused=lambda: None)
+    qtbot.waitUntil(lambda: bench.state.recording.value.state == "failed")
+    assert details[-1] == what
+    assert [problem.what for problem in problems] == [tr(what)] != [what]

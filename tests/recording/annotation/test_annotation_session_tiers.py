@@ -6,7 +6,7 @@ import re
 import wave
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -15,12 +15,16 @@ from caris_desktop.domain import streams
 from caris_desktop.domain.events import (
     AnswerUsed,
     CommandSent,
+    CommandSource,
     DriveEnded,
     EmergencyStopChanged,
     GoalChanged,
     GoalState,
+    GuardState,
     LinkChanged,
     LinkQuality,
+    LinkState,
+    LlmOutcome,
     Marked,
     PersonAppeared,
     PersonLeft,
@@ -28,15 +32,17 @@ from caris_desktop.domain.events import (
     ScenarioOpened,
     StepTicked,
     StopRequested,
+    UtteranceOrigin,
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.event_summary import EVENTS_IN_WORDS, type_in_words
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview_of import BUCKET_NS, build_overview
 from caris_desktop.recording.annotation.session_tiers import SessionRecord, session_tiers, streams_of_tiers
+from caris_desktop.recording.annotation.states import STATES_IN_WORDS
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.csv import write_csv
 from caris_desktop.recording.exporters.eaf import write_eaf
@@ -398,3 +404,43 @@ def test_rows_are_named_in_the_wizards_language_where_they_are_shown_and_in_engl
     names = [tier.name for tier in overview.tiers.tiers]
     assert "Participant speech (2)" in names and "Person 3" in names and "Stop requested" in names
     assert all(name in written for name in names) and speech not in written
+
+
+def test_every_state_of_a_tier_is_known_to_whoever_translates_it() -> None:
+    kinds = (CommandSource, UtteranceOrigin, GoalState, LinkState, GuardState, LlmOutcome)
+    without_a_stretch = {"absent", "clear", "connected", "closed"}
+    assert {word for kind in kinds for word in get_args(kind)} - without_a_stretch <= set(STATES_IN_WORDS)
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_states_are_said_in_the_wizards_language_where_they_are_shown_and_in_english_in_files(tmp_path: Path) -> None:
+    point = Pose2D(1.0, 2.0, 0.0)
+    values = [
+        *heard(1, 2.0, 3.5, "standing"), PersonAppeared(at(1), "p-1", 1, number=3), PersonLeft(at(4), "p-1", 1),
+        CommandSent(at(1), 1, Twist2D(0.4, 0.0, 0.0), "keyboard"), EmergencyStopChanged(at(5), True, "robot"),
+        LinkChanged(at(2), "control", "lost", "ws://robot", "no answer"), Marked(at(3), "slip", "wizard_error", "m1"),
+        Marked(at(4), "late", "mark", "m2"), GoalChanged(at(2), "g", "reached", point, "Kitchen"),
+        RecordingPaused(at(6), True), RecordingPaused(at(7), False),
+    ]  # fmt: skip
+    session = told(tmp_path, values)
+    overview = pickle.loads(pickle.dumps(build_overview(session)))  # noqa: S301
+    names = {tier.tier_id: str(tier.name) for tier in overview.tiers.tiers}
+    shown: dict[str, list[str]] = {}
+    for item in overview.tiers.annotations:
+        shown.setdefault(names[item.tier_id], []).append(tr_filled(item.value))
+    assert shown["Participant speech"] == ["standing"], "what was said stays"
+    assert shown["Wizard marks"] == ["late"], "so does what a wizard called it"
+    assert shown["Motion"] == [tr("standing"), tr("forward"), tr("standing"), tr("standing")]
+    assert (shown["Driving source"], shown["Person 3"]) == ([tr("keyboard")], [tr("present")])
+    assert (shown["Pauses"], shown["Wizard errors"]) == ([tr("paused")], [tr("slip")])
+    assert shown["Navigation goals"] == [tr("{place}: {state}").format(place="Kitchen", state=tr("reached"))]
+    assert shown["Emergency stop"] == [tr("set by {whom}").format(whom=tr("robot"))]
+    assert shown["Link trouble"] == [
+        tr("{link}: {state} ({detail})").format(link=tr("control"), state=tr("lost"), detail=tr("no answer"))
+    ]
+    said = tr("{who}: {text}").format(who=tr("participant"), text="standing")
+    assert said in [tr_filled(moment.text) for moment in overview.moments]
+    write_csv(session, tmp_path, ExportContext())
+    write_eaf(session, tmp_path, ExportContext())
+    written = "".join(path.read_text("utf-8") for path in tmp_path.glob("*.*") if path.suffix in (".csv", ".eaf"))
+    assert "control: lost (no answer)" in written and "set by robot" in written and tr("standing") not in written

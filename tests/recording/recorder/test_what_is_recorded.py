@@ -32,6 +32,7 @@ from caris_desktop.recording.recorder.messages import (
     TakePhoto,
 )
 from caris_desktop.recording.session.folder_lock import is_held
+from caris_desktop.recording.session.gap_words import read_reason
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording import driving
@@ -247,6 +248,7 @@ def test_with_little_room_left_every_second_frame_is_recorded_and_that_is_told(t
     assert tr(told.reason) == tr("{camera}: left out, as {why}").format(
         camera="front", why=tr("the disk is nearly full")
     )
+    assert tr(read_reason(gap["reason"])) == tr(told.reason), "out of the record as well"
     assert tr(report.detail).startswith("["), "the window says it in its language, the record in English"
     assert len(video_times_s(tmp_path / "s" / "video-front.mp4")[0]) == 5
     assert len(messages(tmp_path / "s", "/event/marked")) == 1

@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.sensing import FrameRef, RobotPose
+from caris_desktop.domain.translation import Filled, filled
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.plain_files import PlainFiles
@@ -29,6 +30,7 @@ from caris_desktop.recording.session.last_counts import keep_counts, last_counts
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, verify_manifest
 from caris_desktop.recording.session.media_repair import content_of
 from caris_desktop.recording.session.recovery import needs_repair, repair_session
+from caris_desktop.recording.session.repair_words import LOSSES, read_loss
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from tests.recording.driving import start
 from tests.support.recorded_session import MadeSession
@@ -395,6 +397,15 @@ def test_media_that_are_gone_or_cut_are_told_each_time(finished: Path) -> None:
     assert digests(finished) == before
     with VideoReader(session) as videos:
         assert len(videos.frame_times_ns("rear")) == left
+
+
+def test_what_is_kept_of_losses_is_found_again_for_another_language() -> None:
+    values = {"file": "a.mp4", "camera": "front, rear", "count": 9, "recorded": 8, "bytes": 7, "seconds": "6.5"}
+    for text in LOSSES:
+        said = filled(text, **values, left="0.1", all=3, values=2)
+        kept = read_loss("".join(said))
+        assert isinstance(kept, Filled)
+        assert (kept, kept.template) == (said, said.template)
 
 
 @pytest.mark.logs(r"session\.session_reader: ")

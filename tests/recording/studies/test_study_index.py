@@ -15,6 +15,7 @@ from typing import Any, cast
 import pytest
 
 from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
+from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.store import save_coder
 from caris_desktop.recording.session.folder_lock import hold
@@ -24,6 +25,7 @@ from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
 from caris_desktop.recording.studies.study_index import DATABASE_NAME, StudyIndex, content_signature
 from tests.benchmarks.study_search import answers, make_study
 from tests.recording.told_session import TRIAL, at, exchange, heard, said, tell
+from tests.support.translated_messages import untranslated_part
 
 
 def session(folder: Path, *texts: str, closed: bool = True, later_s: float = 0.0, **trial: str) -> Path:
@@ -265,6 +267,7 @@ def test_a_damaged_or_older_index_is_made_anew(index: StudyIndex, study: Path, d
     assert (again.message, answers(again)) == ("", before)
 
 
+@pytest.mark.usefixtures("trial_language")
 @pytest.mark.logs(r"studies\.study_index: ")
 def test_a_database_of_something_else_is_left_alone(study: Path) -> None:
     path = study / DATABASE_NAME
@@ -276,6 +279,7 @@ def test_a_database_of_something_else_is_left_alone(study: Path) -> None:
     index.update()
     assert len(index.sessions()) == 3
     assert "cannot be kept in" in index.message
+    assert untranslated_part(lambda: tr(index.message)) == []
     assert path.read_bytes() == before
 
 
@@ -322,6 +326,22 @@ def test_a_read_only_study_is_searched_all_the_same(study: Path, *, indexed: boo
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("4 2" if indexed else "3 1")
     assert "Choose a study folder that you may write to" in done.stdout
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_what_a_session_lacks_can_be_told_in_another_language(study: Path) -> None:
+    """Its head keeps it as plain English, and so does the index."""
+    folder = study / "sessions" / "a"
+    head = folder / "session.json"
+    kept = "video-front.mp4 is missing: all 189 pictures of camera front."
+    head.write_text(json.dumps({**json.loads(head.read_text("utf-8")), "losses": [kept]}), "utf-8")
+    for _ in range(2):  # read from the folder, and then from the index
+        index = StudyIndex.of_study(study)
+        index.update()
+        (found,) = (entry for entry in index.sessions() if entry.folder == folder)
+        index.close()
+        assert found.losses == (kept,)
+        assert tr(found.losses[0]).startswith("[video-front.mp4 îš mîššîñğ: àll 189 pîçtûŕéš")
 
 
 def test_the_rebuilt_index_gives_the_same_answers(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
     typing = window.focusWidget()
     click(qtbot, find(window, "alarms_button"))
     lost, cake = alarms.rows
-    assert "The link to the robot is lost." in lost.accessibleName()
+    assert "The connection to the robot is lost." in lost.accessibleName()
     assert "Nothing was said." in lost.accessibleDescription(), "what followed from it stands with it"
     click(qtbot, find(cake, "alarm_seen_to"))
     assert [row.accessibleName() for row in alarms.rows] == [lost.accessibleName()]
@@ -75,7 +75,7 @@ def test_an_alarm_that_was_dismissed_comes_back_with_what_it_stands_in_the_way_o
     assert window.problems.cards == ()
     wrong(console, "Going to the kitchen is not possible.", until="connected", cause=ANSWER)
     (card,) = window.problems.cards
-    assert card.problem.what == "The link to the robot is lost."
+    assert card.problem.what == "The connection to the robot is lost."
     assert "Going to the kitchen is not possible." in card.accessibleName()
     what = next(label for label in card.findChildren(QLabel) if label.text() == card.problem.what)
     assert what.font().weight() == tokens.WEIGHT_SEMIBOLD, "what is wrong stands out from the first moment"

@@ -1,0 +1,58 @@
+"""What stands on the tiers of the record for a state: English in files, and apart from names for whoever shows it."""
+
+from caris_desktop.domain.events import EmergencyStopChanged, LinkChanged, LlmExchange
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.recording.session.goals import NavigationGoal
+from caris_desktop.recording.session.protocol import StepVisit
+
+WIZARD_ERRORS = (QT_TR_NOOP("slip"), QT_TR_NOOP("late"), QT_TR_NOOP("wrong branch"))
+
+STATES_IN_WORDS = (
+    QT_TR_NOOP("standing"), QT_TR_NOOP("forward"), QT_TR_NOOP("backward"), QT_TR_NOOP("sideways"),
+    QT_TR_NOOP("turning"), QT_TR_NOOP("keyboard"), QT_TR_NOOP("gamepad"), QT_TR_NOOP("onscreen"),
+    QT_TR_NOOP("rehearsal"), QT_TR_NOOP("stop"), QT_TR_NOOP("lease"), QT_TR_NOOP("none"), QT_TR_NOOP("typed"),
+    QT_TR_NOOP("phrase"), QT_TR_NOOP("filler"), QT_TR_NOOP("assistant"), QT_TR_NOOP("suggestion"),
+    QT_TR_NOOP("heard"), QT_TR_NOOP("dictated"), QT_TR_NOOP("own_voice"), QT_TR_NOOP("said"), QT_TR_NOOP("edited"),
+    QT_TR_NOOP("dismissed"), QT_TR_NOOP("unheard"), QT_TR_NOOP("requested"), QT_TR_NOOP("active"),
+    QT_TR_NOOP("reached"), QT_TR_NOOP("cancelled"), QT_TR_NOOP("failed"), QT_TR_NOOP("answered"),
+    QT_TR_NOOP("control"), QT_TR_NOOP("media"), QT_TR_NOOP("connecting"), QT_TR_NOOP("trouble"), QT_TR_NOOP("lost"),
+    QT_TR_NOOP("slowing"), QT_TR_NOOP("blocked"), QT_TR_NOOP("blind"), QT_TR_NOOP("overridden"), QT_TR_NOOP("wizard"),
+    QT_TR_NOOP("robot"), QT_TR_NOOP("console"), QT_TR_NOOP("model"), QT_TR_NOOP("script"),
+    QT_TR_NOOP("present"), QT_TR_NOOP("paused"), QT_TR_NOOP("unspecified"),
+)  # fmt: skip
+"""Every word that stands on a tier for a state, for whoever translates the timeline."""
+
+
+def state(word: str) -> str:
+    """As the record has it, and for ``tr``; what is no state of ours, as the name of another wizard, stays."""
+    return filled(word) if word in STATES_IN_WORDS else word
+
+
+def error_words(label: str) -> str:
+    """What a wizard calls an error in their own words stays."""
+    return filled(label) if label in WIZARD_ERRORS else label
+
+
+def step_words(visit: StepVisit) -> str:
+    skipped = visit.left == "skipped"
+    return filled(QT_TR_NOOP("{step} (skipped)"), step=visit.title) if skipped else visit.title or visit.step_id
+
+
+def goal_words(goal: NavigationGoal) -> str:
+    target = goal.place or f"({goal.target_in_map.x_m:.2f}, {goal.target_in_map.y_m:.2f})"
+    return filled(QT_TR_NOOP("{place}: {state}"), place=target, state=state(goal.state))
+
+
+def answer_words(asked: LlmExchange) -> str:
+    """What the language model said, or why it said nothing."""
+    why = filled(QT_TR_NOOP("({outcome}: {detail})"), outcome=state(asked.outcome), detail=filled(asked.detail))
+    return asked.answer or why
+
+
+def link_words(change: LinkChanged) -> str:
+    told = QT_TR_NOOP("{link}: {state} ({detail})") if change.detail else QT_TR_NOOP("{link}: {state}")
+    return filled(told, link=state(change.link), state=state(change.state), detail=filled(change.detail))
+
+
+def emergency_words(change: EmergencyStopChanged) -> str:
+    return filled(QT_TR_NOOP("set by {whom}"), whom=state(change.actor or change.by))
