@@ -111,8 +111,9 @@ class Gate:
         driver = self._state.drive.value.driver
         if moves == "base" and driver and intent.actor not in (driver, WIZARD):
             # Who sits at this computer answers for the robot, and takes it over from anybody.
+            who = in_words(driver)
             return Refusal(
-                tr("{act} is not possible: {who} is driving by hand.").format(act=words, who=tr(in_words(driver))),
+                tr("{act} is not possible: {who} is driving by hand.").format(act=words, who=tr(who)),
                 tr("Nothing was sent to the robot."),
                 tr("Ask for it again when the driving is over."),
                 severity="info",

@@ -51,6 +51,10 @@ AS_IT_IS: dict[str, dict[str, str]] = {
         "not permitted": _RECORD,
     },
     "app/forget_command.py": {"*": _TERMINAL},
+    "app/lost_screen.py": {
+        "The X11 connection broke": "said by Qt",
+        "The Wayland connection broke": "said by Qt",
+    },
     "app/perceive_again_command.py": {"*": _TERMINAL},
     "app/progress_bar.py": {"*": _TERMINAL},
     "app/rehearsal.py": {"*": _PLAYED},
