@@ -5,6 +5,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from caris_desktop.domain.file_replacement import no_room
@@ -42,11 +43,11 @@ class Reserve:
         """What is still set aside."""
         return self._left_bytes if self.held else 0
 
-    def release_step(self, *, keep_bytes: int = 0) -> bool:
-        """Give some room back, but leave ``keep_bytes``; True when this made room. Any thread."""
+    def release_step(self) -> bool:
+        """Give some room back; True when this made room. Any thread."""
         with self._releasing:
-            left_bytes = max(self._left_bytes - self._step_bytes, keep_bytes)
-            if not self.held or left_bytes >= self._left_bytes:
+            left_bytes = max(self._left_bytes - self._step_bytes, 0)
+            if not self.held:
                 return False
             try:
                 self._file.truncate(left_bytes)
@@ -69,8 +70,9 @@ class Reserve:
 class DiskFile:
     """An unbuffered file whose bytes are with the operating system when ``write`` returns.
 
-    ``on_full`` is asked for room when the disk is full; when it has made some, the write goes on where it stopped,
-    so that no half record remains. Writing belongs to one thread; ``sync`` may be called from another.
+    ``on_full`` is asked for room when the disk is full; when it has made some, the write goes on where it stopped.
+    What is not taken whole at the end of the file is taken back, so that no half record remains. Writing belongs to one
+    thread; ``sync`` may be called from another.
     """
 
     def __init__(self, path: Path, *, on_full: Callable[[], bool] = lambda: False) -> None:
@@ -107,12 +109,16 @@ class DiskFile:
             return len(data)
         rest = memoryview(data)
         begun_s = time.monotonic()
+        begin, at_the_end = self._position, self._position == self._size
         while rest:
             try:
                 count = os.write(self._descriptor, rest)
             except OSError as error:
                 if no_room(error) and self._on_full():
                     continue
+                if at_the_end and self._position > begin:
+                    with suppress(OSError):
+                        self.end_at(begin)
                 raise
             rest = rest[count:]
             self._position += count

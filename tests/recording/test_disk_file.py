@@ -67,15 +67,33 @@ def test_a_write_goes_on_where_it_stopped_once_there_is_room(tmp_path: Path, mon
     file.close()
 
 
-def test_a_reserve_is_given_back_step_by_step_down_to_what_is_to_be_kept(tmp_path: Path) -> None:
+def test_a_reserve_is_given_back_step_by_step(tmp_path: Path) -> None:
     reserve = Reserve(tmp_path, 10_000, steps=4)
     left = []
-    while reserve.release_step(keep_bytes=1500):
+    while reserve.release_step():
         left.append(reserve.left_bytes)
-    assert left == [7500, 5000, 2500, 1500]
-    assert reserve.release()
-    assert not reserve.release_step()
-    assert reserve.left_bytes == 0
+    assert left == [7500, 5000, 2500, 0]
+    assert not reserve.release() and not reserve.held
+
+
+def test_what_a_full_disk_does_not_take_whole_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = DiskFile(tmp_path / "f")
+    file.write(b"whole. ")
+    write, full = os.write, [True]
+
+    def write_until_it_is_full(descriptor: int, data: memoryview) -> int:
+        if full[0] and os.lseek(descriptor, 0, os.SEEK_CUR) >= 10:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data[:3])
+
+    monkeypatch.setattr(os, "write", write_until_it_is_full)
+    with pytest.raises(OSError, match="No space left"):
+        file.write(b"a half record")
+    assert (tmp_path / "f").read_bytes() == b"whole. "
+    full[0] = False
+    file.write(b"another")
+    assert (tmp_path / "f").read_bytes() == b"whole. another"
+    file.close()
 
 
 def test_a_file_can_be_patched_and_extended_while_it_grows(tmp_path: Path) -> None:

@@ -113,6 +113,11 @@ class MediaWriter:
         for camera in self._cameras.values():
             camera.add(None)
 
+    def give_way(self) -> None:
+        """The disk is full: what is queued takes none of the room that others are given. Any thread."""
+        for camera in tuple(self._cameras.values()):
+            camera.no_room = True
+
     def limit_rate(self, least_step: int) -> None:
         """Encode at most every ``least_step``-th frame, whatever the machine could do."""
         self._least_step = least_step
@@ -238,6 +243,7 @@ class _CameraThread:
         self._changed = threading.Condition()
         self._ended = False
         self._refused = False
+        self.no_room = False
         self._fast = False
         self._video: VideoFileWriter | None = None
         self._finished: list[VideoInfo] = []
@@ -256,6 +262,10 @@ class _CameraThread:
         with self._changed:
             self._ended = True
             self._changed.notify()
+
+    @property
+    def _refuses(self) -> bool:
+        return self._refused or self.no_room
 
     def files(self) -> list[DiskFile]:
         video = self._video
@@ -289,6 +299,8 @@ class _CameraThread:
             self._budget.give_back(image_bgr.nbytes)
             ended_ns = time.monotonic_ns()
             del frame, image_bgr
+            if self._refuses:
+                continue  # what is not encoded says nothing of how fast that goes
             waited_s, took_s = (begun_ns - queued_ns) / 1e9, (ended_ns - begun_ns) / 1e9
             crowded = self._budget.crowded and waited_s > took_s
             self._adapt(self.rate.observe(ended_ns, waited_s=waited_s, took_s=took_s, crowded=crowded))
@@ -306,7 +318,7 @@ class _CameraThread:
             self._results.append(VideoRateChanged(self._camera, self.rate.step, change))
 
     def _write(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> None:
-        if self._refused:
+        if self._refuses:
             self._results.append(MediaFailed("video", self._camera, 1, False, gap_words.VIDEO_ENDED))
             return
         try:

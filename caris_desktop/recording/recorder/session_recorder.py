@@ -143,12 +143,15 @@ class SessionRecorder:
         if blurring is not None:
             blurring.use_demand(start.blur)
         try:
-            self._reserve = _reserve(self.folder, limits)
+            room_bytes = _room_bytes(self.folder, limits)
+            closing_bytes = min(limits.closing_bytes, room_bytes // 2)
+            self._reserve = Reserve(self.folder, room_bytes - closing_bytes, steps=limits.reserve_steps)
+            self._closing_room = Reserve(self.folder, closing_bytes)
             self._header_room = Reserve(self.folder, _HEADER_BYTES)
         except OSError:
             self._lock.release()
             raise
-        self._closing_bytes = min(limits.closing_bytes, self._reserve.left_bytes // 2)
+        self._media = MediaWriter(self.folder, self._clock, encoders or Encoders(()), on_full=self._make_room)
         try:
             self._write_header()
             self._log = EventLog(
@@ -163,10 +166,10 @@ class SessionRecorder:
             self._plain = PlainFiles(self.folder, self._clock, on_full=self._make_room)
         except OSError:
             self._reserve.release()
+            self._closing_room.release()
             self._header_room.release()
             self._lock.release()
             raise
-        self._media = MediaWriter(self.folder, self._clock, encoders or Encoders(()), on_full=self._make_room)
         self._audio = AudioWriter(self.folder, on_full=lambda: False)
         self._log_sync = WriteThrough("log", lambda: [self._log.file, *self._plain.files()], every_s=_SYNC_LOG_EVERY_S)
         self._media_sync = WriteThrough(
@@ -367,12 +370,14 @@ class SessionRecorder:
             _log.exception("closing the sound of %s", self.folder)
         self._media.close(timeout_s=self._limits.close_media_s)
         self._take_media_results()
+        self._log_sync.close(timeout_s=_CLOSE_SYNC_S)
+        self._media_sync.close(timeout_s=_CLOSE_SYNC_S)
+        # On a full disk whoever writes first has the room: from here on nothing else is waited for.
+        self._reserve.release()
+        self._closing_room.release()
         self._tell_missed()
         self._ended_ns, self._reason = clock.now_ns(), reason
         self._record(SessionEnded(self._ended_ns, self.folder.name, reason, actor), arrived_ns=self._ended_ns)
-        self._log_sync.close(timeout_s=_CLOSE_SYNC_S)
-        self._media_sync.close(timeout_s=_CLOSE_SYNC_S)
-        self._reserve.release()
         for step in (self._log.close, self._plain.close, self._write_last_header):
             try:
                 step()
@@ -511,12 +516,13 @@ class SessionRecorder:
         self.full = True
 
     def _make_room(self) -> bool:
-        """The disk is full: give some of the reserve back, so that what is being written is written whole."""
+        """The disk is full: give some of the reserve back. What closing takes stays set aside until then."""
         self._on_reserve = True
-        if self._reserve.release_step(keep_bytes=self._closing_bytes):
+        self._media.give_way()
+        if self._reserve.release_step():
             return True
         self.full = True
-        return self._reserve.release()
+        return False
 
     def _miss(self, stream: str, reason: str, count: int = 1) -> None:
         self.dropped[stream] += count
@@ -872,10 +878,10 @@ def _short(why: Exception | str) -> str:
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON]
 
 
-def _reserve(folder: Path, limits: DiskLimits) -> Reserve:
-    """As large as the limits say where the disk is large enough. Raises OSError where not even a little is free."""
+def _room_bytes(folder: Path, limits: DiskLimits) -> int:
+    """What is set aside: as much as the limits say where the disk is large enough."""
     share_bytes = max(shutil.disk_usage(folder).free // _RESERVE_SHARE, _LEAST_RESERVE_BYTES)
-    return Reserve(folder, min(limits.reserve_bytes, share_bytes), steps=limits.reserve_steps)
+    return min(limits.reserve_bytes, share_bytes)
 
 
 def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:

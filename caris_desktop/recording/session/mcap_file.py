@@ -114,21 +114,21 @@ class McapFile:
             self._file.write(self._schemas[number])
 
     def add_message(self, channel: int, data: bytes, *, log_time: int, publish_time: int, sequence: int) -> None:
-        """It is in the file once :meth:`flush` has returned."""
+        """It is in the file once :meth:`flush` has returned. Where this raises it is not added."""
+        if len(self._chunk.records) > _LARGEST_CHUNK_BYTES:
+            self.flush()
         chunk = self._chunk
         chunk.note(channel, log_time, len(chunk.records))
         chunk.records += _MESSAGE_HEAD.pack(
             records.MESSAGE, records.MESSAGE_BODY.size + len(data), channel, sequence, log_time, publish_time
         )
         chunk.records += data
-        if len(chunk.records) > _LARGEST_CHUNK_BYTES:
-            self.flush()
 
     def flush(self) -> None:
-        """Write the chunk in progress, in one piece with its index."""
+        """Write the chunk in progress, in one piece with its index. What the disk does not take stays in progress."""
         if self._chunk.index:
-            chunk, self._chunk = self._chunk, _Chunk()
-            self._write_chunk(chunk, self._folded(chunk))
+            self._write_chunk(self._chunk, self._folded(self._chunk))
+            self._chunk = _Chunk()
 
     def copy_chunk(self, content: bytes, folded: bytes = b"") -> None:
         """A chunk of these records, which hold messages; ``folded`` is the chunk itself where there is one already."""
@@ -151,6 +151,8 @@ class McapFile:
             offsets += struct.pack("<HQ", channel, begin + len(block))
             entries = _little_endian(index)
             block += record(records.MESSAGE_INDEX, struct.pack("<HI", channel, len(entries)) + entries)
+        self._file.write(bytes(block))
+        for channel, index in chunk.index.items():
             self._counts[channel] += len(index) // 2
         compression, folded_bytes = compression_of(folded)
         self._chunk_indexes += record(
@@ -164,13 +166,12 @@ class McapFile:
         self._chunks += 1
         self._begin_ns = chunk.begin_ns if self._begin_ns is None else min(self._begin_ns, chunk.begin_ns)
         self._end_ns = max(self._end_ns, chunk.end_ns)
-        self._file.write(bytes(block))
 
     def finish(self) -> None:
         """The summary at the end, by which readers jump."""
         self.flush()
-        self._file.write(record(records.DATA_END, struct.pack("<I", 0)))
-        begin = self._file.tell()
+        data_end = record(records.DATA_END, struct.pack("<I", 0))
+        begin = self._file.tell() + len(data_end)
         summary, offsets = bytearray(), bytearray()
         for opcode, group in (
             (records.SCHEMA, b"".join(self._schemas.values())),
@@ -189,7 +190,7 @@ class McapFile:
         # The checksum covers the footer up to itself.
         footer = records.HEAD.pack(records.FOOTER, records.FOOTER_BODY.size) + struct.pack("<QQ", begin, offsets_begin)
         checksum = zlib.crc32(footer, zlib.crc32(summary))
-        self._file.write(bytes(summary) + footer + struct.pack("<I", checksum) + records.MAGIC)
+        self._file.write(data_end + bytes(summary) + footer + struct.pack("<I", checksum) + records.MAGIC)
 
     def _statistics(self) -> bytes:
         counts = b"".join(struct.pack("<HQ", channel, count) for channel, count in sorted(self._counts.items()))

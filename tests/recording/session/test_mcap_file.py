@@ -1,5 +1,7 @@
 """The MCAP files we write, read by the ``mcap`` package with every checksum, by its index and record by record."""
 
+import errno
+import hashlib
 from pathlib import Path
 
 import pytest
@@ -97,3 +99,44 @@ def test_large_messages_do_not_wait_for_a_flush(tmp_path: Path) -> None:
     with (tmp_path / "f.mcap").open("rb") as read:
         found = [message for _, _, message in make_reader(read, validate_crcs=True).iter_messages()]
     assert [len(message.data) for message in found] == [1_500_000] * 5
+
+
+class NarrowDisk(DiskFile):
+    """Takes ``room_bytes`` and no more."""
+
+    room_bytes = 10_000_000
+
+    def write(self, data: bytes) -> int:
+        if self.size_bytes + len(data) > self.room_bytes:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(data)
+
+
+def test_what_a_full_disk_did_not_take_is_there_once_it_has_room_again(tmp_path: Path) -> None:
+    file = NarrowDisk(tmp_path / "f.mcap")
+    writer = McapFile(file, library="test")
+    channel = writer.add_channel("/a", "json", writer.add_schema("thing", "jsonschema", b"{}"))
+    added = []
+    for number in range(60):
+        file.room_bytes = file.size_bytes if 20 <= number < 40 else NarrowDisk.room_bytes
+        try:
+            noise = hashlib.shake_128(b"%d" % number).digest(90_000)
+            writer.add_message(channel, noise, log_time=number, publish_time=number, sequence=number)
+            added.append(number)
+        except OSError:
+            pass  # the chunk in progress is as large as it may become
+    assert set(range(20)) | set(range(41, 60)) <= set(added) and len(added) < 60
+    file.room_bytes = file.size_bytes
+    with pytest.raises(OSError, match="No space left"):
+        writer.finish()
+    whole = file.size_bytes
+    file.room_bytes = NarrowDisk.room_bytes
+    writer.finish()
+    file.close()
+    assert whole < file.size_bytes
+    with (tmp_path / "f.mcap").open("rb") as read:
+        reader = make_reader(read, validate_crcs=True)
+        assert [message.sequence for _, _, message in reader.iter_messages()] == added
+        summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None
+        assert summary.statistics.message_count == len(added)
