@@ -103,7 +103,7 @@ class PracticeStrip(QWidget):
         words = boxes.column(spacing_px=1)
         words.addWidget(self._title)
         words.addWidget(self._how)
-        row = boxes.row(self, margins_px=(18, 6, 10, 6), spacing_px=tokens.GRID_PX)
+        row = boxes.row(self, margins_px=(18, 6, 15, 6), spacing_px=tokens.GRID_PX)
         row.addLayout(words, 1)
         row.addWidget(self._dots)
         for button in (self._skip, self._again, self._end):
