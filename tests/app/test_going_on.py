@@ -84,11 +84,11 @@ def test_a_killed_program_offers_to_go_on_and_records_nothing_before_all_is_conf
     console.wait_until_shown(timeout_s=120.0, link="connected", going_on="offered", going_on_card=True, held=False)
     console.say("click going_on_yes")
     console.wait_until_shown(going_on="unconfirmed", going_on_card=True, held=True, drive_allowed=False)
+    refusal = "Starting a recording is not possible before this is confirmed again"
     for way in ("click record_button", "record"):
         told = len(console.shown["problems"])
         console.say(way)
         # That no detector is found may be told meanwhile.
-        refusal = "Starting a recording is not possible before this is confirmed again"
         wait_for(lambda told=told: any(refusal in said for said in console.shown["problems"][told:]), refusal)  # type: ignore[misc]
         assert console.shown["recording"] == "idle"
     for what in get_args(intents.AsBefore):
