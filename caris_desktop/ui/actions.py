@@ -406,7 +406,10 @@ class Actions(QObject):
         """What the row would ask the console for now."""
         if spec.intent is None or isinstance(spec.intent, Intent):
             return spec.intent
-        intent = spec.intent(self._console.scenario, self._console.state, spec.argument)
+        scenario = self._console.scenario
+        if scenario is not self._console.state.scenario.value:
+            return None  # the window shows the one before for a moment: what is read there is not what would be said
+        intent = spec.intent(scenario, self._console.state, spec.argument)
         if intent is not None and type(intent) not in spec.kinds:
             raise TypeError(f"the row {spec.id} gives {type(intent).__name__}, which it does not say")
         return intent

@@ -188,6 +188,11 @@ class PanelBoard(QObject):
         elif self._behind:
             self._make_next(self._behind)
 
+    @property
+    def _arranges_next(self) -> bool:
+        """Whether the next step is the arrangement of all: the dearest, as the whole window is painted after it."""
+        return self.building and not (self._without_room or self._outdated or self._missing)
+
     def _kept_places(self) -> dict[PanelName, Panel]:
         return {name: _KeptPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind}
 
@@ -195,8 +200,9 @@ class PanelBoard(QObject):
         """Several that are quickly done, or a single one: between any two the window would paint itself."""
         until_s = time.perf_counter() + TURN_S
         while not self.whole:
+            arranging = self._arranges_next
             self._build_next()
-            if time.perf_counter() >= until_s:
+            if time.perf_counter() >= until_s or arranging or self._arranges_next:
                 break
         if self._without_room is not None:
             # Unseen, and gone with the window. One that gets its room at once does without: each change of what holds

@@ -50,7 +50,7 @@ def measure(rounds: int, between_s: float) -> dict[str, object]:
         began_s, began_computing_s = time.perf_counter(), time.thread_time()
         console.do(intents.OpenScenario(path))
         load.wait_for(
-            lambda path=path: console.scenario.path == path and not window.board.building,
+            lambda path=path: state.scenario.value.path == path and not window.board.building,
             "the next scenario",
             30.0,
         )

@@ -186,6 +186,17 @@ def test_a_row_carries_the_intent_that_it_asks_for(window: MainWindow, console: 
     assert {"place_1", "place_2"} & set(asked_by(window)) == {"place_1"}
 
 
+def test_nothing_is_said_of_a_scenario_that_the_window_does_not_show_yet(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    console.scenario = dataclasses.replace(samples.TOUR, phrases=samples.TOUR.phrases[::-1])
+    asked = asked_by(window)
+    assert "phrase_2" not in asked and "filler" not in asked
+    assert asked["emergency_stop"] == intents.EmergencyStop() and asked["stop"] == intents.Stop()
+    console.state.scenario.set(console.scenario)
+    assert isinstance(asked_by(window)["phrase_2"], intents.Say)
+
+
 def test_a_row_needs_what_its_intent_needs(window: MainWindow) -> None:
     for action_id, intent in asked_by(window).items():
         spec = window.actions_table.spec(action_id)

@@ -91,7 +91,7 @@ def test_what_the_next_scenario_forbids_is_gone_before_its_first_panel_stands(
     assert "Speak" not in {entry.text for entry in window.palette_entries()}
 
 
-@pytest.mark.parametrize(("turn_s", "fewest"), [(0.0, 12), (60.0, 1)], ids=["slow", "quick"])
+@pytest.mark.parametrize(("turn_s", "fewest"), [(0.0, 12), (60.0, 2)], ids=["slow", "quick"])
 def test_other_things_have_their_turn_between_two_panels_that_are_not_quickly_made(
     alone: tuple[MainWindow, FakeConsole], qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, turn_s: float, fewest: int
 ) -> None:
@@ -120,6 +120,7 @@ def test_other_things_have_their_turn_between_two_panels_that_are_not_quickly_ma
     others.stop()
     made = [name for name, panel in window.panels.items() if panel is not before.get(name)]
     assert len(made_at) == len(made) >= 3
+    # The arrangement of all has a turn of its own, however quick the panels before it are.
     assert len(turns) >= fewest if turn_s == 0.0 else len(turns) == fewest
     assert all(after - before >= 2 for before, after in itertools.pairwise(turns)), "between any two"
 

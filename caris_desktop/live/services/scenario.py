@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
@@ -27,6 +27,10 @@ from caris_desktop.scenario.model import Place, Scenario
 _SEEN_WITHIN_S = 0.25
 """So long the picture and what panels show stand still while those of another scenario are made, which ends driving by
 hand. A scenario that is only edited changes little, and nobody is stopped by it.
+"""
+_NEXT_TURN_MS = 1
+"""Services follow first, and what the scenario does not permit is refused from then on. The window follows in a turn of
+its own: in one, a key would wait for both. 0 ms would be done before what the keyboard says.
 """
 
 
@@ -116,6 +120,8 @@ class ScenarioService(Service):
         # Who starts the program with a scenario is its wizard.
         self._opened_by: Actor = WIZARD
         self._closed = False
+        self._show = QTimer(self, singleShot=True, interval=_NEXT_TURN_MS)
+        self._show.timeout.connect(self._show_current)
         self.current = scenario
         self._text = parts.text(scenario)
         # ``current`` as it is once all that was asked for is done: only for the thread that does it.
@@ -208,6 +214,7 @@ class ScenarioService(Service):
 
     def stop(self) -> None:
         self._closed = True
+        self._show.stop()
         self._watch.stop()
 
     def _on_changed_outside(self, path: Path) -> None:
@@ -312,6 +319,9 @@ class ScenarioService(Service):
         if self.current.path != before:
             self._bus.hold_back(_SEEN_WITHIN_S)
         self._apply(self.current)
+        self._show.start()
+
+    def _show_current(self) -> None:
         # Opened anew it has the arrangement of its file again.
         self._state.scenario.set_anew(self.current)
 

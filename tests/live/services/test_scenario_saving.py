@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, QTimer
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
@@ -30,6 +30,7 @@ class Bench:
         self.conflicts: tuple[NameConflict, ...] = ()
         self.decided: list[tuple[intents.SameName, ...]] = []
         self.applied: list[str] = []
+        self.shown_then: list[str] = []
         self.state = LiveState()
         self.bus = Bus(self.state, parent)
         self.slow_work = SlowWork(parent)
@@ -58,6 +59,7 @@ class Bench:
 
     def apply(self, scenario: Scenario) -> None:
         self.applied.append(scenario.title)
+        QTimer.singleShot(0, lambda: self.shown_then.append(self.state.scenario.value.title))
 
     def save(self, qtbot: QtBot, *given: object) -> SavedScenario:
         asked = intents.SaveScenario(*given)  # type: ignore[arg-type]
@@ -81,7 +83,16 @@ def test_the_scenario_in_force_is_so_as_it_was_saved(bench: Bench, qtbot: QtBot)
     assert bench.save(qtbot, "Edited", OPEN.path, OPEN.path).text == "Edited"
     assert bench.files[OPEN.path] == "Edited"
     assert bench.applied == ["Edited"]
-    assert bench.state.scenario.value.title == "Edited"
+    qtbot.waitUntil(lambda: bench.state.scenario.value.title == "Edited")
+
+
+def test_a_key_gets_its_turn_between_what_follows_and_what_is_shown(bench: Bench, qtbot: QtBot) -> None:
+    other = Path("/scenarios/other.yaml")
+    bench.files[other] = "Other"
+    with qtbot.waitSignal(bench.state.scenario.changed):
+        bench.service.handlers()[intents.OpenScenario](intents.OpenScenario(other))
+    assert (bench.applied, bench.shown_then) == (["Other"], ["Open"])
+    assert bench.state.scenario.value.title == "Other"
 
 
 def test_the_picture_waits_for_the_panels_of_another_scenario_and_not_for_an_edited_one(
@@ -103,7 +114,7 @@ def test_a_copy_of_the_one_in_force_takes_its_place(bench: Bench, qtbot: QtBot) 
     copy = Path("/scenarios/copy.yaml")
     bench.save(qtbot, "Copy", copy, OPEN.path)
     assert bench.files == {OPEN.path: "Open", copy: "Copy"}
-    assert bench.state.scenario.value.path == copy
+    qtbot.waitUntil(lambda: bench.state.scenario.value.path == copy)
 
 
 def test_another_file_is_written_and_the_scenario_in_force_stays(bench: Bench, qtbot: QtBot) -> None:
