@@ -67,6 +67,7 @@ class Shown:
         scenario, (width_px, height_px), scale, theme, _language = case
         if self.console.scenario.path is None or self.console.scenario.path.stem != scenario:
             self.console.scenario = load_scenario(layouts_dir() / f"{scenario}.yaml")
+            self.console.protocol.use_scenario(self.console.scenario)
             self.console.state.scenario.set_anew(self.console.scenario)
             self.window.board.complete()
         self.window.theme.set_choice("dark" if theme == "dark" else "light")
