@@ -35,7 +35,8 @@ class Rule:
     is the default; a ``wanted`` one must be given though it has one. Keys are written by ``order``, then as declared,
     and called ``key`` where the file has another word than the program. Forms call it by its ``title`` (else by its
     key), among the others of its ``section``; ``prose`` may have paragraphs, what is ``pressed`` is a combination of
-    keys, and what ``refers`` is one of the names that a list of the file has: its keys, and that of the name.
+    keys, and what ``refers`` is one of the names that a list of the file has: its keys, and that of the name; or one of
+    the words ``else_one_of``.
 
     Of keys of one group: this one stands only ``beside`` another, it is ``needed`` where another stands (``(key,)``, or
     ``(key, *words)``: where that is one of these words), it stands ``instead_of`` others, which are then not needed
@@ -64,6 +65,7 @@ class Rule:
     prose: bool = False
     pressed: bool = False
     refers: tuple[str, ...] = ()
+    else_one_of: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
     needed: tuple[str, ...] = ()
     instead_of: tuple[str, ...] = ()

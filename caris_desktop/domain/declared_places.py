@@ -10,6 +10,7 @@ from caris_desktop.domain.declared import (
     Form,
     Group,
     Key,
+    Rule,
     choices_of,
     data_of,
     form_of,
@@ -194,6 +195,24 @@ def _key_differences(key: Key, before: Any, after: Any, path: KeyPath) -> Iterat
         yield from _differences(key.form, before, after, path)
     else:
         yield Difference(path, before, after)
+
+
+def references(hint: Any, data: Any) -> Iterator[tuple[KeyPath, Rule, str]]:
+    """Where a file names an entry of one of its lists, with the rule of that place and the name."""
+    yield from _references(form_of(hint), data, ())
+
+
+def _references(form: Form, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Rule, str]]:
+    item = item_of(form.kind)
+    if isinstance(data, Mapping) and (group := group_at(form, data)) is not None:
+        for key in keys_of(group):
+            if key.name in data:
+                yield from _references(key.form, data[key.name], (*path, key.name))
+    elif item is not None and isinstance(data, list):
+        for number, entry in enumerate(data):
+            yield from _references(item, entry, (*path, number))
+    elif form.rule.refers and isinstance(data, str):
+        yield path, form.rule, data
 
 
 def called(hint: Any, data: Any, path: KeyPath) -> list[str]:

@@ -65,7 +65,7 @@ def texts_of(declaration: Group) -> list[str]:
 
 def _texts(form: Form, seen: set[Any]) -> Iterator[str]:
     yield from (description_of(form), form.rule.allowed, form.rule.unit, form.rule.needs, form.rule.noun)
-    yield from (_word(choice) for choice in choices_of(form.kind))
+    yield from (_word(choice) for choice in (*choices_of(form.kind), *form.rule.else_one_of))
     if (item := item_of(form.kind)) is not None:
         yield from _texts(item, seen)
     for group in (form.kind,) if is_group(form.kind) else groups_of(form.kind):

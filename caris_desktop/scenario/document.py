@@ -28,6 +28,7 @@ from caris_desktop.domain.declared_places import (
     form_at,
     group_at,
     key_of,
+    references,
     text_key,
     value_at,
     with_value_at,
@@ -50,6 +51,8 @@ from caris_desktop.scenario.text_editing import (
 )
 
 MOST_STEPS = 500
+_ID = "id"
+"""By which an entry is known as well as by its name, and which may stay when that changes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +103,7 @@ class ScenarioDocument:
         self._done: list[UndoStep] = []
         self._lines: tuple[str, LocatedData] | None = None
         self._checked: tuple[_State, tuple[Mistake, ...]] | None = None
+        self._without_mistakes: _State | None = None
         self._valid: Scenario | None = None
         self._valid_state: _State | None = None
 
@@ -160,6 +164,8 @@ class ScenarioDocument:
         """All that keeps it from being saved, by their lines."""
         if self._checked is None or self._checked[0] is not self._state:
             self._checked = (self._state, self._found_mistakes())
+            if not self._checked[1]:
+                self._without_mistakes = self._state
         return self._checked[1]
 
     def _found_mistakes(self) -> tuple[Mistake, ...]:
@@ -173,9 +179,10 @@ class ScenarioDocument:
     @property
     def scenario(self) -> Scenario | None:
         """As it was last without a mistake; None where it never was."""
-        if self._valid_state is not self._state and not self.mistakes:
-            self._valid = value_from(Scenario, migrate(self.data))
-            self._valid_state = self._state
+        meant = self._state if not self.mistakes else self._without_mistakes
+        if meant is not None and meant is not self._valid_state:
+            self._valid = value_from(Scenario, migrate(meant.data))
+            self._valid_state = meant
         return self._valid
 
     def line_of(self, path: KeyPath) -> int:
@@ -198,8 +205,14 @@ class ScenarioDocument:
     # ---- what is done
 
     def set(self, path: KeyPath, value: Any) -> None:
-        """Let the file say ``value`` there. One change after the other at the same place is one step."""
+        """Let the file say ``value`` there. One change after the other at the same place is one step. Where it is the
+        name of an entry, whatever refers to the entry goes on doing so.
+        """
         if self.said(path) == value and type(self.said(path)) is type(value):
+            return
+        before = self._before_step(path)
+        if isinstance(value, str) and (along := self._referring(before.data, path)):
+            self._rename(before, path, value, along)
             return
         place, placed = self._placed(path, value)
         if place != path:
@@ -375,6 +388,50 @@ class ScenarioDocument:
 
         self._keep(told, data, write, goes_on=value is not ABSENT)
 
+    def _before_step(self, path: KeyPath) -> _State:
+        """As it was before the changes at that place that are one step with the next one."""
+        last = self._done[-1] if self._done else None
+        return last.before if last is not None and last.goes_on and last.path == path else self._state
+
+    def _referring(self, data: dict[str, Any], path: KeyPath) -> list[KeyPath]:
+        """The places that refer to an entry by what stands at ``path``: by its name, or by its id."""
+        name = value_at(data, path)
+        if len(path) < 3 or not isinstance(path[-2], int) or not isinstance(name, str) or not name:
+            return []
+        entries, key = value_at(data, path[:-2]), path[-1]
+        ids = {entry.get(_ID) for entry in entries if isinstance(entry, Mapping)}
+        return [
+            place
+            for place, rule, said in references(Scenario, data)
+            if rule.refers[:-1] == path[:-2]
+            and said not in rule.else_one_of
+            # An id goes before a title that is written like it.
+            and (said == name if key == _ID else key == rule.refers[-1] and _same(said, name) and said not in ids)
+        ]
+
+    def _rename(self, before: _State, path: KeyPath, name: str, along: list[KeyPath]) -> None:
+        """From the state before the step on, so that a name that is half typed, or for a moment that of another entry,
+        loses nothing.
+        """
+        others = value_at(before.data, path[:-2])
+        taken = any(
+            isinstance(said := value_at(entry, path[-1:]), str) and _same(said, name)
+            for number, entry in enumerate(others)
+            if number != path[-2]
+        )
+        places = [path] if taken or not name else [path, *along]
+        data = before.data
+        for place in places:
+            data = with_value_at(data, place, name)
+
+        def write(_text: str) -> str:
+            text = before.text
+            for place in places:
+                text = with_value(text, place, name)
+            return text
+
+        self._keep(path, data, write, goes_on=True)
+
     def _keep(self, path: KeyPath, data: dict[str, Any], write: Callable[[str], str], *, goes_on: bool) -> None:
         if self.unreadable is not None:
             return
@@ -452,6 +509,10 @@ class ScenarioDocument:
             return None
         text = left[text_key(group)]
         return text if isinstance(text, str) else None
+
+
+def _same(one: str, other: str) -> bool:
+    return one.casefold() == other.casefold()
 
 
 def _read(text: str, last: dict[str, Any] | None = None) -> _State:

@@ -84,6 +84,8 @@ class ProtocolStep:
         str,
         Rule(
             "The step that comes next, by its title or its id, or `end`; if not given, the one below.",
+            refers=("protocol", "steps", "title"),
+            else_one_of=(END,),
             longest=60,
             quiet=True,
         ),

@@ -50,7 +50,7 @@ def test_each_field_changes_its_own_lines_alone(
     for path, form in sampled(edited_leaves(edit)):
         value = other_value(edit, path, form)
         if value is ABSENT:
-            # Only together with something else: a name that others use, a place for a camera that has no mount.
+            # Only together with something else: a place for a camera that has no mount.
             edit.set(path, "Other words")
             assert edit.mistakes
         else:
@@ -131,6 +131,58 @@ def test_what_is_typed_at_one_place_is_one_step() -> None:
     edit.set(("filler",), "Hmm")
     edit.undo()
     assert edit.data["filler"] == "Hm"
+
+
+TWO_STEPS = """\
+version: 1
+title: Small
+places:
+  - {name: Door, x_m: 1, y_m: 2}
+protocol:
+  steps:
+    - title: Ask   # first
+      go_to: Door
+      branches:
+        - {title: Leaves, to: goodbye}   # by another case
+        - {title: Asks for a person, to: person}
+    - {title: Goodbye, then: end}
+    - {title: Person, id: person, then: Goodbye}
+layout: {panel: video}
+"""
+
+
+def test_whatever_refers_to_a_name_goes_along_when_it_changes() -> None:
+    edit = document(TWO_STEPS)
+    for name in ("Goodby", "", "Ask", "End", "Farewell"):  # as it is typed
+        edit.set(("protocol", "steps", 1, "title"), name)
+        assert bool(edit.mistakes) is (name in ("", "Ask")), name
+    changed = TWO_STEPS.replace("to: goodbye", "to: Farewell").replace("title: Goodbye", "title: Farewell")
+    assert edit.text == changed.replace("then: Goodbye", "then: Farewell")
+    assert [" › ".join(edit.words(each.path)) for each in edit.differences()] == [
+        "Protocol › Steps › Ask › Branches › Leaves › Goes on with",
+        "Protocol › Steps › Farewell › Title",
+        "Protocol › Steps › Person › Then",
+    ]
+    edit.undo()
+    assert edit.text == TWO_STEPS
+    edit.set(("places", 0, "name"), "Gate")
+    assert edit.text == TWO_STEPS.replace("Door", "Gate")
+    edit.undo()
+    edit.set(("protocol", "steps", 2, "id"), "colleague")
+    assert edit.text == TWO_STEPS.replace("to: person", "to: colleague").replace("id: person", "id: colleague")
+    edit.undo()
+    # A step that is known by its id stays so, whatever it is called.
+    edit.set(("protocol", "steps", 2, "title"), "Colleague")
+    assert edit.text == TWO_STEPS.replace("title: Person", "title: Colleague")
+
+
+def test_what_it_meant_last_is_known_while_there_is_a_mistake_in_it() -> None:
+    edit = document()
+    assert edit.mistakes == ()
+    edit.set(("phrases", 1, "key"), "B")
+    assert edit.mistakes
+    assert edit.scenario is not None
+    assert [getattr(each, "say", each) for each in edit.scenario.phrases] == ["Hello", "Bye"]
 
 
 def test_a_mistake_is_kept_and_told_with_its_line() -> None:

@@ -498,7 +498,7 @@ class ChoiceField(Field):
             self._offered = offered
             self.box.clear()
             for each in offered:
-                self.box.addItem(word_for(each, named=bool(self.form.rule.refers)), each)
+                self.box.addItem(self._word_for(each), each)
         self.box.setCurrentIndex(offered.index(value) if value in offered else -1)
 
     def _offers(self, value: Any) -> list[Any]:
@@ -509,10 +509,17 @@ class ChoiceField(Field):
             words.insert(0, "")
         return words if value in words or value is ABSENT else [*words, value]
 
+    def _word_for(self, value: Any) -> str:
+        rule = self.form.rule
+        if value == "" and rule.else_one_of:
+            return tr("not set")  # which is something else than none of them
+        return word_for(value, named=bool(rule.refers) and value not in rule.else_one_of)
+
     def _names(self) -> list[Any]:
         above, last = self.form.rule.refers[:-1], self.form.rule.refers[-1]
         entries = self.document.value(above)
         names = [value_at(entry, (last,)) for entry in entries] if isinstance(entries, list) else []
+        names += self.form.rule.else_one_of
         return [name for number, name in enumerate(names) if isinstance(name, str) and name not in names[:number]]
 
     def enter(self, value: Any) -> None:
