@@ -99,7 +99,7 @@ def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
             tr("more than {most} phrases stand in no group: there are keys for {most}.").format(most=KEYS_OF_A_GROUP),
         )
     titles: set[str] = set()
-    keys: set[str] = set()
+    said_by: dict[str, str] = {}
     for index, entry in enumerate(entries):
         if isinstance(entry, PhraseGroup):
             if entry.group.casefold() in titles:
@@ -112,6 +112,7 @@ def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
             inside = [((index,), entry)]
         for path, phrase in inside:
             if isinstance(phrase, Phrase) and phrase.key:
-                if phrase.key in keys:
-                    yield (*path, "key"), tr("the key {key} says another phrase already.").format(key=phrase.key)
-                keys.add(phrase.key)
+                if phrase.key in said_by:
+                    taken = tr("the key {key} already says '{phrase}'.")
+                    yield (*path, "key"), taken.format(key=phrase.key, phrase=said_by[phrase.key])
+                said_by.setdefault(phrase.key, phrase.say)

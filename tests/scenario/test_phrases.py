@@ -48,7 +48,7 @@ def test_without_loose_phrases_there_are_only_the_groups() -> None:
     [
         ("Ctrl+G,", "Ctrl+C,", "line 6: 'phrases[2].key' is 'Ctrl+C'. Allowed: Ctrl or Ctrl+Shift with a letter"),
         ("Ctrl+G,", "F4,", "line 6: 'phrases[2].key' is 'F4'. Allowed: "),
-        ("Ctrl+Shift+G", "Ctrl+G", "line 8: the key Ctrl+G says another phrase already."),
+        ("Ctrl+Shift+G", "Ctrl+G", "line 8: the key Ctrl+G already says 'Goodbye.'."),
         ("  - Hello, {name}!\n", "  - Hello.\n" * 8, "line 13: more than 8 phrases stand in no group"),
         (
             "  - Hello, {name}!\n",

@@ -13,7 +13,9 @@ from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.migrations import migrate
 from caris_desktop.scenario.model import Permissions, Scenario
 from caris_desktop.scenario.phrases import phrase_groups
+from caris_desktop.scenario.protocol import step_named
 from caris_desktop.ui.action_rows import ACTIONS, perform_nth_gesture
+from caris_desktop.ui.actions import rows_of
 from caris_desktop.ui.scenario_editor.consequences import Consequence, changed_permissions, consequences
 from caris_desktop.ui.tokens import Colors
 
@@ -81,6 +83,7 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
     parts = [_heading(tr("What the wizard has at a key"), colors)]
     keys = [spec.keys[0] for spec in ACTIONS if spec.id.startswith("phrase_")]
     groups = phrase_groups(_valued(document, "phrases"))
+    taken = _taken(document)
     if not groups:
         parts.append(_line(escape(tr("No phrase yet. The first one that you add is on F1.")), colors, "dim"))
     for group in groups:
@@ -89,7 +92,6 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
         rows = []
         for key, phrase in zip(keys, group.phrases, strict=False):
             own = f" {_cap(phrase.key, colors)}" if phrase.key else ""
-            taken = _taken(phrase.key)
             told = _told_taken(phrase.key, taken, colors)
             rows.append(
                 f'<tr><td style="padding:3px 8px 3px 0">{_cap(key, colors)}</td>'
@@ -106,21 +108,22 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
         parts.append(_line(escape(tr("Without a word, where the robot can:")), colors, "dim"))
         keys = [spec.keys[0] for spec in ACTIONS if spec.intent is perform_nth_gesture]
         for key, gesture in zip(keys, gestures, strict=False):
-            told = _told_taken(gesture.key, _taken(gesture.key, but=perform_nth_gesture), colors)
+            told = _told_taken(gesture.key, taken, colors)
             parts.append(_line(f"{_cap(gesture.key or key, colors)} {escape(gesture.title)}{told}", colors))
     return "".join(parts)
 
 
-def _told_taken(key: str, taken: str, colors: Colors) -> str:
-    if not taken:
+def _told_taken(key: str, taken: dict[str, str], colors: Colors) -> str:
+    if key not in taken:
         return ""
-    told = escape(tr("{key} does something else already: {what}").format(key=key, what=taken))
+    told = escape(tr("{key} does something else already: {what}").format(key=key, what=taken[key]))
     return f'<br><span style="color:{colors.amber}">{told}</span>'
 
 
-def _taken(key: str, *, but: object = None) -> str:
-    """What has the key by the table; those of gestures are theirs only where there are so many."""
-    return next((spec.text for spec in ACTIONS if key and key in spec.keys and spec.intent is not but), "")
+def _taken(document: ScenarioDocument) -> dict[str, str]:
+    """What each key does in this scenario whatever its phrases and gestures have of their own, which give way to it."""
+    rows = ACTIONS if document.scenario is None else rows_of(document.scenario)
+    return {key: spec.text for spec in rows if not spec.own_key for key in spec.keys}
 
 
 def _protocol(document: ScenarioDocument, colors: Colors) -> str:
@@ -139,7 +142,8 @@ def _protocol(document: ScenarioDocument, colors: Colors) -> str:
         if step.say:
             lines.append(escape(f"“{step.say}”"))
         for digit, branch in enumerate(step.branches, start=1):
-            words = tr("{what} → {step}").format(what=branch.title, step=branch.to)
+            to = step_named(steps, branch.to)
+            words = tr("{what} → {step}").format(what=branch.title, step=branch.to if to is None else to.title)
             lines.append(f"{_cap(f'B {digit}', colors)} {escape(words)}")
         rows.append(
             f'<tr><td style="padding:4px 8px 4px 0; color:{colors.dim}">{number}</td>'
@@ -148,7 +152,10 @@ def _protocol(document: ScenarioDocument, colors: Colors) -> str:
     parts.append(f"<table>{''.join(rows)}</table>")
     minutes = sum(step.minutes for step in steps)
     if minutes:
-        parts.append(_line(escape(tr("{minutes} minutes are expected in all.").format(minutes=f"{minutes:g}")), colors))
+        words = tr("{minutes} minutes are expected in all.")
+        if any(step.branches or step.then for step in steps):
+            words = tr("Through every step, {minutes} minutes are expected.")
+        parts.append(_line(escape(words.format(minutes=f"{minutes:g}")), colors))
     return "".join(parts)
 
 

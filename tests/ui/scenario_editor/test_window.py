@@ -156,8 +156,14 @@ def test_more_along_with_a_phrase_is_entered_by_pressing_its_key(editor: Scenari
     QTest.keyClick(key, Qt.Key.Key_P, Qt.KeyboardModifier.ControlModifier)
     assert editor.document.data["phrases"][0] == {"say": "Hello", "key": "Ctrl+P"}
     assert "Ctrl+P does something else already: Photo" in editor.preview.toPlainText()
+    # What is no intent but shows something of the window has keys too.
+    QTest.keyClick(key, Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    assert "Ctrl+K does something else already: Find anything" in editor.preview.toPlainText()
     QTest.keyClick(key, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
-    assert [mistake.message for mistake in editor.document.mistakes] == ["the key Ctrl+B says another phrase already."]
+    assert [mistake.message for mistake in editor.document.mistakes] == ["the key Ctrl+B already says 'Hello'."]
+    # What it was last without a mistake is shown, and not as if there were no phrases.
+    told = editor.preview.toPlainText()
+    assert "Hello" in told and "Bye" in told and "No phrase yet" not in told
     key.selectAll()
     QTest.keyClick(key, Qt.Key.Key_Delete)
     assert editor.document.text == TEXT
@@ -191,6 +197,21 @@ def test_the_steps_of_the_protocol_are_told_as_the_strip_has_them(editor: Scenar
     assert "3 min · go to Door" in told
     names = field(editor, "protocol", "steps", 0, "go_to")
     assert [names.box.itemText(number) for number in range(names.box.count())] == ["none", "Door"]
+    then = field(editor, "protocol", "steps", 0, "then")
+    assert [then.box.itemText(number) for number in range(then.box.count())] == ["not set", "Greet", "End"]
+    then.enter("end")
+    assert editor.document.data["protocol"]["steps"][0]["then"] == "end"
+
+
+def test_a_step_is_renamed_with_what_leads_to_it_in_one_step(editor: ScenarioEditor) -> None:
+    field(editor, "protocol", "steps", 0, "then")
+    editor.editing.add(("protocol", "steps", 1), {"title": "Wait", "then": "Greet"})
+    before = editor.document.text
+    type_over(editor, "Welcome", "protocol", "steps", 0, "title")
+    assert editor.document.text == before.replace("Greet", "Welcome")
+    assert wrong(editor) == []
+    editor.undo_button.click()
+    assert editor.document.text == before
 
 
 def test_text_and_form_are_two_sides_of_one_thing(editor: ScenarioEditor) -> None:
