@@ -407,7 +407,7 @@ def _save_text(text: str, path: Path, edited: Path | None, replaces: str) -> str
         raise ToldFailure(
             tr("The scenario was not saved."),
             str(error),
-            tr("What you changed is still in its window; save it again there."),
+            tr("What you changed is still in the window in which you edit it, and there it says what to do."),
         ) from error
 
 

@@ -2,7 +2,6 @@
 
 import json
 import logging
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,14 +12,13 @@ from caris_desktop.domain.intents import SaveLayout, SizeClass
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.file import ScenarioError, save_layout, save_scenario
 from caris_desktop.scenario.layout import checked_layout, layout_data, own_layout, with_layout
-from caris_desktop.scenario.library import own_file, user_scenarios_dir
+from caris_desktop.scenario.library import own_file, own_file_called
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.window_place import Settings
 
 _log = logging.getLogger(__name__)
 _KEY = "layout/before_saving"
 _KINDS: tuple[SizeClass, ...] = ("usual", "compact", "large")
-_LONGEST_STEM = 60
 
 
 class SavedLayouts:
@@ -123,14 +121,12 @@ def _written(scenario: Scenario) -> Path:
 
 def _written_anew(scenario: Scenario) -> Path:
     """Into a file of its own, named by its title; nothing that is there is written over. Raises ToldFailure."""
-    stem = re.sub(r"[^a-z0-9]+", "-", scenario.title.casefold()).strip("-")[:_LONGEST_STEM] or "scenario"
-    folder = user_scenarios_dir()
-    path = folder / f"{stem}.yaml"
+    first = path = own_file_called(scenario.title)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         number = 2
         while path.exists():
-            path, number = folder / f"{stem}-{number}.yaml", number + 1
+            path, number = first.with_stem(f"{first.stem}-{number}"), number + 1
         save_scenario(scenario, path)
     except (OSError, ScenarioError) as error:
         raise _not_saved(path, error) from error

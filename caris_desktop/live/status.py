@@ -206,12 +206,15 @@ class PreflightCheck:
 
 @dataclass(frozen=True, slots=True)
 class SavedScenario:
-    """What came of the last wish to write a scenario file: the ``text`` that it has now, or else why it has not."""
+    """What came of the last wish to write a scenario file: the ``text`` that it has now, or else why it has not; where
+    it is ``taken`` something else stands there that was not to be replaced.
+    """
 
     path: Path
     text: str = ""
     sha256: str = ""
     problem: str = ""
+    taken: bool = False
 
 
 @dataclass(frozen=True, slots=True)

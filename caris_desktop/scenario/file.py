@@ -36,6 +36,10 @@ class ScenarioError(Exception):
     """A scenario file that cannot be used. The text names file, line, what is wrong and what is allowed."""
 
 
+class OtherFileError(ScenarioError):
+    """Where one was to be written stands something that was not to be replaced."""
+
+
 def schema_path() -> Path:
     """The JSON Schema of scenario files, for the loader and for editors."""
     return resources_dir() / "schemas" / "scenario.schema.json"
@@ -100,14 +104,16 @@ def save_text(
     Raises
     ------
     ScenarioError
-        If it has a mistake, the file cannot be written, or what is there has not the checksum ``replaces``.
+        If it has a mistake or the file cannot be written; OtherFileError if what is there has not the checksum
+        ``replaces``.
     """
     if path.is_file() and hashlib.sha256(_read(path)).hexdigest() != replaces:
-        raise ScenarioError(
-            tr("{path} was changed by somebody else, or is another scenario. It was left as it is.").format(
-                path=_shown(path)
-            )
+        told = (
+            tr("{path} was changed by somebody else meanwhile. It was left as it is.")
+            if replaces
+            else tr("{path} is there already. It was left as it is.")
         )
+        raise OtherFileError(told.format(path=_shown(path)))
     if came_from is not None and came_from.resolve().parent != path.resolve().parent:
         text = _SCHEMA_COMMENT.sub(lambda _match: _schema_comment(path), text, count=1)
     if len(text.encode("utf-8")) > MAX_FILE_BYTES:

@@ -1,6 +1,8 @@
 """Which scenarios there are: those that come with the program and the user's own."""
 
 import functools
+import re
+from collections import Counter
 from pathlib import Path
 
 import platformdirs
@@ -13,6 +15,15 @@ from caris_desktop.scenario.file import ScenarioError, load_scenario
 SUFFIXES = (".yaml", ".yml")
 
 
+_LONGEST_STEM = 60
+
+
+def own_file_called(title: str) -> Path:
+    """Where a scenario of that title is kept as one of the user's own."""
+    stem = re.sub(r"[\W_]+", "-", title.casefold()).strip("-")[:_LONGEST_STEM].strip("-")
+    return user_scenarios_dir() / f"{stem or 'scenario'}.yaml"
+
+
 def own_file(path: Path | None) -> Path:
     """Where a scenario is saved: in its own file, or in the user's copy of a shipped one."""
     if path is not None and not path.resolve().is_relative_to(layouts_dir().resolve()):
@@ -22,7 +33,9 @@ def own_file(path: Path | None) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class ScenarioChoice:
-    """One file of the library. Of one that cannot be opened the title is its file name."""
+    """One file of the library. Of one that cannot be opened the title is its file name; of one of the user's own whose
+    title another has too, its file name is in it.
+    """
 
     title: str
     path: Path
@@ -35,7 +48,12 @@ def user_scenarios_dir() -> Path:
 
 def list_scenarios(*, user_dir: Path | None = None) -> tuple[ScenarioChoice, ...]:
     """Shipped scenarios, then the user's, each by file name. A user's file stands in for a shipped one of its name."""
-    return tuple(ScenarioChoice(title_of(path), path) for path in scenario_files(user_dir=user_dir))
+    titles = {path: title_of(path) for path in scenario_files(user_dir=user_dir)}
+    times = Counter(titles.values())
+    return tuple(
+        ScenarioChoice(f"{title} ({path.stem})" if times[title] > 1 and path.parent != layouts_dir() else title, path)
+        for path, title in titles.items()
+    )
 
 
 def scenario_files(*, user_dir: Path | None = None) -> tuple[Path, ...]:

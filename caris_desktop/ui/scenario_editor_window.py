@@ -9,7 +9,9 @@ from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.library import own_file
 from caris_desktop.ui.read_aside import read_for
 from caris_desktop.ui.session_windows import bring_up
 from caris_desktop.ui.theme import Theme
@@ -37,14 +39,28 @@ class ScenarioEditorWindow(QObject):
         return self._editor
 
     def open(self) -> None:
-        """Edit the scenario in force. An editor that is open already comes to the front with what is in it."""
+        """Edit the scenario in force. An editor that is open already comes to the front with what is in it; one of
+        another scenario gives way, once it was asked what becomes of changes in it.
+        """
         from caris_desktop.ui.scenario_editor.opened import opened_as_form
 
         if self._editor is not None:
-            bring_up(self._editor)
+            self._show_again(self._editor)
         elif not self._opening:
             self._opening = True
             read_for(self, self._console, partial(opened_as_form, self._console.scenario), self._show, self._on_failed)
+
+    def _show_again(self, editor: "ScenarioEditor") -> None:
+        scenario = self._console.scenario
+        if editor.document.path == own_file(scenario.path) or editor.document.path == scenario.path:
+            bring_up(editor)
+        elif editor.unsaved:
+            bring_up(editor)
+            said = tr("This is another scenario than “{open}”, and what you changed in it is not saved.")
+            editor.ask_before_closing(said.format(open=scenario.title), self.open)
+        else:
+            editor.close()
+            self.open()
 
     def _show(self, found: "tuple[Opened, str]") -> None:
         from caris_desktop.ui.scenario_editor.window import ScenarioEditor
@@ -78,5 +94,8 @@ class ScenarioEditorWindow(QObject):
 
     def _on_closed(self) -> None:
         if self._editor is not None:
+            then = self._editor.after_closing
             self._editor.deleteLater()
             self._editor = None
+            if then is not None:
+                then()

@@ -6,7 +6,7 @@ import pytest
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.file import ScenarioError
-from caris_desktop.scenario.library import find_scenario, list_scenarios, title_of
+from caris_desktop.scenario.library import find_scenario, list_scenarios, own_file_called, title_of
 
 
 def test_the_library_lists_shipped_and_own_scenarios(tmp_path: Path) -> None:
@@ -23,6 +23,17 @@ def test_the_library_lists_shipped_and_own_scenarios(tmp_path: Path) -> None:
         tmp_path / "mine.yaml": "Mine",
         tmp_path / "broken.yaml": "broken",
     }
+
+
+def test_those_with_the_same_title_are_told_apart_by_their_files(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("title: Reception\nlayout: {panel: video}\n")
+    titles = [choice.title for choice in list_scenarios(user_dir=tmp_path)]
+    assert titles == ["Blank", "Mental health check", "Practice", "Reception", "Tour guide", "Reception (mine)"]
+
+
+def test_a_scenario_of_ones_own_is_kept_by_its_title() -> None:
+    stems = [own_file_called(title).stem for title in ("Second study", "Führung, 2. Teil", "../..", "a" * 80, "日本")]
+    assert stems == ["second-study", "führung-2-teil", "scenario", "a" * 60, "日本"]
 
 
 def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:

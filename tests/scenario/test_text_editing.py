@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.file import (
+    OtherFileError,
     ScenarioError,
     load_scenario,
     save_layout,
@@ -313,6 +314,8 @@ def test_a_text_is_written_only_over_what_it_was_made_from(path: Path, tmp_path:
     assert path.read_text(encoding="utf-8") == text
     with pytest.raises(ScenarioError, match="was changed by somebody else"):
         save_text(WRITTEN, path, replaces=known)
+    with pytest.raises(OtherFileError, match="is there already"):
+        save_text(WRITTEN, path)
     with pytest.raises(ScenarioError, match="line 33: unknown panel 'vidoe'"):
         save_text(text.replace("panel: video", "panel: vidoe"), tmp_path / "new.yaml")
     assert [file.name for file in tmp_path.iterdir()] == ["mine.yaml"]

@@ -22,6 +22,7 @@ from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import SavedScenario
 from caris_desktop.scenario.bundle import ImportQuestion, NameConflict
+from caris_desktop.scenario.file import OtherFileError
 from caris_desktop.scenario.model import Place, Scenario
 
 _SEEN_WITHIN_S = 0.25
@@ -253,7 +254,8 @@ class ScenarioService(Service):
                 self._use(filed, asked.actor)
 
         def failed(failure: ToldFailure) -> None:
-            self._state.saved_scenario.set_anew(SavedScenario(asked.path, problem=failure.meaning))
+            taken = isinstance(failure.__cause__, OtherFileError)
+            self._state.saved_scenario.set_anew(SavedScenario(asked.path, problem=failure.meaning, taken=taken))
             self._bus.answer(failure)
 
         self._slow_work.do(work, done, failed)

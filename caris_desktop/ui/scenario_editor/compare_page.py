@@ -87,9 +87,14 @@ class ComparePage(QWidget):
         context.theme.changed.connect(self._on_changed)
 
     def showEvent(self, event: Any) -> None:
-        read_for(self, self._console, self._others, self._offer)
         super().showEvent(event)
+        self.offer_anew()
         self.refresh()
+
+    def offer_anew(self) -> None:
+        """What there is to compare with may be another by now."""
+        if self.isVisible():
+            read_for(self, self._console, self._others, self._offer)
 
     def _on_changed(self) -> None:
         if self.isVisible():

@@ -1,9 +1,7 @@
 """The window in which a scenario is edited: its sections, the form, what comes of it, the text, and how it is saved."""
 
-import re
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QSize, Qt, QUrl, Signal
@@ -19,25 +17,22 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.status import SavedScenario
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.document import ScenarioDocument, UndoStep
-from caris_desktop.scenario.library import own_file, user_scenarios_dir
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.library import own_file
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.icons import icon
-from caris_desktop.ui.read_aside import read_for
 from caris_desktop.ui.scenario_editor.compare_page import ComparePage, Other
 from caris_desktop.ui.scenario_editor.editing import Editing, FormContext
 from caris_desktop.ui.scenario_editor.fields import Field
 from caris_desktop.ui.scenario_editor.notice import Notice
-from caris_desktop.ui.scenario_editor.opened import Opened, opened_anew, text_of
+from caris_desktop.ui.scenario_editor.opened import Opened, text_of
 from caris_desktop.ui.scenario_editor.preview import preview_page
+from caris_desktop.ui.scenario_editor.saving import Saving, as_sentence
 from caris_desktop.ui.scenario_editor.section_page import SectionPage
 from caris_desktop.ui.scenario_editor.sections import sections
 from caris_desktop.ui.scenario_editor.text_page import TextPage
@@ -61,11 +56,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         self.setObjectName("scenario_editor")
         self._theme = theme
         self._console = console
-        self._opened = opened
-        self._saving_to: Path | None = None
-        self._sent = ""
-        self._close_when_saved = False
-        self._changed_elsewhere = False
+        self.after_closing: Callable[[], None] | None = None
         document = ScenarioDocument(opened.text, opened.path)
         self.editing = Editing(document, self)
         self.context = FormContext(theme, self.editing, self._robot_pose)
@@ -86,8 +77,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         self._lay_out()
         self._make_keys()
         self.editing.changed.connect(self._on_changed)
-        console.state.saved_scenario.changed.connect(self._on_saved)
-        console.state.scenario.changed.connect(self._on_scenario_in_force)
+        self.saving = Saving(self, console, opened, self)
         theme.keep_styled(self._style)
         self.nav.setCurrentRow(0)
         self.nav.setFocus(Qt.FocusReason.OtherFocusReason)
@@ -116,14 +106,14 @@ class ScenarioEditor(TabAsRead, QWidget):
         self.save_button = self._button("editor_save", tr("Save"), "floppy-disk", self.save, look="primary")
         self.save_button.set_key("Ctrl+S")
         self._name_row = QWidget()
-        self.name = QLineEdit(placeholderText=tr("Name of the new scenario file, as “second-study”"))
+        self.name = QLineEdit(placeholderText=tr("Title of the new scenario, as “Second study”"))
         self.name.setObjectName("editor_name")
-        self.name.setAccessibleName(tr("Name of the new file"))
+        self.name.setAccessibleName(tr("Title of the new scenario"))
         self.name.returnPressed.connect(self.save_as)
         name_row = boxes.row(self._name_row, margins_px=(16, 0, 16, 8))
         name_row.addWidget(self.name, 1)
-        name_row.addWidget(self._button("editor_name_save", tr("Save under this name"), "check", self.save_as))
-        name_row.addWidget(self._button("editor_name_cancel", tr("Cancel"), "x", self._name_row.hide, look="ghost"))
+        name_row.addWidget(self._button("editor_name_save", tr("Save under this title"), "check", self.save_as))
+        name_row.addWidget(self._button("editor_name_cancel", tr("Cancel"), "x", self.leave_name, look="ghost"))
         self._name_row.hide()
 
     def _button(self, name: str, text: str, icon_name: str, do: Callable[[], Any], **more: Any) -> ActionButton:
@@ -216,6 +206,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         self.nav.setCurrentRow((self.nav.currentRow() + by) % self.nav.count())
 
     def _on_section(self, row: int) -> None:
+        self.notice.take_back("saved")
         self.stack.setCurrentIndex(row)
         self._show_preview()
 
@@ -236,6 +227,8 @@ class ScenarioEditor(TabAsRead, QWidget):
 
     def _on_changed(self) -> None:
         document = self.document
+        if document.changed:
+            self.notice.take_back("saved")
         self.setWindowTitle(tr("{title} · edit the scenario").format(title=self._shown_title()))
         self._title.setText(self._shown_title())
         count = len(document.mistakes)
@@ -320,7 +313,7 @@ class ScenarioEditor(TabAsRead, QWidget):
             self.notice.take_back("unreadable")
             return
         said = tr("Line {line} of the text: {reason} The form shows the last state without this mistake.").format(
-            line=mistake.line, reason=_as_sentence(mistake.message)
+            line=mistake.line, reason=as_sentence(mistake.message)
         )
         self.notice.say(
             "unreadable", said, "red",
@@ -349,100 +342,23 @@ class ScenarioEditor(TabAsRead, QWidget):
     # ---- saving
 
     def save(self) -> None:
-        """Into its own file, or the user's own copy of a shipped one."""
-        if not self.unsaved:
-            return
-        target = own_file(self.document.path)
-        self._save_to(target, self._opened.sha256 if target == self._opened.path else "")
+        self.saving.save()
 
     def ask_for_name(self) -> None:
-        self.name.setText(f"{self.document.path.stem}-2")
+        self.name.setText(tr("{title} 2").format(title=self._shown_title()))
         self._name_row.show()
         self.name.selectAll()
         self.name.setFocus(Qt.FocusReason.OtherFocusReason)
 
-    def save_as(self) -> None:
-        """Under the name that was typed, among the user's own scenarios."""
-        stem = re.sub(r"\.ya?ml$", "", self.name.text().strip())
-        if not re.fullmatch(r"[\w][\w .-]{0,80}", stem):
-            self.notice.say(
-                "name",
-                tr("A name has letters, digits, blanks, - and _, and begins with one of the first two."),
-                "amber",
-            )
-            return
+    def leave_name(self) -> None:
         self.notice.take_back("name")
-        self._save_to(user_scenarios_dir() / f"{stem}.yaml", "")
+        if self._name_row.isVisible():
+            self.nav.setFocus(Qt.FocusReason.OtherFocusReason)
+            self._name_row.hide()
 
-    def _save_to(self, path: Path, replaces: str) -> None:
-        if self._saving_to is not None:
-            return
-        self.text_page.flush()
-        self.document.pause()
-        if self.document.mistakes:
-            said = tr("Nothing was saved. To correct first: %n", "", len(self.document.mistakes))
-            self.notice.say("refused", said, "red", (tr("Show the first"), lambda: self.show_mistake(0)))
-            self.show_mistake(0)
-            self._close_when_saved = False
-            return
-        self._saving_to, self._sent = path, self.document.text
-        refused = self._console.do(intents.SaveScenario(self._sent, path, self.document.path, replaces))
-        if refused:
-            self._on_saved(SavedScenario(path, problem=refused))
-
-    def _on_saved(self, saved: SavedScenario | None) -> None:
-        if saved is None or saved.path != self._saving_to:
-            return
-        self._saving_to = None
-        self._changed_elsewhere &= bool(saved.problem)
-        if saved.problem:
-            self._close_when_saved = False
-            if self._changed_elsewhere:
-                self._on_scenario_in_force(self._console.scenario)
-            said = tr("It was not saved: {reason} What you changed is still here.").format(reason=saved.problem)
-            self.notice.say("saving", said, "red", (tr("Save as…"), self.ask_for_name))
-            return
-        self._opened = Opened(saved.path, saved.text, saved.sha256)
-        self.document.note_saved(self._sent, saved.text, saved.path)
-        self._name_row.hide()
-        self.editing.told(reshaped=True)
-        self.notice.say("saved", tr("Saved in {file}.").format(file=saved.path), "green")
-        if self._close_when_saved and not self.document.changed:
-            self.close()
-        self._close_when_saved = False
-
-    def _on_scenario_in_force(self, scenario: Scenario | None) -> None:
-        """The console may have written into the file meanwhile, as for a place: that stays."""
-        if scenario is None or scenario.path is None or self._saving_to is not None:
-            return
-        if scenario.sha256 != self._opened.sha256:
-            read_for(self, self._console, partial(opened_anew, scenario.path, self._opened), self._on_read_anew)
-
-    def _on_read_anew(self, opened: Opened | str | None) -> None:
-        self._changed_elsewhere = opened is not None and self._saving_to is not None
-        if opened is None or self._changed_elsewhere:
-            return
-        if isinstance(opened, str):
-            self._tell_not_read_anew(opened)
-            return
-        try:
-            kept = self.document.rebase(opened.text)
-        except ValueError as error:
-            self._tell_not_read_anew(str(error))
-            return
-        self._opened = opened
-        self.editing.told(reshaped=True)
-        said = tr("The file was changed elsewhere and is read anew.")
-        if kept:
-            said = tr(
-                "The file was changed elsewhere and is read anew. Your own changes stand in it: %n", "", len(kept)
-            )
-        self.notice.say("meanwhile", said, "blue")
-
-    def _tell_not_read_anew(self, reason: str) -> None:
-        self.notice.say(
-            "meanwhile", tr("The file has changed and cannot be read: {reason}").format(reason=reason), "red"
-        )
+    def save_as(self) -> None:
+        if title := " ".join(self.name.text().split()):
+            self.saving.save_as(title)
 
     # ---- closing
 
@@ -452,24 +368,29 @@ class ScenarioEditor(TabAsRead, QWidget):
             "The file cannot be shown as a form: {problem} Here is the scenario as it is in force; saving replaces "
             "the file."
         )
-        self.notice.say("meanwhile", said.format(problem=_as_sentence(problem)), "amber")
+        self.notice.say("meanwhile", said.format(problem=as_sentence(problem)), "amber")
 
     @property
     def unsaved(self) -> bool:
         self.text_page.flush()
         return self.document.changed
 
-    def ask_before_closing(self) -> None:
+    def ask_before_closing(self, said: str = "", then: Callable[[], None] | None = None) -> None:
+        """``then`` is done once it has closed, unless the wizard goes on here."""
+        self.after_closing = then
         self.notice.say(
-            "closing", tr("What you changed is not saved."), "amber",
+            "closing", said or tr("What you changed is not saved."), "amber",
             (tr("Save"), self._save_and_close), (tr("Throw away"), self._throw_away),
-            (tr("Go on editing"), lambda: self.notice.take_back("closing")),
+            (tr("Go on editing"), self._go_on),
         )  # fmt: skip
+
+    def _go_on(self) -> None:
+        self.after_closing = None
+        self.notice.take_back("closing")
 
     def _save_and_close(self) -> None:
         self.notice.take_back("closing")
-        self._close_when_saved = True
-        self.save()
+        self.saving.save_and_close()
 
     def _throw_away(self) -> None:
         self.document.revert()
@@ -530,7 +451,3 @@ class ScenarioEditor(TabAsRead, QWidget):
 
 def _step_words(text: str, step: UndoStep | None) -> str:
     return text.format(what=" › ".join(step.words) or tr("the text")) if step is not None else ""
-
-
-def _as_sentence(text: str) -> str:
-    return text if text.endswith(".") else f"{text}."

@@ -17,6 +17,7 @@ from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import SavedScenario
 from caris_desktop.scenario.bundle import BundledFile, ImportQuestion, NameConflict
+from caris_desktop.scenario.file import OtherFileError
 from caris_desktop.scenario.model import PanelLeaf, Scenario
 
 OPEN = Scenario("Open", PanelLeaf("map"), path=Path("/scenarios/open.yaml"))
@@ -48,7 +49,8 @@ class Bench:
 
     def write(self, text: str, path: Path, _edited: Path | None, replaces: str) -> str:
         if replaces == "wrong":
-            raise ToldFailure("The scenario was not saved.", "It was changed by somebody else.", "Compare.")
+            failure = ToldFailure("The scenario was not saved.", "It was changed by somebody else.", "Compare.")
+            raise failure from OtherFileError()
         self.files[path] = text
         return text
 
@@ -130,7 +132,7 @@ def test_what_was_not_saved_is_told_to_the_editor_and_to_the_wizard(bench: Bench
     told: list[object] = []
     bench.state.event_happened.connect(told.append)
     saved = bench.save(qtbot, "Edited", OPEN.path, OPEN.path, "wrong")
-    assert (saved.text, saved.problem) == ("", "It was changed by somebody else.")
+    assert (saved.text, saved.problem, saved.taken) == ("", "It was changed by somebody else.", True)
     bench.bus.take_in()
     assert [event.what for event in told if isinstance(event, Problem)] == ["The scenario was not saved."]
     assert not any(isinstance(event, ScenarioOpened) for event in told)

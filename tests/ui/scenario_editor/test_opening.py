@@ -7,6 +7,7 @@ from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.ui.main_window import MainWindow
+from tests.ui import samples
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 from tests.ui.test_window import choose
@@ -51,6 +52,21 @@ def test_it_opens_from_the_menu_and_driving_and_the_emergency_stop_go_past_it(
     assert any(entry.text == "Edit this scenario…" for entry in window.palette_entries())
     window.editor.open()
     assert window.editor.editor is editor
+    # Another scenario that is opened is edited next, and nothing of this one is lost unasked.
+    assert console.open_scenario(samples.MENTAL.path)
+    editor.editing.set(("title",), "Another")
+    window.editor.open()
+    assert window.editor.editor is editor
+    assert "This is another scenario than “Mental health check”" in editor.notice.text.text()
+    editor.notice.answers[1].click()
+    qtbot.waitUntil(lambda: window.editor.editor not in (None, editor))
+    editor = window.editor.editor
+    assert editor is not None and editor.document.data["title"] == "Mental health check"
+    assert console.open_scenario(samples.TOUR.path)
+    window.editor.open()
+    qtbot.waitUntil(lambda: window.editor.editor not in (None, editor))
+    editor = window.editor.editor
+    assert editor is not None and editor.document.data["title"] == "Tour guide"
     # The main window does not go while something is not saved.
     editor.editing.set(("title",), "Another")
     monkeypatch.setattr(QCloseEvent, "spontaneous", lambda _event: True)

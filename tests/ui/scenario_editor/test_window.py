@@ -297,10 +297,10 @@ def take_over(row: QWidget) -> QWidget:
     return button
 
 
-def acknowledge(console: FakeConsole, **more: str) -> None:
+def acknowledge(console: FakeConsole, *, problem: str = "", taken: bool = False) -> None:
     text, path, _edited, _replaces = console.named("save_scenario")[-1]
     sha256 = hashlib.sha256(text.encode()).hexdigest()
-    saved = SavedScenario(path, problem=more["problem"]) if more else SavedScenario(path, text, sha256)
+    saved = SavedScenario(path, problem=problem, taken=taken) if problem else SavedScenario(path, text, sha256)
     console.state.saved_scenario.set_anew(saved)
 
 
@@ -315,8 +315,9 @@ def test_saving_is_told_and_what_was_not_saved_stays(editor: ScenarioEditor, con
     acknowledge(console)
     assert (editor.document.changed, editor.save_button.isEnabled()) == (False, False)
     assert "Saved in" in editor.notice.text.text()
-    # The next one replaces what was just saved.
+    # The next one replaces what was just saved, of which nothing is told any more.
     type_over(editor, "Larger", "title")
+    assert not editor.notice.isVisible()
     editor.save_button.click()
     assert console.named("save_scenario")[-1][3] == hashlib.sha256(TEXT.replace("Small", "Large").encode()).hexdigest()
 
@@ -343,19 +344,72 @@ def test_a_refusal_of_the_console_is_told(
     assert editor.document.changed
 
 
-def test_a_copy_gets_a_name_of_its_own(editor: ScenarioEditor, console: FakeConsole, own_settings: Path) -> None:
+def test_a_copy_gets_a_title_of_its_own(editor: ScenarioEditor, console: FakeConsole) -> None:
     editor.save_as_button.click()
     assert QApplication.focusWidget() is editor.name
-    editor.name.setText("../away")
+    assert editor.name.text() == "Small 2"
+    for title in (" ", "x" * 500):
+        editor.name.setText(title)
+        QTest.keyClick(editor.name, Qt.Key.Key_Return)
+        assert console.named("save_scenario") == []
+    assert "'title' has 500 characters" in editor.notice.text.text()
+    editor.name.setText("../Second  study")
     QTest.keyClick(editor.name, Qt.Key.Key_Return)
-    assert console.named("save_scenario") == []
-    editor.name.setText("second study")
+    ((text, target, _edited, replaces),) = console.named("save_scenario")
+    assert (target, replaces) == (user_scenarios_dir() / "second-study.yaml", "")
+    assert text == TEXT.replace("title: Small", "title: ../Second study")
+    # Where that is taken by another one the present one keeps its title, and another is asked for.
+    acknowledge(console, problem="It is there already.", taken=True)
+    assert "There is a scenario in “second-study.yaml” already" in editor.notice.text.text()
+    assert QApplication.focusWidget() is editor.name
+    assert editor.document.text == TEXT
+    editor.name.setText("Third")
     QTest.keyClick(editor.name, Qt.Key.Key_Return)
-    ((_text, target, _edited, replaces),) = console.named("save_scenario")
-    assert target.is_relative_to(own_settings)
-    assert (target.name, replaces) == ("second study.yaml", "")
     acknowledge(console)
-    assert editor.document.path == target
+    assert editor.document.path == user_scenarios_dir() / "third.yaml"
+    assert (editor.document.data["title"], editor.document.changed) == ("Third", False)
+    assert QApplication.focusWidget() is editor.nav
+
+
+def test_what_somebody_else_wrote_unseen_is_read_before_it_is_saved(
+    editor: ScenarioEditor, console: FakeConsole, path: Path
+) -> None:
+    type_over(editor, "Large", "title")
+    path.write_text(TEXT.replace("Hello", "Good morning"), encoding="utf-8")
+    editor.save_button.click()
+    acknowledge(console, problem="It was changed.", taken=True)
+    assert "It was not saved yet: the file was changed elsewhere" in editor.notice.text.text()
+    assert "Your own changes stand in it: 1" in editor.notice.text.text()
+    editor.save_button.click()
+    text, _path, _edited, replaces = console.named("save_scenario")[-1]
+    assert text == TEXT.replace("Hello", "Good morning").replace("title: Small", "title: Large")
+    assert replaces == opened_file(path).sha256
+
+
+def test_a_file_that_somebody_else_broke_is_written_over_only_when_asked(
+    editor: ScenarioEditor, console: FakeConsole, path: Path
+) -> None:
+    type_over(editor, "Large", "title")
+    path.write_text(TEXT + "]", encoding="utf-8")
+    editor.save_button.click()
+    acknowledge(console, problem="It was changed.", taken=True)
+    assert "changed elsewhere, and cannot be read now: line 16: not valid YAML" in editor.notice.text.text()
+    assert editor.document.text == TEXT.replace("title: Small", "title: Large")
+    over, save_as = editor.notice.answers
+    assert (over.text(), save_as.text()) == ("Write over it", "Save as…")
+    over.click()
+    text, _path, _edited, replaces = console.named("save_scenario")[-1]
+    assert (text, replaces) == (editor.document.text, opened_file(path).sha256)
+
+
+def test_what_is_compared_with_is_what_was_saved_last(editor: ScenarioEditor, console: FakeConsole) -> None:
+    type_over(editor, "Large", "title")
+    editor.show_page(editor.compare_page)
+    assert len(editor.compare_page.rows) == 1
+    editor.save_button.click()
+    acknowledge(console)
+    assert editor.compare_page.rows == []
+    assert editor.compare_page.said.text() == "Both say the same."
 
 
 def test_what_is_not_saved_is_asked_about_before_it_goes(
