@@ -11,6 +11,7 @@ from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PracticeStatus
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui import boxes
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
@@ -39,6 +40,7 @@ class DriveHint(QWidget):
         self._actions = actions
         self._from: Pose2D | None = None
         self._gone_m = 0.0
+        self._waits = False
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self._text = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         self._practise = ActionButton(theme, tr("Practise the rest"), icon="student", height_px=28)
@@ -60,6 +62,7 @@ class DriveHint(QWidget):
         state.drive.changed.connect(self._show)
         state.link.changed.connect(self._show)
         state.practice.changed.connect(self._on_practice)
+        state.scenario.changed.connect(self._on_scenario)
         actions.keys_changed.connect(self._show)
         theme.changed.connect(self._show)
         self.hide()
@@ -72,6 +75,7 @@ class DriveHint(QWidget):
         """From now on a metre is waited for."""
         if self._console.scenario.permissions.driving:
             self._from, self._gone_m = None, 0.0
+            self._waits = True
             self._leave.stop()
             self._practise.hide()
             self._show()
@@ -79,6 +83,7 @@ class DriveHint(QWidget):
 
     def end(self) -> None:
         """Nobody has to be told any more."""
+        self._waits = False
         self.hide()
         self.driven.emit()
 
@@ -90,6 +95,7 @@ class DriveHint(QWidget):
         if before is not None and (self._console.state.drive.value.target_forward_mps or self._gone_m):
             self._gone_m += math.hypot(here.x_m - before.x_m, here.y_m - before.y_m)
         if self._gone_m >= _FIRST_METRE_M:
+            self._waits = False
             self._leave.start()
             self._practise.show()
             self._show()
@@ -99,6 +105,13 @@ class DriveHint(QWidget):
         """Whoever practises is told by that."""
         if status.state and not self.isHidden():
             self.end()
+
+    def _on_scenario(self, scenario: Scenario | None) -> None:
+        """Where nobody may drive there are no keys to tell of."""
+        if scenario is not None and not scenario.permissions.driving:
+            self.hide()
+        elif self._waits and self.isHidden():
+            self.begin()
 
     def _on_practise(self) -> None:
         self.hide()

@@ -1,5 +1,6 @@
 """The first minutes with the program: the page, its steps, and the line that tells how to drive."""
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -192,6 +193,23 @@ def test_it_comes_once_by_itself_and_later_when_it_is_asked_for(
 
 def drive(console: FakeConsole, x_m: float) -> None:
     console.state.take(Odometry(clock.now_ns(), None, Pose2D(x_m, 0.0, 0.0), Twist2D(0.3, 0.0, 0.0)))
+
+
+def test_there_is_no_hint_where_nobody_may_drive(
+    window: MainWindow, console: FakeConsole, settings: MemorySettings
+) -> None:
+    hint: DriveHint = window.first_use.hint
+    window.first_use.begin(with_simulated_robot=True)
+    assert hint.isVisible()
+    may_drive = console.scenario
+    permissions = dataclasses.replace(may_drive.permissions, driving=False)
+    console.scenario = dataclasses.replace(may_drive, permissions=permissions)
+    console.state.scenario.set_anew(console.scenario)
+    assert not hint.isVisible()
+    assert DRIVEN_KEY not in settings.values, "it is told as soon as somebody may"
+    console.scenario = may_drive
+    console.state.scenario.set_anew(console.scenario)
+    assert hint.isVisible()
 
 
 def test_the_hint_goes_with_the_first_metre(
