@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QPoint, Signal
+from PySide6.QtCore import QObject, QPoint, QRect, Signal
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # imported when they are first opened
     from caris_desktop.ui.start_dialog import StartDialog
 
 RECENT_SESSIONS = 8
+_LEAST_HEIGHT_PX, _BELOW_RED_PX = 480, 8
 
 
 class SessionWindows(QObject):
@@ -181,16 +182,32 @@ class SessionWindows(QObject):
             self._sessions.refresh()  # one more
 
 
+def _room_beside(parent: QWidget, room: QRect) -> QRect:
+    """Of the screen what is below the red button of that window, unless that is too little."""
+    red = parent.findChild(QWidget, "emergency_stop")
+    below = QRect(room)
+    below.setTop(room.top() + WINDOW_FRAME.height())
+    if red is not None and red.isVisible():
+        below.setTop(max(below.top(), red.mapToGlobal(red.rect().bottomLeft()).y() + _BELOW_RED_PX))
+        if below.height() - WINDOW_FRAME.height() < _LEAST_HEIGHT_PX:
+            below.setTop(room.top() + WINDOW_FRAME.height())
+    return below
+
+
 def bring_up(window: QWidget) -> None:
-    """Show a window in the middle of the one that it belongs to, with the keys in it."""
+    """Show a window in the middle of the one that it belongs to, as far as the red button stays in sight, with the keys
+    in it.
+    """
     parent = window.parentWidget()
     if parent is not None and not window.isVisible():
         # A window manager would put it into a corner.
-        room = window.screen().availableGeometry()
-        place = window.geometry()
+        room = _room_beside(parent, window.screen().availableGeometry())
+        window.resize(window.size().boundedTo(room.size() - WINDOW_FRAME))
+        place = QRect(QPoint(), window.size() + WINDOW_FRAME)
         place.moveCenter(parent.frameGeometry().center())
-        place.moveTopLeft(QPoint(max(room.left(), place.left()), max(room.top() + WINDOW_FRAME.height(), place.top())))
-        window.move(place.topLeft())
+        place.moveRight(min(place.right(), room.right()))
+        place.moveBottom(min(place.bottom(), room.bottom()))
+        window.move(max(place.left(), room.left()), max(place.top(), room.top()))
     window.show()
     window.raise_()
     window.activateWindow()

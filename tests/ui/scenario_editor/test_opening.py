@@ -38,6 +38,10 @@ def test_it_opens_from_the_menu_and_driving_and_the_emergency_stop_go_past_it(
     editor = window.editor.editor
     assert editor is not None
     qtbot.waitUntil(editor.isActiveWindow)
+    # The red button is not behind it, and its own foot not below the screen.
+    red = find(window, "emergency_stop")
+    assert editor.frameGeometry().top() > red.mapToGlobal(red.rect().bottomLeft()).y()
+    assert editor.frameGeometry().bottom() <= editor.screen().availableGeometry().bottom()
     # Who types drives with Alt here too, and nothing of it is typed.
     title = editor.reveal(("title",))
     assert title is not None
