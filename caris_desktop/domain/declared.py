@@ -21,6 +21,8 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.value_class import dataclass
 
+Known = Literal["gestures", "expressions", "robots", "faces"]
+
 # A frozen dataclass that says which keys stand together.
 Group: TypeAlias = Any
 
@@ -36,7 +38,7 @@ class Rule:
     and called ``key`` where the file has another word than the program. Forms call it by its ``title`` (else by its
     key), among the others of its ``section``; ``prose`` may have paragraphs, what is ``pressed`` is a combination of
     keys, and what ``refers`` is one of the names that a list of the file has: its keys, and that of the name; or one of
-    the words ``else_one_of``.
+    the words ``else_one_of``. What ``knows`` names something that the program knows of elsewhere, and offers.
 
     Of keys of one group: this one stands only ``beside`` another, it is ``needed`` where another stands (``(key,)``, or
     ``(key, *words)``: where that is one of these words), it stands ``instead_of`` others, which are then not needed
@@ -66,6 +68,7 @@ class Rule:
     pressed: bool = False
     refers: tuple[str, ...] = ()
     else_one_of: tuple[str, ...] = ()
+    knows: Known | None = None
     beside: tuple[str, ...] = ()
     needed: tuple[str, ...] = ()
     instead_of: tuple[str, ...] = ()

@@ -206,9 +206,7 @@ class PreflightCheck:
 
 @dataclass(frozen=True, slots=True)
 class SavedScenario:
-    """What came of the last wish to write a scenario file: the ``text`` that it has now, or else why it has not; where
-    it is ``taken`` something else stands there that was not to be replaced.
-    """
+    """The ``text`` that a scenario file has now, or why it was not written: ``taken`` by what is not to be replaced."""
 
     path: Path
     text: str = ""

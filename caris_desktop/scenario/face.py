@@ -16,6 +16,7 @@ class FaceSettings:
             "The face that it begins with: a file of the folder `faces`, by its name.",
             pattern=r"^[A-Za-z0-9_-]{1,60}$",
             allowed="letters, digits, - and _.",
+            knows="faces",
         ),
     ] = "calm"
     captions: Annotated[bool, Rule("What the robot says is written below its mouth.")] = True

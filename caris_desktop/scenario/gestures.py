@@ -24,6 +24,7 @@ class Gesture:
         str,
         Rule(
             "`nod`, `look` to turn the head to whom the robot speaks to, or a control of the Robot panel by its id.",
+            knows="gestures",
             shortest=1,
             longest=80,
         ),

@@ -339,6 +339,7 @@ class Scenario:
         Rule(
             "Name of a robot profile, or the address of a rosbridge: `ws://HOST:PORT`.",
             section="Robot and cameras",
+            knows="robots",
             shortest=1,
             longest=300,
         ),

@@ -26,20 +26,32 @@ class Phrase:
         Rule(
             "What the robot does as it begins: a control of the Robot panel by its id, `nod`, or `look` to turn the "
             "head to whom it is said to.",
+            knows="gestures",
             longest=80,
             quiet=True,
         ),
     ] = ""
-    face: Annotated[str, Rule("The expression that the robot's face takes as it begins.", longest=40, quiet=True)] = ""
+    face: Annotated[
+        str,
+        Rule("The expression that the robot's face takes as it begins.", knows="expressions", longest=40, quiet=True),
+    ] = ""
 
 
 @dataclass(frozen=True, slots=True)
 class PhraseGroup:
     """Phrases for one part of the session, on F1 to F8 while their group is chosen. F10 chooses the next group."""
 
-    group: Annotated[str, Rule("Its title.", title="Title of the group", shortest=1, longest=40)]
+    group: Annotated[
+        str, Rule("By which the wizard chooses it, with F10.", title="Title of the group", shortest=1, longest=40)
+    ]
     phrases: Annotated[
-        tuple[Sentence | Phrase, ...], Rule("Its sentences.", title="Sentences", shortest=1, longest=KEYS_OF_A_GROUP)
+        tuple[Sentence | Phrase, ...],
+        Rule(
+            "What is on F1 to F8 while it is chosen, in this order.",
+            title="Sentences",
+            shortest=1,
+            longest=KEYS_OF_A_GROUP,
+        ),
     ]
 
 

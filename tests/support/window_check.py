@@ -230,7 +230,7 @@ def _lacking_px(widget: QWidget) -> tuple[float, float] | None:
     if not text.strip() or isinstance(widget, CutLabel):
         return None  # cut short on purpose, with the whole text in its tip
     room = widget.contentsRect()
-    if isinstance(widget, QLabel):
+    if isinstance(widget, QLabel) and widget.textFormat() is not Qt.TextFormat.RichText:
         flags = int(widget.alignment())
         if widget.wordWrap():
             flags |= int(Qt.TextFlag.TextWordWrap)

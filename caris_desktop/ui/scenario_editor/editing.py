@@ -6,7 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from caris_desktop.domain.declared import Form
+from caris_desktop.domain.declared import Form, Known
 from caris_desktop.domain.declared_places import ABSENT
 from caris_desktop.domain.declared_words import allowed_by, said_of
 from caris_desktop.domain.geometry import Pose2D
@@ -82,14 +82,24 @@ class Editing(QObject):
 
 
 @dataclass(frozen=True, slots=True)
+class Names:
+    """``all_of_them`` says that what is not among them is not there now."""
+
+    names: tuple[str, ...] = ()
+    all_of_them: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class FormContext:
-    """``robot_pose`` gives where the robot is in the map, None where that is not known. ``within`` is what holds a
-    piece of the form, innermost first, for whoever hears a field's name and does not see where it stands.
+    """``robot_pose`` gives where the robot is in the map, None where that is not known; ``known`` what there is of a
+    kind that the file may name. ``within`` is what holds a piece of the form, innermost first, for whoever hears a
+    field's name and does not see where it stands.
     """
 
     theme: Theme
     editing: Editing
     robot_pose: Callable[[], Pose2D | None]
+    known: Callable[[Known], Names]
     within: str = ""
 
     def inside(self, title: str) -> "FormContext":

@@ -1,10 +1,11 @@
 """Fields for single values: each shows what the document says at its place, and has it say what is entered."""
 
+from html import escape
 from typing import Any
 
-from PySide6.QtCore import QEvent, QSize, Qt
-from PySide6.QtGui import QFocusEvent, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtCore import QEvent, Qt
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.declared import Form, Key, choices_of, is_free, plain_number, scalars_of
 from caris_desktop.domain.declared_places import ABSENT, default_of, value_at
@@ -14,13 +15,12 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.scenario_editor.editing import FormContext, help_of, sentence_at
+from caris_desktop.ui.scenario_editor.editing import FormContext, Names, help_of, sentence_at
+from caris_desktop.ui.scenario_editor.inputs import Line, Prose
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.drop_down import DropDown
 
-_LEAST_PROSE_LINES = 3
-_MOST_PROSE_LINES = 14
 _SHORT_UNITS = {"metres": "m", "degrees": "°", "seconds": "s", "minutes": "min", "pixels": "px"}
 
 
@@ -196,91 +196,11 @@ class Field(FormPart):
                 theme.style_text(label, role, tokens.STATUS_PX)
 
 
-def without_own_undo(event: QEvent) -> bool:
-    """Whether it is a key that undoes or redoes, which the editor does for all fields alike."""
-    return isinstance(event, QKeyEvent) and (
-        event.matches(QKeySequence.StandardKey.Undo) or event.matches(QKeySequence.StandardKey.Redo)
-    )
-
-
-class Line(QLineEdit):
-    """Undo belongs to the editor, and leaving the line ends a step."""
-
-    def __init__(self, context: FormContext) -> None:
-        super().__init__()
-        self._context = context
-        self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
-
-    def event(self, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.ShortcutOverride and without_own_undo(event):
-            event.ignore()
-            return False
-        return super().event(event)
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        ctrl = event.modifiers() & Qt.KeyboardModifier.ControlModifier
-        moves_entry = ctrl and event.key() in (Qt.Key.Key_Up, Qt.Key.Key_Down)
-        if moves_entry or without_own_undo(event):
-            event.ignore()
-            return
-        super().keyPressEvent(event)
-
-    def focusOutEvent(self, event: QFocusEvent) -> None:
-        self._context.editing.document.pause()
-        super().focusOutEvent(event)
-
-
-class Lines(QPlainTextEdit):
-    """Several lines of text. Tab leads on, undo belongs to the editor, and leaving them ends a step."""
-
-    def __init__(self, context: FormContext) -> None:
-        super().__init__()
-        self._context = context
-        self.setTabChangesFocus(True)
-        self.setUndoRedoEnabled(False)
-
-    def event(self, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.ShortcutOverride and without_own_undo(event):
-            event.ignore()
-            return False
-        return super().event(event)
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if without_own_undo(event):
-            event.ignore()
-            return
-        super().keyPressEvent(event)
-
-    def focusOutEvent(self, event: QFocusEvent) -> None:
-        self._context.editing.document.pause()
-        super().focusOutEvent(event)
-
-
-class Prose(Lines):
-    """Paragraphs, as tall as what is in it."""
-
-    def __init__(self, context: FormContext) -> None:
-        super().__init__(context)
-        self.textChanged.connect(self.updateGeometry)
-
-    def sizeHint(self) -> QSize:
-        line = self.fontMetrics().lineSpacing()
-        document = self.document()
-        lines = max(_LEAST_PROSE_LINES, min(_MOST_PROSE_LINES, round(document.size().height())))
-        return QSize(240, lines * line + 26)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(120, self.sizeHint().height())
-
-    def resizeEvent(self, event: Any) -> None:
-        super().resizeEvent(event)
-        self.updateGeometry()
-
-
 class TextField(Field):
     """One line of text."""
 
     def make(self) -> QWidget:
+        self._known: QLabel | None = None
         self.line = Line(self.context)
         self.line.textEdited.connect(self._on_edited)
         default = self._default()
@@ -291,6 +211,45 @@ class TextField(Field):
     @property
     def control(self) -> QWidget:
         return self.line
+
+    def refresh(self) -> None:
+        super().refresh()
+        if self.form.rule.knows is not None:
+            self._show_known(self.context.known(self.form.rule.knows))
+
+    def _show_known(self, known: Names) -> None:
+        """What there is, each to be taken by a click; and whether what stands there is among it."""
+        if self._known is None:
+            if not known.names:
+                return
+            self._known = self._words("")
+            self._known.setObjectName("known_names")
+            self._known.setTextFormat(Qt.TextFormat.RichText)
+            # Whoever has no mouse types the name: it is heard at the field, and each would be one more stop of Tab.
+            self._known.setTextInteractionFlags(Qt.TextInteractionFlag.LinksAccessibleByMouse)
+            self._known.linkActivated.connect(self._on_known)
+        value = self.line.text()
+        said = tr("There are: {names}")
+        missing = known.all_of_them and value not in ("", *known.names)
+        if missing:
+            said = tr("Not known here: {name}. There are: {names}")
+        theme = self.context.theme
+        link = f'<a href="{{0}}" style="color:{theme.color("blue").name()}; text-decoration:none">{{0}}</a>'
+        names = " · ".join(link.format(escape(name)) for name in known.names)
+        self._known.setText(escape(said).format(name=escape(value), names=names))
+        spoken = said.format(name=value, names=", ".join(known.names))
+        self._known.setAccessibleName(self.context.spoken(spoken))
+        wrong = "" if self._mistake_label is None else self._mistake_label.text()
+        self.control.setAccessibleDescription(" ".join(part for part in (wrong, self.help, spoken) if part))
+        theme.style_text(self._known, "amber" if missing else "dim", tokens.STATUS_PX)
+        # A row of a list stays a row where there is nothing to choose any more.
+        self._known.setVisible(bool(known.names) and (missing or not (self.compact and value)))
+
+    def _on_known(self, name: str) -> None:
+        self.document.pause()
+        self.enter(name)
+        self.document.pause()
+        self.line.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def show_value(self, value: Any) -> None:
         text = "" if value is ABSENT else shown_text(value)

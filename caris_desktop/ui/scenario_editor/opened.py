@@ -3,9 +3,12 @@
 import hashlib
 from pathlib import Path
 
+from caris_desktop.conversation.face.file import face_names
+from caris_desktop.domain.declared import Known
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.yaml_source import YamlSourceError
 from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.robot.profile import list_profiles
 from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.file import scenario_data
 from caris_desktop.scenario.library import own_file
@@ -57,6 +60,11 @@ def opened_anew(path: Path, opened: Opened) -> Opened | str | None:
         return opened_file(path) if path.resolve() == opened.path.resolve() else None
     except (OSError, ValueError) as error:
         return str(error)
+
+
+def names_of_files() -> dict[Known, tuple[str, ...]]:
+    """What a scenario may name that has a file of its own."""
+    return {"robots": tuple(profile.name for profile in list_profiles()), "faces": face_names()}
 
 
 def text_of(path: Path) -> str:

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QPlainTextEdit, QTextEdit, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.scenario_editor.editing import FormContext
-from caris_desktop.ui.scenario_editor.fields import Lines
+from caris_desktop.ui.scenario_editor.inputs import Lines
 
 _TYPING_PAUSE_MS = 200
 _ONE_STEP_S = 1.5

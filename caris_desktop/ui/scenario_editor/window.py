@@ -29,6 +29,7 @@ from caris_desktop.ui.icons import icon
 from caris_desktop.ui.scenario_editor.compare_page import ComparePage, Other
 from caris_desktop.ui.scenario_editor.editing import Editing, FormContext
 from caris_desktop.ui.scenario_editor.fields import Field
+from caris_desktop.ui.scenario_editor.known_names import KnownNames
 from caris_desktop.ui.scenario_editor.notice import Notice
 from caris_desktop.ui.scenario_editor.opened import Opened, text_of
 from caris_desktop.ui.scenario_editor.preview import preview_page
@@ -59,7 +60,8 @@ class ScenarioEditor(TabAsRead, QWidget):
         self.after_closing: Callable[[], None] | None = None
         document = ScenarioDocument(opened.text, opened.path)
         self.editing = Editing(document, self)
-        self.context = FormContext(theme, self.editing, self._robot_pose)
+        known = KnownNames(console, self.editing)
+        self.context = FormContext(theme, self.editing, self._robot_pose, known.of)
         self.pages = [SectionPage(self.context, section) for section in sections()]
         self.text_page = TextPage(self.context)
         self.compare_page = ComparePage(self.context, console, self._others)

@@ -13,10 +13,11 @@ from PySide6.QtWidgets import QApplication, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.controls import RobotControl
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import RobotPose
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.status import SavedScenario
+from caris_desktop.live.status import LinkStatus, SavedScenario
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.library import user_scenarios_dir
 from caris_desktop.ui.scenario_editor.consequences import consequences
@@ -167,6 +168,28 @@ def test_more_along_with_a_phrase_is_entered_by_pressing_its_key(editor: Scenari
     key.selectAll()
     QTest.keyClick(key, Qt.Key.Key_Delete)
     assert editor.document.text == TEXT
+
+
+def test_what_there_is_to_name_is_offered_and_what_is_not_there_is_told(
+    editor: ScenarioEditor, console: FakeConsole
+) -> None:
+    console.state.link.set(LinkStatus("connected", "Simulated robot"))
+    console.state.controls.set((RobotControl("volume", "Volume", "slider"), RobotControl("wave", "Wave", "button")))
+    gesture = field(editor, "phrases", 0, "gesture")
+    offered: QLabel = gesture.findChild(QLabel, "known_names")
+    assert offered.accessibleName().startswith("There are: nod, look, wave")
+    type_over(editor, "wawe", "phrases", 0, "gesture")
+    assert offered.accessibleName().startswith("Not known here: wawe. There are: nod, look, wave")
+    assert editor.document.mistakes == (), "another robot may have it"
+    assert "Not known here: wawe." in gesture.control.accessibleDescription()
+    offered.linkActivated.emit("wave")
+    assert editor.document.data["phrases"][0] == {"say": "Hello", "gesture": "wave"}
+    assert offered.accessibleName().startswith("There are:") and not offered.isVisible()
+    console.state.link.set(LinkStatus("lost"))
+    type_over(editor, "bow", "phrases", 0, "gesture")
+    assert offered.accessibleName().startswith("There are:"), "nobody knows what the robot has"
+    robots = field(editor, "robot").findChild(QLabel, "known_names")
+    assert "simulated" in robots.accessibleName() and "tiago" in robots.accessibleName()
 
 
 def test_a_place_is_where_the_robot_is_now(editor: ScenarioEditor, console: FakeConsole) -> None:
