@@ -275,6 +275,10 @@ class ScenarioService(Service):
                 return
             imported, filed = outcome
             self._use(filed, asked.actor)
+            if not (imported.put_aside or imported.renamed):
+                what = tr("“{title}” was imported, and is open.").format(title=self.current.title)
+                where = tr("It is in {path}.").format(path=imported.path)
+                self._bus.problem("info", what, where, "", cause=ANSWER)
             if imported.put_aside:
                 self._bus.problem(
                     "info",

@@ -57,7 +57,7 @@ class Bench:
     def unpack(self, path: Path, decided: Sequence[intents.SameName]) -> Imported:
         self.decided.append(tuple(decided))
         self.files[path] = "Theirs"
-        return Imported(path, put_aside="/scenarios/replaced/open-1.yaml")
+        return Imported(path, put_aside="/scenarios/replaced/open-1.yaml" if decided else "")
 
     def apply(self, scenario: Scenario) -> None:
         self.applied.append(scenario.title)
@@ -157,3 +157,11 @@ def test_names_that_are_taken_are_asked_about_before_anything_is_done(bench: Ben
     qtbot.waitUntil(lambda: bench.applied == ["Theirs"])
     assert bench.decided == [decided]
     qtbot.waitUntil(lambda: any("/scenarios/replaced/open-1.yaml" in problem.meaning for problem in told))
+
+
+def test_what_was_imported_is_told_also_where_nothing_was_in_its_way(bench: Bench, qtbot: QtBot) -> None:
+    told: list[Problem] = []
+    bench.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
+    bench.service.handlers()[intents.ImportScenario](intents.ImportScenario(Path("/received/open.caris")))
+    qtbot.waitUntil(lambda: bool(told))
+    assert [(one.severity, one.what) for one in told] == [("info", "“Theirs” was imported, and is open.")]
