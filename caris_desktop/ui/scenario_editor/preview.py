@@ -2,20 +2,24 @@
 
 from collections.abc import Iterator
 from html import escape
+from itertools import zip_longest
 from typing import Any
 
 from caris_desktop.domain.declared import keys_of, value_from
 from caris_desktop.domain.declared_check import quoted
 from caris_desktop.domain.declared_places import ABSENT, Difference, entry_name
 from caris_desktop.domain.declared_words import title_of
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.migrations import migrate
 from caris_desktop.scenario.model import Permissions, Scenario
 from caris_desktop.scenario.phrases import phrase_groups
+from caris_desktop.scenario.preflight import manual_checks
 from caris_desktop.scenario.protocol import step_named
-from caris_desktop.ui.action_rows import ACTIONS, perform_nth_gesture
+from caris_desktop.scenario.recording import ERROR_KEYS
+from caris_desktop.ui.action_rows import ACTIONS, go_to_nth_place, perform_nth_gesture
 from caris_desktop.ui.actions import rows_of
+from caris_desktop.ui.mark_acts import mark_with_label
 from caris_desktop.ui.scenario_editor.consequences import Consequence, changed_permissions, consequences
 from caris_desktop.ui.tokens import Colors
 
@@ -64,7 +68,10 @@ def _mistakes(document: ScenarioDocument, colors: Colors) -> str:
 
 
 def _of_section(document: ScenarioDocument, section: str, colors: Colors) -> str:
-    show = {"Phrases": _phrases, "Protocol": _protocol, "What is allowed": _allowed}.get(section)
+    show = {
+        "Phrases": _phrases, "Protocol": _protocol, "Places": _places, "What is allowed": _allowed,
+        "Assistant": _assistant, "Recording": _recording,
+    }.get(section)  # fmt: skip
     return "" if show is None else show(document, colors)
 
 
@@ -157,6 +164,95 @@ def _protocol(document: ScenarioDocument, colors: Colors) -> str:
             words = tr("Through every step, {minutes} minutes are expected.")
         parts.append(_line(escape(words.format(minutes=f"{minutes:g}")), colors))
     return "".join(parts)
+
+
+def _places(document: ScenarioDocument, colors: Colors) -> str:
+    steps = _valued(document, "protocol").steps
+    keys = [spec.keys[0] for spec in ACTIONS if spec.intent is go_to_nth_place]
+    parts = [_heading(tr("What the wizard has at a key"), colors)]
+    for place, key in zip_longest(_valued(document, "places"), keys):
+        if place is None:
+            break
+        led = ", ".join(step.title for step in steps if step.go_to == place.name)
+        told = tr(" · of the step {steps}").format(steps=led) if led else ""
+        dim = f'<span style="color:{colors.dim}">{escape(told)}</span>'
+        parts.append(_line(f"{_cap(key or '', colors)} {escape(place.name)}{dim}", colors))
+    if len(parts) == 1:
+        parts.append(_line(escape(tr("No place yet. The first one that you add is on Alt+1.")), colors, "dim"))
+    return "".join(parts)
+
+
+def _recording(document: ScenarioDocument, colors: Colors) -> str:
+    settings = _valued(document, "recording")
+    labels = [spec.keys[0] for spec in ACTIONS if spec.intent is mark_with_label]
+    error = next(spec.keys[0] for spec in ACTIONS if spec.id == "wizard_error")
+    parts = [_heading(tr("What the wizard has at a key"), colors)]
+    parts += [
+        _line(f"{_cap(key, colors)} {escape(label)}", colors)
+        for key, label in zip(labels, settings.labels, strict=False)
+    ]
+    then = escape(tr("A wizard error, and then of which kind:"))
+    parts.append(_line(f"{_cap(error, colors)} {then}", colors, "dim"))
+    for key, kind in zip(ERROR_KEYS, settings.error_kinds, strict=False):
+        meaning = f'<br><span style="color:{colors.dim}">{escape(tr(kind.meaning))}</span>' if kind.meaning else ""
+        parts.append(_line(f"{_cap(key, colors)} {escape(tr(kind.kind))}{meaning}", colors))
+    checks = manual_checks(_valued(document, "preflight"))
+    if checks:
+        parts.append(_heading(tr("Ticked by hand before a recording"), colors))
+        parts += [_line(f"☐ {escape(check.check)}", colors) for check in checks]
+    return "".join(parts)
+
+
+def _assistant(document: ScenarioDocument, colors: Colors) -> str:
+    permissions = _valued(document, "permissions")
+    if not permissions.assistant:
+        said = tr("This scenario does not allow the assistant: none of this is used.")
+        return _heading(said, colors, "amber")
+    settings, levels = _valued(document, "assistant"), _valued(document, "assistance")
+    parts = [_heading(tr("What the model is told before a question"), colors)]
+    told = [("", settings.system_prompt)]
+    told += [(tr("as {role}").format(role=role.name), role.text) for role in settings.roles]
+    told += [(tr("in the style {style}").format(style=style.name), style.text) for style in settings.styles]
+    told += [(tr("notes"), settings.notes)]
+    for when, text in told:
+        if text:
+            head = f'<span style="color:{colors.dim}">{escape(when)}: </span>' if when else ""
+            parts.append(_line(f"{head}“{escape(text)}”", colors))
+    if settings.templates:
+        parts.append(_heading(tr("Questions at hand"), colors))
+        last = escape(tr("what the participant said last"))
+        example = f'<span style="color:{colors.green}">{last}</span>'
+        parts += [
+            _line(f"{escape(each.name)}: “{escape(each.text).replace('{said}', example)}”", colors)
+            for each in settings.templates
+        ]
+    parts.append(_heading(tr("Without being asked"), colors))
+    for words in _LEVELS:
+        countdown_s, late_s = f"{levels.countdown_s:g}", f"{levels.filler_after_s:g}"
+        said = tr(_LEVELS[words][getattr(levels, words)])
+        parts.append(_line(escape(said.format(countdown_s=countdown_s, late_s=late_s)), colors))
+    return "".join(parts)
+
+
+_LEVELS = {
+    "replies": {
+        "off": QT_TR_NOOP("No reply is suggested."),
+        "suggest": QT_TR_NOOP("Replies are suggested; the wizard's key says one."),
+        "act": QT_TR_NOOP("The first reply is said after {countdown_s} s, unless the wizard stops it."),
+    },
+    "fillers": {
+        "off": QT_TR_NOOP("Nothing fills a silence by itself."),
+        "suggest": QT_TR_NOOP("After {late_s} s without a reply the key of the filler is pointed at."),
+        "act": QT_TR_NOOP("After {late_s} s without a reply a filler is said, unless the wizard stops it."),
+    },
+    "actions": {
+        "off": QT_TR_NOOP("No action is proposed."),
+        "suggest": QT_TR_NOOP("Actions are proposed; the wizard's key does one."),
+        "act": QT_TR_NOOP(
+            "What moves nothing is done after {countdown_s} s, unless the wizard stops it; what moves waits for a key."
+        ),
+    },
+}
 
 
 def _allowed(document: ScenarioDocument, colors: Colors) -> str:

@@ -226,6 +226,30 @@ def test_the_steps_of_the_protocol_are_told_as_the_strip_has_them(editor: Scenar
     assert editor.document.data["protocol"]["steps"][0]["then"] == "end"
 
 
+def test_places_prompts_and_marks_are_told_as_the_wizard_has_them(editor: ScenarioEditor) -> None:
+    type_over(editor, "Gate", "places", 0, "name")
+    assert "Alt+1  Gate · of the step Greet" in told_now(editor)
+    field(editor, "recording", "lsl")
+    editor.editing.set(("recording",), {"labels": ["Laughs"], "errors": [{"kind": "Slip", "meaning": "A wrong key."}]})
+    editor.editing.set(("preflight",), ["The form is signed"])
+    told = told_now(editor)
+    assert "Shift+F1  Laughs" in told and "F  Slip\nA wrong key." in told and "☐ The form is signed" in told
+    field(editor, "assistant", "system_prompt").enter("Be kind.")
+    editor.editing.set(("assistant", "templates"), [{"name": "Meant", "text": "What is {said}?"}])
+    editor.editing.set(("assistance",), {"replies": "act", "countdown_s": 5})
+    told = told_now(editor)
+    assert "What the model is told before a question\n“Be kind.”" in told
+    assert "Meant: “What is what the participant said last?”" in told
+    assert "The first reply is said after 5 s, unless the wizard stops it." in told
+    field(editor, "permissions", "assistant").enter(False)
+    field(editor, "assistant", "system_prompt")
+    assert "does not allow the assistant" in told_now(editor)
+
+
+def told_now(editor: ScenarioEditor) -> str:
+    return editor.preview.toPlainText().replace("\N{NO-BREAK SPACE}", " ")
+
+
 def test_a_step_is_renamed_with_what_leads_to_it_in_one_step(editor: ScenarioEditor) -> None:
     field(editor, "protocol", "steps", 0, "then")
     editor.editing.add(("protocol", "steps", 1), {"title": "Wait", "then": "Greet"})
