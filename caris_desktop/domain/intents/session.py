@@ -95,7 +95,8 @@ class OpenScenario(Intent):
 
 @dataclass(frozen=True, slots=True)
 class SaveScenario(Intent):
-    """Write a scenario file. If it is the one in force, or was ``edited`` from that, it is in force from then on.
+    """Write a scenario file. If it is the one in force, or was ``edited`` from that, it is in force from then on; but a
+    recording goes on with the one that it has where this one is kept beside it.
 
     ``replaces`` is the checksum of the file that may be replaced; empty where none may be there.
     """

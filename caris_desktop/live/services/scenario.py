@@ -20,9 +20,10 @@ from caris_desktop.live.scenario_watch import ScenarioWatch
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import SavedScenario
+from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.scenario.bundle import ImportQuestion, NameConflict
 from caris_desktop.scenario.file import OtherFileError
+from caris_desktop.scenario.library import own_file
 from caris_desktop.scenario.model import Place, Scenario
 
 _SEEN_WITHIN_S = 0.25
@@ -240,9 +241,14 @@ class ScenarioService(Service):
         )
 
     def _save(self, asked: intents.SaveScenario) -> None:
+        in_session = self._state.recording.value.state in IN_SESSION
+
         def work() -> tuple[SavedScenario, Filed | None]:
             text = self._parts.save_text(asked.text, asked.path, asked.edited, asked.replaces)
             concerned = [path.resolve() for path in (asked.path, asked.edited) if path is not None]
+            if in_session and asked.path not in (asked.edited, own_file(asked.edited)):
+                # Another one, whose protocol would begin anew: what is recorded goes on with the one that it has.
+                concerned = [asked.path.resolve()]
             open_now = self._filed.path is not None and self._filed.path.resolve() in concerned
             sha256 = hashlib.sha256(text.encode("utf-8")).hexdigest()
             return SavedScenario(asked.path, text, sha256), self._load(asked.path) if open_now else None

@@ -10,7 +10,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError
-from caris_desktop.live.status import SavedScenario
+from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.library import own_file, own_file_called
@@ -114,7 +114,10 @@ class Saving(QObject):
         editor.leave_name()
         editor.editing.told(reshaped=True)
         editor.compare_page.offer_anew()
-        editor.notice.say("saved", tr("Saved in {file}.").format(file=saved.path), "green")
+        said = tr("Saved in {file}.")
+        if self._title and self._console.state.recording.value.state in IN_SESSION:
+            said = tr("Saved in {file}. The recording goes on with the scenario that it has; open this one afterwards.")
+        editor.notice.say("saved", said.format(file=saved.path), "green")
         if self._close_when_saved and not editor.document.changed:
             editor.close()
         self._close_when_saved = False

@@ -15,7 +15,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.scenario import Imported, ScenarioParts, ScenarioService
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import SavedScenario
+from caris_desktop.live.status import RecordingStatus, SavedScenario
 from caris_desktop.scenario.bundle import BundledFile, ImportQuestion, NameConflict
 from caris_desktop.scenario.file import OtherFileError
 from caris_desktop.scenario.model import PanelLeaf, Scenario
@@ -117,6 +117,17 @@ def test_a_copy_of_the_one_in_force_takes_its_place(bench: Bench, qtbot: QtBot) 
     bench.save(qtbot, "Copy", copy, OPEN.path)
     assert bench.files == {OPEN.path: "Open", copy: "Copy"}
     qtbot.waitUntil(lambda: bench.state.scenario.value.path == copy)
+
+
+def test_a_recording_goes_on_with_the_scenario_that_it_has(bench: Bench, qtbot: QtBot) -> None:
+    bench.state.recording.set(RecordingStatus("recording"))
+    copy = Path("/scenarios/copy.yaml")
+    bench.save(qtbot, "Copy", copy, OPEN.path)
+    assert bench.files[copy] == "Copy"
+    assert bench.applied == [] and bench.state.scenario.value is OPEN
+    # What is changed in its own file holds at once, as ever.
+    bench.save(qtbot, "Edited", OPEN.path, OPEN.path)
+    assert bench.applied == ["Edited"]
 
 
 def test_another_file_is_written_and_the_scenario_in_force_stays(bench: Bench, qtbot: QtBot) -> None:
