@@ -1,6 +1,6 @@
 """The wizard's way through a protocol: a small machine without clock or Qt. Each move gives the event that tells it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import PlannedStep, ProtocolEnded, ProtocolOpened, StepEntered, StepHow, StepTicked
@@ -139,9 +139,15 @@ class ProtocolWalk:
             self._paused_ns = None
 
     def follow(self, steps: Sequence[ProtocolStep]) -> None:
-        """The protocol was edited: the wizard stays in the step of the same id, and what is ticked off stays so."""
-        self.steps = tuple(steps)
+        """The protocol was edited: the wizard stays in the step of the same id, or of the same place where only names
+        are others, and what is ticked off stays so.
+        """
+        before, self.steps = self._ids, tuple(steps)
         self._ids = [step.step_id for step in self.steps]
+        other = [(old, new) for old, new in zip(before, self._ids, strict=False) if old != new]
+        moved = any(old in self._ids or new in before for old, new in other)
+        if len(before) == len(self._ids) and not moved:
+            self._rename(dict(other))
         self._way = [step_id for step_id in self._way if step_id in self._ids]
         self._done = {step_id: None for step_id in self._done if step_id in self._ids}
         self._skipped = {step_id: None for step_id in self._skipped if step_id in self._ids}
@@ -151,6 +157,14 @@ class ProtocolWalk:
         }
         if self._at not in self._ids:
             self._at = ""
+
+    def _rename(self, new: Mapping[str, str]) -> None:
+        self._at = new.get(self._at, self._at)
+        self._way = [new.get(step_id, step_id) for step_id in self._way]
+        self._spent_ns = {new.get(step_id, step_id): spent_ns for step_id, spent_ns in self._spent_ns.items()}
+        self._done = {new.get(step_id, step_id): None for step_id in self._done}
+        self._skipped = {new.get(step_id, step_id): None for step_id in self._skipped}
+        self._ticked = {new.get(step_id, step_id): ticked for step_id, ticked in self._ticked.items()}
 
     def opened(self, now_ns: int) -> ProtocolOpened:
         planned = (PlannedStep(step.step_id, step.title, step.expected_s, step.tick) for step in self.steps)

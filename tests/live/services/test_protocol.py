@@ -116,6 +116,22 @@ def test_an_edited_scenario_keeps_the_step_and_tells_the_new_plan(desk: Desk) ->
     assert desk.step == "ask" and len(desk.told) == told
 
 
+def test_a_step_that_gets_another_name_meanwhile_is_still_the_present_one(desk: Desk) -> None:
+    ticked = ProtocolStep("Ask", tick=("Heard",))
+    desk.protocol.use_scenario(replace(STUDY, protocol=ProtocolSettings((STEPS[0], ticked, STEPS[2]))))
+    desk.protocol.begin_session(WIZARD)
+    desk.do(intents.NextStep(), intents.TickItem("Heard", True))
+    since_ns = desk.status.since_ns
+    renamed = replace(ticked, title="Question")
+    desk.protocol.use_scenario(replace(STUDY, protocol=ProtocolSettings((STEPS[0], renamed, STEPS[2]))))
+    assert (desk.step, desk.status.since_ns, desk.status.ticked) == ("question", since_ns, ("Heard",))
+    desk.do(intents.NextStep())
+    assert (desk.step, desk.told[-1].left_step_id) == ("close", "question")
+    # What is somewhere else now is another step.
+    desk.protocol.use_scenario(replace(STUDY, protocol=ProtocolSettings((ProtocolStep("Wait"), *STEPS[:2]))))
+    assert desk.step == ""
+
+
 def test_another_scenario_has_a_protocol_of_its_own_which_begins_in_a_recording(desk: Desk) -> None:
     desk.do(intents.GoToStep("ask"))
     desk.protocol.use_scenario(OTHER)
