@@ -474,6 +474,7 @@ def test_places_are_one_key_away(window: MainWindow, view: QWidget, console: Fak
         console.scenario, places=(*console.scenario.places, Place("Stairs", Pose2D(1, 1, 0)))
     )
     console.state.places.set(console.scenario.places)
+    console.state.scenario.set(console.scenario)
     QTest.keyClick(field, Qt.Key.Key_5, ALT)
     assert console.named("go_to_place")[-1] == "Stairs"
     assert window.actions_table.spec("place_5") is not None

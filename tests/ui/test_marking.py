@@ -230,6 +230,7 @@ def test_no_kind_of_wizard_error_has_a_key_of_anything_else() -> None:
 def test_a_scenario_has_kinds_of_wizard_error_of_its_own(window: MainWindow, console: FakeConsole) -> None:
     errors = ("Interrupts", ErrorKind("Too close", "You drove closer than a metre."), "Wrong language", "Other")
     console.scenario = dataclasses.replace(console.scenario, recording=RecordingSettings(LABELS, errors=errors))
+    console.state.scenario.set(console.scenario)
     view = find(window, "video_view")
     view.setFocus()
     for key, label in ((Qt.Key.Key_G, "Too close"), (Qt.Key.Key_R, "Other")):
