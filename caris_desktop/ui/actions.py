@@ -407,7 +407,7 @@ class Actions(QObject):
         if spec.intent is None or isinstance(spec.intent, Intent):
             return spec.intent
         scenario = self._console.scenario
-        if scenario is not self._console.state.scenario.value:
+        if scenario != self._console.state.scenario.value:
             return None  # the window shows the one before for a moment: what is read there is not what would be said
         intent = spec.intent(scenario, self._console.state, spec.argument)
         if intent is not None and type(intent) not in spec.kinds:

@@ -195,6 +195,8 @@ def test_nothing_is_said_of_a_scenario_that_the_window_does_not_show_yet(
     assert asked["emergency_stop"] == intents.EmergencyStop() and asked["stop"] == intents.Stop()
     console.state.scenario.set(console.scenario)
     assert isinstance(asked_by(window)["phrase_2"], intents.Say)
+    console.scenario = dataclasses.replace(console.scenario)  # as a place that is saved where it was
+    assert "phrase_2" in asked_by(window)
 
 
 def test_a_row_needs_what_its_intent_needs(window: MainWindow) -> None:
