@@ -159,6 +159,7 @@ class MainWindow(TabAsRead, QWidget):
         self.kept_choices = KeptChoices(console, self.wizards, self.board, self)
         self.sessions = SessionWindows(self.theme, console, self.wizards, self)
         self._going_on = GoingOnCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
+        self._problems.keep_clear_of(self._going_on)
         self.robots = RobotChooser(self.theme, console, self._question, self)
         self.first_use = FirstUse(self.theme, console, self.actions_table, self.robots, self, settings=settings)
         self._column.insertWidget(self._column.indexOf(self._strip) + 1, self.first_use.hint)

@@ -33,6 +33,7 @@ LOOKS: dict[Severity, tuple[str, str, str]] = {
 """Icon, colour and word of each severity."""
 
 _RANK: dict[Severity, int] = {"info": 0, "warning": 1, "error": 2}
+_MOVES = (QEvent.Type.Resize, QEvent.Type.Move, QEvent.Type.Show, QEvent.Type.Hide)
 
 
 class ProblemCards(QWidget):
@@ -48,6 +49,7 @@ class ProblemCards(QWidget):
         super().__init__(over)
         self.line = line
         self._asked_for = False
+        self._clear_of: QWidget | None = None
         line.clicked.connect(self._on_line_clicked)
         self.setObjectName("problem_cards")
         self._theme = theme
@@ -66,6 +68,12 @@ class ProblemCards(QWidget):
     @property
     def cards(self) -> tuple["ProblemCard", ...]:
         return tuple(self._cards)
+
+    def keep_clear_of(self, card: QWidget) -> None:
+        """Never lie over this one, which is over the same panels and asks for an answer."""
+        self._clear_of = card
+        card.installEventFilter(self)
+        self._on_laid_out()
 
     def take(self, problem: Problem) -> None:
         """Show the answer to what was asked, unless an alarm says already why it was not done."""
@@ -144,7 +152,8 @@ class ProblemCards(QWidget):
             card.fold(card is not whole)
         if not self._over.isVisibleTo(self._over.window()):
             return None
-        return card_place(self._over.placing.groups, self._height_for)
+        taken = [] if self._clear_of is None or self._clear_of.isHidden() else [_place_of(self._clear_of)]
+        return card_place(self._over.placing.groups, self._height_for, taken)
 
     def _open_whole(self, card: "ProblemCard") -> None:
         self._opened = card
@@ -161,7 +170,14 @@ class ProblemCards(QWidget):
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self._over and event.type() in (QEvent.Type.Resize, QEvent.Type.Show, QEvent.Type.Hide):
             self._on_laid_out()
+        elif watched is self._clear_of and event.type() in _MOVES:
+            self._on_laid_out()
         return False
+
+
+def _place_of(card: QWidget) -> Rect:
+    place = card.geometry()
+    return Rect(place.x(), place.y(), place.width(), place.height())
 
 
 def gravest(cards: Sequence["ProblemCard"]) -> "ProblemCard":

@@ -34,6 +34,22 @@ def test_it_is_offered_and_gone_on_with(window: MainWindow, console: FakeConsole
     assert card.isHidden()
 
 
+@pytest.mark.parametrize("size", [(1366, 768), (1920, 1080)])
+def test_no_alarm_lies_over_the_question(window: MainWindow, console: FakeConsole, size: tuple[int, int]) -> None:
+    """A robot that does not answer yet is what such a start begins with."""
+    window.resize(*size)
+    console.state.link.set(replace(console.state.link.value, state="lost"))
+    console.state.going_on.set(OFFERED)
+    card = find(window, "going_on_card")
+    problems = window.problems
+    assert problems.cards
+    assert problems.isHidden() or not problems.geometry().intersects(card.geometry())
+    unconfirmed = ("map", "people", "permissions", "consent")
+    console.state.going_on.set(replace(OFFERED, state="unconfirmed", unconfirmed=unconfirmed))
+    assert problems.isHidden() or not problems.geometry().intersects(card.geometry())
+    assert not problems.isHidden() or problems.line.isVisible(), "it is told all the same"
+
+
 def test_the_next_part_is_recorded_once_everything_was_looked_at(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:

@@ -18,7 +18,9 @@ _SHARE = 0.6
 """Of a panel's height so much may be covered at most: what is clicked in it is above, what lies ahead is below."""
 
 
-def card_place(groups: Sequence[GroupPlace], height_for: Callable[[int], int]) -> Rect | None:
+def card_place(
+    groups: Sequence[GroupPlace], height_for: Callable[[int], int], taken: Sequence[Rect] = ()
+) -> Rect | None:
     """On the panel that is least missed of those that have room; None where none has.
 
     On a picture and on what was said it is the upper end, as the ground before the robot and the newest words are lower
@@ -30,6 +32,8 @@ def card_place(groups: Sequence[GroupPlace], height_for: Callable[[int], int]) -
         The panels as they lie, in pixels of what holds them.
     height_for
         How tall the cards are together at a width, both in pixels.
+    taken
+        Where something lies already that asks for an answer: nothing comes over it.
     """
     rooms = {group.current: _below_title(group) for group in groups}
     tries = [(name, 1.0 if name == "face" else _SHARE) for name in _GIVES_WAY]
@@ -43,7 +47,9 @@ def card_place(groups: Sequence[GroupPlace], height_for: Callable[[int], int]) -
         height = height_for(width) if width >= _NARROWEST_PX else room.height
         if height + 2 * _BESIDE_PX <= room.height * share:
             top = room.top + _BESIDE_PX if name in _LAST else room.bottom - height - _BESIDE_PX
-            return Rect(room.right - width - _BESIDE_PX, top, width, height)
+            found = Rect(room.right - width - _BESIDE_PX, top, width, height)
+            if not any(found.overlap(each) for each in taken):
+                return found
     return None
 
 

@@ -61,6 +61,15 @@ def test_speaking_and_driving_are_never_covered_and_too_tall_ones_go_to_the_corn
     assert (corner.top, corner.right) == (0, AREA.right - 20)
 
 
+def test_nothing_comes_over_what_asks_for_an_answer() -> None:
+    groups = across("video", "map", "speak")
+    first = card_place(groups, lambda _width: 150)
+    assert first is not None
+    other = card_place(groups, lambda _width: 150, [first])
+    assert other is not None and not other.overlap(first)
+    assert card_place(groups, lambda _width: 150, [AREA]) is None
+
+
 def test_behind_a_tab_nothing_is_covered() -> None:
     tree = SplitNode("horizontal", (PanelLeaf("speak"), TabNode(("map", "session"), "map")), (0.5, 0.5))
     groups = groups_of(tree, "speak", "map", "session")
