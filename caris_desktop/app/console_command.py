@@ -23,7 +23,7 @@ from caris_desktop.app.lost_screen import end_with_screen, forget_screen
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import OwnLayoutFiles
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
-from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sound import Role
@@ -35,6 +35,7 @@ from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.services.robot import RobotConnection
 from caris_desktop.live.session_library import LiveSessionLibrary
+from caris_desktop.live.status import LinkStatus
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui.closing_window import ClosingWindow
 from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, Language
@@ -47,6 +48,7 @@ _NO_MICROPHONE = "(none)"
 _MICROPHONE_KEYS: dict[Role, str] = {"participant": "sound/microphone", "wizard": "sound/wizard_microphone"}
 _GAMEPADS_KEY = "gamepad/mappings"
 _SCENARIO_KEY = "scenario/last"
+_OWN_ROBOT_KEY = "robot/own_simulated"
 
 
 # A window that nobody sees, on another desktop or behind others, is not painted.
@@ -118,6 +120,7 @@ class ConsoleRun:
         self.console.gamepads.use_mappings_text(str(self.settings.value(_GAMEPADS_KEY, "")))
         self.console.gamepads.mappings_changed.connect(self._keep_gamepads)
         self.console.state.scenario.changed.connect(self._on_scenario_changed)
+        self.console.state.link.changed.connect(self._on_link_changed)
 
     def show(self) -> None:
         """The rest starts once the window was painted and has all its panels: nine processes that come into being at
@@ -176,6 +179,10 @@ class ConsoleRun:
             return
         named, robot = self._arguments.robot, self._arguments.robot or self.console.scenario.robot
         last = "" if named else self.window.kept_choices.robot_of_last_time
+        if last == PROFILE and self.settings.value(_OWN_ROBOT_KEY, "") == "yes":
+            # It ended with the console that had started it.
+            self._use_simulated_robot(WIZARD)
+            return
         self.console.use_robot(lambda: self._robot_to_start_with(robot, last), until="connected")
 
     def begin_first_use(self) -> None:
@@ -253,6 +260,13 @@ class ConsoleRun:
 
     def _keep_gamepads(self, mappings: str) -> None:
         self.settings.setValue(_GAMEPADS_KEY, mappings)
+
+    def _on_link_changed(self, link: LinkStatus) -> None:
+        """Whether the last robot was one of this console's own."""
+        if link.state == "connected":
+            own = self.demo_robot is not None and link.address == self.demo_robot.address_of(PROFILE)
+            if (self.settings.value(_OWN_ROBOT_KEY, "") == "yes") != own:
+                self.settings.setValue(_OWN_ROBOT_KEY, "yes" if own else "")
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
         if scenario.path is not None:

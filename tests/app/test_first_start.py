@@ -12,8 +12,10 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.app import composition, console_command
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.app.demo_robot import DemoRobot
+from caris_desktop.domain.actor import WIZARD
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.robot import RobotConnection
+from caris_desktop.live.status import LinkStatus
 from caris_desktop.ui.first_use.first_use import SET_UP_KEY
 from caris_desktop.ui.first_use.set_up_page import SetUpPage
 
@@ -83,6 +85,31 @@ def test_the_robot_of_last_time_is_connected_unless_it_is_gone_or_another_is_nam
     run._start_rest()
     qtbot.waitUntil(lambda: bool(asked))
     assert asked[0]().profile.name == connected
+
+
+@pytest.mark.parametrize("own", [True, False], ids=["its own", "one that was there"])
+def test_a_simulated_robot_of_the_consoles_own_comes_back_with_the_console(
+    start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *, own: bool
+) -> None:
+    """It had ended with it: nothing would answer where it was, and that would be the first thing somebody reads."""
+    address, asked, started = "ws://127.0.0.1:41234", [], []
+    monkeypatch.setattr(Console, "start", lambda _console: None)
+    monkeypatch.setattr(Console, "use_robot", lambda _console, _find, *_by, **_told: asked.append(1))
+    monkeypatch.setattr(DemoRobot, "start", lambda robot: started.append(robot))
+    before = start(scenario="tour-guide")
+    before.console.state.robot.set(composition.robot_connection("simulated").profile)
+    if own:
+        before._use_simulated_robot(WIZARD)
+        before.demo_robot._on_ready(address)  # type: ignore[union-attr]
+    before.console.state.link.set(LinkStatus("connected", "Simulated robot", address))
+    before.console.state.link.set(LinkStatus("lost", "Simulated robot", address))
+    before.settings.finish()
+    started.clear()
+    asked.clear()
+    run = start(scenario="tour-guide")
+    run._start_rest()
+    qtbot.waitUntil(lambda: bool(asked or started))
+    assert (len(started), len(asked)) == ((1, 0) if own else (0, 1))
 
 
 @pytest.mark.parametrize("seen", [True, False], ids=["seen", "on another desktop"])
