@@ -35,7 +35,7 @@ _GRAVITY: Mapping[Severity, int] = {"info": 0, "warning": 1, "error": 2}
 class Condition:
     """Something that is wrong as the state has it, whoever tells of it or not, once it has lasted ``after_s``.
 
-    ``prevails``: its words stand, whoever told of it before.
+    ``prevails``: its words stand, whoever told of it before or after; what was told is why.
     """
 
     cause: str
@@ -69,6 +69,7 @@ class _Standing:
     by_condition: bool
     was_not_over: bool
     over_since_ns: int | None = None
+    prevails: bool = False
 
 
 class AlarmBook:
@@ -170,10 +171,11 @@ class AlarmBook:
         for condition in conditions:
             standing = self._standing.get(condition.cause)
             if standing is not None:
-                if condition.prevails and not standing.by_condition:
-                    folded = _with_line(standing.alarm.folded, standing.alarm.what)
-                    standing.alarm = replace(_in_words_of(condition, standing.alarm), folded=folded)
-                    standing.by_condition = True
+                if condition.prevails and standing.alarm.what != condition.what:
+                    # Of a robot that is looked for no more nothing is kept.
+                    why = "" if standing.by_condition else _why(standing.alarm)
+                    standing.alarm = replace(_in_words_of(condition, standing.alarm), why=why)
+                    standing.by_condition = standing.prevails = True
                 continue
             since_ns, _due = self._pending.get(condition.cause, (now_ns, 0))
             due_ns = since_ns + round(condition.after_s * 1e9)
@@ -182,6 +184,7 @@ class AlarmBook:
             elif not any(cause in self._standing for cause in FOLLOWS_FROM.get(condition.cause, ())):
                 raised = Alarm("", condition.cause, condition.severity, "", "", "", now_ns)
                 self._raise(_in_words_of(condition, raised), now_ns, by_condition=True)
+                self._standing[condition.cause].prevails = condition.prevails
         self._pending = pending
 
     def _look_for_end(self, standing: _Standing, true_now: Collection[str], now_ns: int) -> None:
@@ -245,6 +248,8 @@ class AlarmBook:
         standing.told_ns = now_ns
         if problem.what == alarm.what:
             standing.alarm = replace(alarm, meaning=problem.meaning, advice=problem.advice)
+        elif standing.prevails:
+            standing.alarm = replace(alarm, why=_why(problem))
         elif standing.by_condition or _GRAVITY[problem.severity] < _GRAVITY[alarm.severity]:
             standing.alarm = replace(alarm, folded=_with_line(alarm.folded, problem.what))
         else:
@@ -260,6 +265,10 @@ def _alarm_of(problem: Problem, now_ns: int) -> Alarm:
         "", cause_of(problem), problem.severity, problem.what, problem.meaning, problem.advice, now_ns,
         until=problem.until, ends_by_itself=bool(problem.until),
     )  # fmt: skip
+
+
+def _why(told: Problem | Alarm) -> str:
+    return " ".join(part for part in (told.what, told.advice) if part)
 
 
 def _in_words_of(condition: Condition, alarm: Alarm) -> Alarm:

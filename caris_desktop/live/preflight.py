@@ -4,15 +4,17 @@ A check that the scenario has no need of is not there. What a detail tells chang
 difference, since each change is recorded.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import field, replace
 from functools import partial
 
 from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.events import PreflightState
 from caris_desktop.domain.streams import Freshness
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.distant_ear import ear_of
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
@@ -94,10 +96,14 @@ def automatic_checks(facts: Facts) -> tuple[PreflightCheck, ...]:
     return tuple(check for look in _LOOKS if (check := look(facts)) is not None)
 
 
-def ticked_checks(scenario: Scenario, ticks: Mapping[str, Tick], why_open: str = "") -> tuple[PreflightCheck, ...]:
-    """The scenario's own. ``why_open`` says why the ticks of before count no more."""
+def ticked_checks(
+    scenario: Scenario, ticks: Mapping[str, Tick], why_open: str = "", taken_back: Collection[str] = ()
+) -> tuple[PreflightCheck, ...]:
+    """The scenario's own. ``why_open`` says why the ticks of before count no more, of those that were ``taken_back``."""
     return tuple(
-        _ticked(manual, ticks.get(manual_id(manual)), why_open) for manual in manual_checks(scenario.preflight)
+        _ticked(manual, ticks.get(of), why_open if of in taken_back else "")
+        for manual in manual_checks(scenario.preflight)
+        for of in (manual_id(manual),)
     )
 
 
@@ -125,16 +131,27 @@ def _waits_for_robot(check: Callable[[PreflightState, str], PreflightCheck]) -> 
     return check("not checked", tr("Known once the robot is connected."))
 
 
+def no_answer_advice(robot: RobotProfile | None) -> str:
+    """What to do about a robot that does not answer."""
+    if robot is not None and robot.name == SIMULATED:
+        return tr("Start one: “Try it with the simulated robot” under Set up, in the Window menu.")
+    return tr("Switch the robot on; look at its network and its address (Window menu, Robot). It is tried again by itself.")
+
+
 def _robot(facts: Facts) -> PreflightCheck:
     check = partial(PreflightCheck, "robot", tr("Robot is connected"))
     link = facts.link
     name = link.robot or tr("the robot")
-    way = tr("Switch the robot on and check its address: Window menu, Robot.")
+    way = no_answer_advice(facts.robot)
     match link.state:
         case "connecting" if facts.link_for_s < _CONNECTS_WITHIN_S:
             return check("pending", tr("Connecting to {robot}.").format(robot=name))
         case "connecting":
-            return check("major", tr("{robot} does not answer yet.").format(robot=name), way)
+            if link.address:
+                silent = tr("{robot} does not answer at {address}.").format(robot=name, address=without_credentials(link.address))
+            else:
+                silent = tr("{robot} does not answer yet.").format(robot=name)
+            return check("major", silent, way)
         case "lost" | "closed":
             return check("major", tr("{robot} is not connected.").format(robot=name), way)
         case "trouble":
@@ -191,16 +208,17 @@ def _video(facts: Facts) -> PreflightCheck | None:
     if not (permissions.video_recording or permissions.photos or permissions.driving):
         return None
     check = partial(PreflightCheck, "video", tr("Pictures come"))
+    if not facts.cameras and facts.robot is not None and not facts.robot.cameras and not permissions.video_recording:
+        return None  # it has no camera, and nobody needs one
+    late = [name for name, freshness in facts.cameras.items() if freshness == "stale"]
+    missing = [name for name, freshness in facts.cameras.items() if freshness in ("none", "lost")]
+    of_robot = {camera.name for camera in facts.robot.cameras} if facts.robot is not None else set()
+    if not facts.connected and (not facts.cameras or (missing and of_robot.issuperset(missing))):
+        return _waits_for_robot(check)
     if not facts.cameras:
-        if facts.robot is not None and not facts.robot.cameras and not permissions.video_recording:
-            return None  # it has no camera, and nobody needs one
-        if not facts.connected:
-            return _waits_for_robot(check)
         if facts.link_for_s < _CONNECTS_WITHIN_S:
             return check("pending", tr("Waiting for the first picture."))
         return check("major", tr("No camera has sent a picture."), tr("Check the camera and its cable."))
-    late = [name for name, freshness in facts.cameras.items() if freshness == "stale"]
-    missing = [name for name, freshness in facts.cameras.items() if freshness in ("none", "lost")]
     if missing:
         return check(
             "major",
@@ -334,8 +352,10 @@ def _microphone(facts: Facts) -> PreflightCheck | None:
         return check(
             "minor",
             tr("No microphone is chosen: what the participant says is not kept."),
-            tr("Choose one in the Window menu, Sound."),
+            tr("Choose one in the Window menu, under Participant’s microphone."),
         )
+    if not facts.connected and ear_of(facts.scenario, facts.robot) == "robot":
+        return _waits_for_robot(check)
     match microphone.state:
         case "failed":
             return check(

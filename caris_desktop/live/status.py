@@ -283,6 +283,7 @@ class ProtocolStatus:
 class Alarm:
     """Something that is wrong now and needs somebody. ``folded`` are sentences on what followed from it, newest last.
 
+    ``why`` is what was told of how it came to be, and what to do about that; empty where nothing was.
     ``times`` tells how often it came lately, ``asked_ns`` when something was last asked for that it stands in the way
     of. ``until`` as in Problem; where it does not end by itself somebody says that it was seen to.
     """
@@ -299,6 +300,7 @@ class Alarm:
     times: int = 1
     folded: tuple[str, ...] = ()
     asked_ns: int = 0
+    why: str = ""
 
 
 @dataclass(frozen=True, slots=True)

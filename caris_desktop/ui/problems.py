@@ -226,11 +226,13 @@ class ProblemCard(QWidget):
         self._only_called = False
         self._count = 1 if alarm is None else alarm.times
         self._folded = () if alarm is None else alarm.folded
+        self._told_why = "" if alarm is None else alarm.why
         self._what = QLabel()
         self._meaning = QLabel()
         self._advice = QLabel()
+        self._why = QLabel()
         self._also = QLabel()
-        self._labels = (self._what, self._meaning, self._advice, self._also)
+        self._labels = (self._what, self._meaning, self._advice, self._why, self._also)
         for label in self._labels:
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
@@ -270,9 +272,10 @@ class ProblemCard(QWidget):
 
     def show_alarm(self, alarm: Alarm) -> None:
         problem = _as_problem(alarm)
-        if (problem, alarm.times, alarm.folded) == (self.problem, self._count, self._folded):
+        shown = (self.problem, self._count, self._folded, self._told_why)
+        if (problem, alarm.times, alarm.folded, alarm.why) == shown:
             return
-        self._count, self._folded = alarm.times, alarm.folded
+        self._count, self._folded, self._told_why = alarm.times, alarm.folded, alarm.why
         self.show_problem(problem)
 
     def start_going_away(self) -> None:
@@ -290,10 +293,10 @@ class ProblemCard(QWidget):
         also = ""
         if self._folded:
             also = tr("Because of it: {what}").format(what=" ".join(self._folded[-2:]))
-        texts = (what, self.problem.meaning, self.problem.advice, also)
+        texts = (what, self.problem.meaning, self.problem.advice, self._told_why, also)
         small = self._theme.font(tokens.STATUS_PX + 1)
         large = self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
-        for label, text, role in zip(self._labels, texts, ("text", "dim", "text", "dim"), strict=True):
+        for label, text, role in zip(self._labels, texts, ("text", "dim", "text", "dim", "dim"), strict=True):
             label.setText(text)
             label.setVisible(bool(text) and (label is self._what or not self._only_called))
             label.setFont(large if label is self._what else small)

@@ -77,9 +77,8 @@ def test_a_lost_link_is_one_alarm_whatever_follows_from_it_and_whatever_is_notic
     desk.wait(30)
     assert desk.raised == ["The link is lost."]
     (alarm,) = desk.book.alarms
-    assert set(alarm.folded) == {
-        "The pictures broke off.", "The robot is unreachable.", "Saying is not possible.", "No photo was taken.",
-    }  # fmt: skip
+    assert set(alarm.folded) == {"The pictures broke off.", "Saying is not possible.", "No photo was taken."}
+    assert alarm.why == "The robot is unreachable.", "which does not come of it"
     desk.come_back()
     desk.wait(10)
     assert (desk.ended, desk.book.alarms) == (["The link is lost."], ())
@@ -90,7 +89,8 @@ def test_what_the_robot_away_told_first_gets_the_better_words_when_the_state_sho
     desk.told("Nobody answers at that address.", severity="error", until="connected")
     desk.lose()
     assert list(desk.alarms) == ["The link is lost."]
-    assert desk.alarms["The link is lost."].folded == ("Nobody answers at that address.",)
+    assert desk.alarms["The link is lost."].why == "Nobody answers at that address."
+    assert desk.alarms["The link is lost."].folded == ()
     assert len(desk.raised) == 1
 
 

@@ -132,8 +132,32 @@ def test_each_check_says_how_that_stands_and_what_to_do(check_id: str, state: st
 def test_a_link_that_is_lost_leaves_nothing_of_the_robot_checked() -> None:
     lost = by_id(replace(GOOD, link=LinkStatus("lost"), cameras={}, robot_heard="none"))
     assert {name for name, check in lost.items() if check.state == "not checked"} == {
-        "emergency_stop", "video", "guard", "battery", "position", "clock",
+        "emergency_stop", "video", "guard", "battery", "position", "clock", "microphone",
     }  # fmt: skip
+
+
+def test_the_robots_own_camera_and_microphone_wait_for_it_while_it_is_away() -> None:
+    """Their cables are not to blame."""
+    robot = load_profile("simulated")
+    away = replace(
+        GOOD, robot=robot, link=LinkStatus("lost"), cameras={robot.cameras[0].name: "lost"},
+        microphone=MicrophoneStatus("failed", detail="no sound comes from it"), loud=False,
+    )  # fmt: skip
+    lost = by_id(away)
+    assert (lost["video"].state, lost["microphone"].state) == ("not checked", "not checked")
+    both = by_id(replace(away, cameras={**away.cameras, "desk": "lost"}))
+    assert both["video"].state == "major" and "desk" in both["video"].detail
+    at_the_desk = by_id(replace(away, robot=replace(robot, audio=None)))
+    assert at_the_desk["microphone"].state == "major"
+
+
+def test_of_a_robot_that_does_not_answer_the_address_is_told_and_what_to_do() -> None:
+    link = LinkStatus("connecting", "TIAGo", "ws://me:secret@10.0.0.7:9090")
+    check = by_id(replace(GOOD, link=link, link_for_s=11.0))["robot"]
+    assert "10.0.0.7:9090" in check.detail and "secret" not in check.detail
+    assert "Set up" not in check.advice
+    simulated = by_id(replace(GOOD, link=link, link_for_s=11.0, robot=load_profile("simulated")))["robot"]
+    assert "Try it with the simulated robot" in simulated.advice
 
 
 NOTHING = Permissions(
@@ -178,7 +202,9 @@ def test_the_scenarios_own_checks_are_ticked() -> None:
     signed, lights = ticked_checks(scenario, {})
     assert (signed.state, signed.manual, signed.asks_first) == ("not checked", True, True)
     assert (lights.title, lights.advice, lights.asks_first) == ("Lights on", "", True), "the last of a title counts"
-    ticked = ticked_checks(scenario, {signed.id: Tick(5, WIZARD)}, "The link was lost.")
+    ticked = ticked_checks(scenario, {signed.id: Tick(5, WIZARD)}, "The link was lost.", [lights.id])
     assert (ticked[0].state, ticked[0].actor, ticked[0].checked_ns, ticked[0].detail) == ("passed", WIZARD, 5, "")
     assert not ticked[0].asks_first
     assert ticked[1].detail == "The link was lost."
+    never = ticked_checks(scenario, {}, "The link was lost.", [lights.id])
+    assert never[0].detail == "", "what was not ticked was not taken back"

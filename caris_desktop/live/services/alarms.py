@@ -9,6 +9,7 @@ from caris_desktop.domain.events import Event, Problem, ProblemEnd, RecordingPau
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.alarm_causes import AlarmBook, Condition
+from caris_desktop.live.preflight import no_answer_advice
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState
 
@@ -33,6 +34,7 @@ class AlarmsService(Service):
         self._publish = publish
         self._now_ns = now_ns
         self._book = AlarmBook()
+        self._met_robot: tuple[str, str] | None = None
         self._again = QTimer(self, singleShot=True)
         self._again.timeout.connect(self.look)
         for value in (
@@ -62,7 +64,12 @@ class AlarmsService(Service):
     def look(self) -> None:
         """See what has come to be wrong, and what is over."""
         state, now_ns = self._state, self._now_ns()
-        self._book.look(tuple(conditions(state, self._book.causes())), endings(state), now_ns)
+        link = state.link.value
+        if link.state == "connected":
+            self._met_robot = link.robot, link.address
+        met = self._met_robot == (link.robot, link.address)
+        found = conditions(state, self._book.causes(), met_robot=met)
+        self._book.look(tuple(found), endings(state), now_ns)
         self._tell()
 
     def dismiss(self, asked: intents.DismissAlarm) -> None:
@@ -123,8 +130,10 @@ def endings(state: LiveState) -> frozenset[ProblemEnd]:
     return frozenset(end for end, true in now.items() if true)
 
 
-def conditions(state: LiveState, standing: frozenset[str]) -> Iterator[Condition]:
-    """What the state shows to be wrong, told or not. ``standing`` are the causes of the present alarms."""
+def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = True) -> Iterator[Condition]:
+    """What the state shows to be wrong, told or not. ``standing`` are the causes of the present alarms; ``met_robot``
+    is whether the robot has been connected since it was chosen.
+    """
     recording = state.recording.value
     if recording.state == "recording" and recording.covered_whole:
         yield Condition(
@@ -136,12 +145,7 @@ def conditions(state: LiveState, standing: frozenset[str]) -> Iterator[Condition
         )  # fmt: skip
     link = state.link.value
     if link.state == "lost" or ("link" in standing and link.state in ("connecting", "trouble")):
-        yield Condition(
-            "link", "error", tr("The connection to the robot is lost."),
-            tr("It is not driven and says nothing; picture, map and LIDAR are missing. What else is recorded goes on."),
-            tr("Look after the robot and its network. It is tried again by itself; press a key anew to drive."),
-            until="connected", prevails=True,
-        )  # fmt: skip
+        yield _link_lost() if met_robot else _no_link_yet(state)
     if link.state != "connected":
         return
     if state.frame.freshness == "lost":
@@ -163,3 +167,21 @@ def conditions(state: LiveState, standing: frozenset[str]) -> Iterator[Condition
             "battery", "warning", tr("The robot’s battery is at {percent} %.").format(percent=round(charge * 100)),
             tr("It may stop in the middle of the session."), tr("Bring the session to an end, then charge it."),
         )  # fmt: skip
+
+
+def _link_lost() -> Condition:
+    return Condition(
+        "link", "error", tr("The connection to the robot is lost."),
+        tr("It is not driven and says nothing; picture, map and LIDAR are missing. What else is recorded goes on."),
+        tr("Look after the robot and its network. It is tried again by itself; press a key anew to drive."),
+        until="connected", prevails=True,
+    )  # fmt: skip
+
+
+def _no_link_yet(state: LiveState) -> Condition:
+    robot = state.link.value.robot or tr("The robot")
+    return Condition(
+        "link", "error", tr("{robot} does not answer.").format(robot=robot),
+        tr("Until it does there is nothing to drive and nothing of it to see, and what it should say waits."),
+        no_answer_advice(state.robot.value), until="connected", prevails=True,
+    )  # fmt: skip

@@ -51,6 +51,7 @@ class PreflightService(Service):
         self._disk: Disk = (None, None)
         self._ticks: dict[str, Tick] = {}
         self._why_open = ""
+        self._taken_back: frozenset[str] = frozenset()
         self._loud = False
         self._link_state: str = state.link.value.state
         self._link_since_ns = clock.now_ns()
@@ -119,7 +120,8 @@ class PreflightService(Service):
             self._link_state, self._link_since_ns = self._state.link.value.state, clock.now_ns()
         if self._state.recording.value.state not in IN_SESSION or not self._automatic:
             self._automatic = automatic_checks(self._facts(scenario))
-        self._state.preflight.set((*self._automatic, *ticked_checks(scenario, self._ticks, tr(self._why_open))))
+        ticked = ticked_checks(scenario, self._ticks, tr(self._why_open), self._taken_back)
+        self._state.preflight.set((*self._automatic, *ticked))
 
     def _facts(self, scenario: Scenario) -> Facts:
         state = self._state
@@ -181,7 +183,7 @@ class PreflightService(Service):
     def _reset(self, why: str) -> None:
         """Whatever was looked after has to be looked after again; ``why`` is said where anything was."""
         if self._ticks or not why:
-            self._why_open = why
+            self._why_open, self._taken_back = why, frozenset(self._ticks)
         self._ticks.clear()
         self._loud = False
 

@@ -148,8 +148,8 @@ class AlarmRow(QWidget):
         self._theme = theme
         self._console = console
         self._alarm: Alarm | None = None
-        self._what, self._meaning, self._advice, self._folded, self._age = (QLabel() for _ in range(5))
-        self._labels = (self._what, self._meaning, self._advice, self._folded, self._age)
+        self._what, self._meaning, self._advice, self._why, self._folded, self._age = (QLabel() for _ in range(6))
+        self._labels = (self._what, self._meaning, self._advice, self._why, self._folded, self._age)
         column = boxes.column(spacing_px=3)
         for label in self._labels:
             label.setWordWrap(True)
@@ -177,8 +177,8 @@ class AlarmRow(QWidget):
         folded = ""
         if alarm.folded:
             folded = tr("Because of it: {what}").format(what=" ".join(alarm.folded[-_FOLDED_SHOWN:]))
-        texts = (what, alarm.meaning, alarm.advice, folded)
-        for label, text in zip(self._labels[:4], texts, strict=True):
+        texts = (what, alarm.meaning, alarm.advice, alarm.why, folded)
+        for label, text in zip(self._labels[:5], texts, strict=True):
             label.setText(text)
             label.setVisible(bool(text))
         self._seen_to.setVisible(not alarm.ends_by_itself)
@@ -196,7 +196,7 @@ class AlarmRow(QWidget):
             self._age.setText(f"{since} · {ends}")
 
     def _style(self) -> None:
-        roles = ("text", "dim", "text", "dim", "dim")
+        roles = ("text", "dim", "text", "dim", "dim", "dim")
         small = self._theme.font(tokens.STATUS_PX + 1)
         large = self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
         for label, role in zip(self._labels, roles, strict=True):

@@ -107,6 +107,23 @@ def test_what_was_wrong_with_one_robot_is_not_wrong_with_the_next(desk: Desk) ->
     assert [alarm.what for alarm in desk.state.alarms.value] == ["The detector does not know: cake."]
 
 
+def test_a_robot_that_never_answered_is_not_called_lost_and_the_reason_goes_with_the_robot(desk: Desk) -> None:
+    why = "Nothing answers at ws://127.0.0.1:1."
+    desk.happens(RobotChosen(1, "other", "Other", "ws://127.0.0.1:1"))
+    desk.state.link.set(LinkStatus("connecting", "Other"))
+    desk.happens(Problem(1, "error", why, "", "Switch it on.", until="connected"))
+    (alarm,) = desk.state.alarms.value
+    assert (alarm.what, alarm.why, alarm.folded) == ("Other does not answer.", f"{why} Switch it on.", ())
+    desk.happens(RobotChosen(1, "third", "Third", "ws://127.0.0.1:2"))
+    desk.state.link.set(LinkStatus("connecting", "Third"))
+    (alarm,) = desk.state.alarms.value
+    assert (alarm.what, alarm.why) == ("Third does not answer.", "")
+    desk.state.link.set(LinkStatus("connected", "Third"))
+    desk.wait(3)
+    desk.state.link.set(LinkStatus("lost", "Third"))
+    assert desk.state.alarms.value[0].what == "The connection to the robot is lost."
+
+
 def test_a_record_begins_with_what_is_wrong_already(desk: Desk) -> None:
     desk.state.link.set(LinkStatus("lost"))
     desk.happens(SessionStarted(1, "session"))

@@ -41,7 +41,12 @@ def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
     click(qtbot, find(window, "alarms_button"))
     lost, cake = alarms.rows
     assert "The connection to the robot is lost." in lost.accessibleName()
-    assert "Nothing was said." in lost.accessibleDescription(), "what followed from it stands with it"
+    assert "Because of it: Nothing was said." in lost.accessibleDescription(), "what followed from it stands with it"
+    wrong(console, "No rosbridge listens there.", until="connected")
+    told = lost.accessibleDescription()
+    assert "No rosbridge listens there." in told, "why it is so stands with it"
+    assert told.index("No rosbridge") < told.index("Because of it"), "and not among what came of it"
+    assert "No rosbridge listens there." in window.problems.cards[0].accessibleName()
     click(qtbot, find(cake, "alarm_seen_to"))
     assert [row.accessibleName() for row in alarms.rows] == [lost.accessibleName()]
     console.state.link.set(link)
