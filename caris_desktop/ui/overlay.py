@@ -1,14 +1,20 @@
 """A card over the window, which is not a dialog: the robot can be driven and stopped meanwhile."""
 
 from PySide6.QtCore import QEvent, QObject, QRect, Qt
-from PySide6.QtGui import QAccessible, QColor, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QWidget
+from PySide6.QtGui import QAccessible, QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtWidgets import QAbstractButton, QCheckBox, QWidget
 
 from caris_desktop.ui.theme import Theme
 
+_ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+
 
 class Overlay(QWidget):
-    """A card in the upper middle of the window over a dimmed ground; a click beside it closes it."""
+    """A card in the upper middle of the window over a dimmed ground; a click beside it closes it.
+
+    Enter presses the button that has the focus, as Space does: whoever sees one chosen tries that first. A tick wants
+    Space, so that nobody confirms one by going on.
+    """
 
     accessible_role = QAccessible.Role.Dialog
 
@@ -51,6 +57,15 @@ class Overlay(QWidget):
         if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():
             self._place()
         return False
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        focused = self._window.focusWidget()
+        button = isinstance(focused, QAbstractButton) and not isinstance(focused, QCheckBox)
+        if event.key() in _ENTER and button and self.card.isAncestorOf(focused):
+            if not event.isAutoRepeat():
+                focused.click()
+        else:
+            super().keyPressEvent(event)
 
     def mousePressEvent(self, _event: QMouseEvent) -> None:
         self.close_overlay()

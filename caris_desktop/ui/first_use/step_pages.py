@@ -12,6 +12,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.distant_ear import ear_of
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.first_use.steps import SetUpStep, StepName
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
@@ -59,14 +60,15 @@ class StepPage(QWidget):
             self.column.addWidget(self._rows[check_id])
         return check is not None
 
-    def add_choice(self, title: str, choice: DropDown, *beside: QWidget) -> None:
-        """Something to choose, with its title before it."""
+    def add_choice(self, title: str, choice: DropDown, *beside: QWidget, holder: QWidget | None = None) -> None:
+        """Something to choose, with its title before it; in ``holder``, where it comes and goes."""
         choice.setMinimumWidth(_CHOICE_PX)
-        row = boxes.row(spacing_px=tokens.GRID_PX)
+        whole = holder or QWidget()
+        row = boxes.row(whole, margins_px=0, spacing_px=tokens.GRID_PX)
         for widget in (self.label(title), choice, *beside):
             row.addWidget(widget)
         row.addStretch(1)
-        self.column.addLayout(row)
+        self.column.addWidget(whole)
 
     def label(self, text: str, size_px: int = tokens.BODY_PX) -> QLabel:
         label = QLabel(text, textFormat=Qt.TextFormat.PlainText, wordWrap=len(text) > _SHORT_WORDS)
@@ -216,8 +218,10 @@ class SoundPage(StepPage):
             self._show_voice()
         if not self.add_check("microphone"):
             return
-        if ear_of(console.scenario, console.state.robot.value) == "computer":
-            self.add_choice(tr("Microphone"), self._make_microphones())
+        self._microphones = QWidget()
+        self.add_choice(tr("Microphone"), self._make_microphones(), holder=self._microphones)
+        console.state.robot.changed.connect(self._show_whose_microphone)
+        self._show_whose_microphone(console.state.robot.value)
         self._level = QProgressBar(textVisible=False)
         self._level.setObjectName("first_use_level")
         self._level.setAccessibleName(tr("How loud the microphone hears"))
@@ -234,6 +238,10 @@ class SoundPage(StepPage):
         choice.setCurrentIndex(max(0, choice.findData(self.console.microphone)))
         choice.activated.connect(lambda index: self.console.do(intents.UseMicrophone(choice.itemData(index))))
         return choice
+
+    def _show_whose_microphone(self, robot: RobotProfile | None) -> None:
+        """It is chosen where the robot has none of its own: which robot it is was a step of this page."""
+        self._microphones.setVisible(ear_of(self.console.scenario, robot) == "computer")
 
     def _show_voice(self, _changed: object = None) -> None:
         if self._output is not None:

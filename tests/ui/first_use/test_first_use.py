@@ -21,6 +21,7 @@ from caris_desktop.live.status import (
     ModelChoice,
     PreflightCheck,
 )
+from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.model import Permissions
 from caris_desktop.ui.bands import QuestionBand
 from caris_desktop.ui.first_use.drive_hint import DriveHint
@@ -88,6 +89,14 @@ def test_the_simulated_robot_is_one_key_away(qtbot: QtBot, page: SetUpPage) -> N
     assert page.isHidden()
 
 
+def test_enter_presses_what_has_the_focus_as_space_does(qtbot: QtBot, page: SetUpPage) -> None:
+    find(page, "first_use_own").setFocus()
+    qtbot.keyClick(find(page, "first_use_own"), Qt.Key.Key_Return)
+    assert page.step == "robot"
+    qtbot.keyClick(find(page, "first_use_next"), Qt.Key.Key_Enter)
+    assert page.step == "camera"
+
+
 def test_the_red_button_stays_free_and_a_click_beside_the_page_closes_nothing(qtbot: QtBot, page: SetUpPage) -> None:
     assert page.geometry().top() == 56, "below the bar with the emergency stop"
     qtbot.mouseClick(page, Qt.MouseButton.LeftButton, pos=page.rect().bottomLeft())
@@ -151,6 +160,18 @@ def test_sound_is_tried_both_ways(qtbot: QtBot, page: SetUpPage, console: FakeCo
     assert level.value() == 50
     console.state.microphone.set(MicrophoneStatus("off", level=0.25))
     assert level.value() == 0
+
+
+def test_a_microphone_is_chosen_where_the_robot_that_was_chosen_before_has_none(
+    qtbot: QtBot, page: SetUpPage, console: FakeConsole
+) -> None:
+    console.state.robot.set(load_profile("simulated"))
+    click(qtbot, find(page, "first_use_own"))
+    page.show_step("sound")
+    choice = page.findChild(QWidget, "first_use_microphone")
+    assert choice is not None and not choice.isVisible(), "the simulated robot hears by itself"
+    console.state.robot.set(load_profile("turtlebot3"))
+    assert choice.isVisible()
 
 
 def test_a_model_is_chosen_and_asked(qtbot: QtBot, page: SetUpPage, console: FakeConsole) -> None:
