@@ -417,7 +417,9 @@ def test_the_list_is_used_with_keys_alone(sessions: SessionsWindow, library: Fak
     sessions.export_requested.connect(exported.append)
     assert not find(sessions, "sessions_replay").isEnabled()
     sessions.search.setFocus()
+    sessions.activateWindow()
     QTest.keyClick(sessions.search, Qt.Key.Key_Down)
+    assert [each.participant for each in sessions.selected()] == ["P12"], "the newest is chosen at once"
     QTest.keyClick(sessions.table, Qt.Key.Key_Down)
     QTest.keyClick(sessions.table, Qt.Key.Key_Return)
     assert library.named("open_replay") == [(SESSIONS[2].folder, None)]
