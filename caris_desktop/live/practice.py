@@ -63,7 +63,11 @@ STEPS = (
     ),
     PracticeStep(
         "ask", QT_TR_NOOP("Ask the assistant"),
-        QT_TR_NOOP("In Assistant, type a question and press Enter. Wait until the answer is there."), 60.0,
+        QT_TR_NOOP(
+            "Go to Assistant (by a click, or {key} and its name), type a question and press Enter. Wait until the answer "
+            "is there."
+        ),
+        60.0, "find",
     ),
     PracticeStep(
         "suggestion", QT_TR_NOOP("Take a suggestion"),
@@ -83,7 +87,10 @@ STEPS = (
     ),
     PracticeStep(
         "emergency", QT_TR_NOOP("Stop in an emergency"),
-        QT_TR_NOOP("Press Esc twice, or the red button. Then release it with the button in the red band."), 30.0,
+        QT_TR_NOOP(
+            "Press Esc twice, or the red button. Then release it with the button in the red band, or in Find anything."
+        ),
+        30.0,
         "emergency_stop",
     ),
 )  # fmt: skip

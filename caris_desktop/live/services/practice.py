@@ -76,7 +76,7 @@ class PracticeService(Service):
         self._wizard = ""
         self._asked = 0
         self._ask_again = QTimer(self, interval=_ASKED_AGAIN_MS)
-        self._ask_again.timeout.connect(self._ask)
+        self._ask_again.timeout.connect(self._ask_once_more)
         self._stage = QTimer(self, interval=_STAGE_EVERY_MS)
         self._stage.timeout.connect(self._begin_when_ready)
         state.odometry.changed.connect(self._on_odometry)
@@ -194,6 +194,11 @@ class PracticeService(Service):
         elif step.id == "link":
             self._parts.cut_link(LINK_IS_CUT_S)
         self._show()
+
+    def _ask_once_more(self) -> None:
+        """Unless replies are there to be taken: another question would take them away."""
+        if self._state.suggestions.value.state not in ("asking", "shown"):
+            self._ask()
 
     def _ask(self) -> None:
         """Somebody asks the robot something, so that replies are suggested."""

@@ -121,6 +121,12 @@ def test_somebody_asks_something_and_later_the_link_is_cut(stage: Stage) -> None
     assert [(event.speaker, event.state, event.source) for event in heard] == [
         ("participant", "started", "practice"), ("participant", "finished", "practice"),
     ]  # fmt: skip
+    stage.state.suggestions.set(replace(stage.state.suggestions.value, state="shown"))
+    stage.service._ask_again.timeout.emit()
+    assert [event for event in stage.told if isinstance(event, UtteranceChanged)] == heard, "the replies stay"
+    stage.state.suggestions.set(replace(stage.state.suggestions.value, state="failed"))
+    stage.service._ask_again.timeout.emit()
+    assert len([event for event in stage.told if isinstance(event, UtteranceChanged)]) == 4
     assert stage.cut_s == []
     stage.skip_to("link")
     assert stage.cut_s == [4.0]
