@@ -135,6 +135,7 @@ class MainWindow(TabAsRead, QWidget):
         self._question = QuestionBand(self.theme)
         bands = {EmergencyBand(self.theme, console): 3, GuardBand(self.theme, console): 2, self._question: 4}
         self._strip = NoticeStrip(self.theme, console, bands)
+        self.marking.card.lie_below(self._strip)
         self._protocol = ProtocolStrip(self.theme, console, self.actions_table, self.hold)
         self.practice = PracticeStrip(self.theme, console, self.actions_table, self.wizards)
         self.dock_host = DockHost()

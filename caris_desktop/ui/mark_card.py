@@ -25,7 +25,9 @@ _LEFT_PX, _BELOW_TOP_BAR_PX = 16, 64
 
 
 class MarkCard(QWidget):
-    """Lies over the window under the top bar. Takes the focus only to write a note, and gives it back."""
+    """Lies over the window under the top bar and the signs that a glance reads, which a mark must not hide. Takes the
+    focus only to write a note, and gives it back.
+    """
 
     accessible_role = QAccessible.Role.Dialog
 
@@ -51,6 +53,7 @@ class MarkCard(QWidget):
         self._asks = False
         self._note_for = ""
         self._note_began_s = 0.0
+        self._below: QWidget | None = None
         self._focus_before: QWidget | None = None
         self._title = QLabel(textFormat=Qt.TextFormat.PlainText)
         self._title.setObjectName("mark_card_title")
@@ -122,6 +125,10 @@ class MarkCard(QWidget):
         button = ActionButton(self._theme, text, height_px=30, text_px=tokens.STATUS_PX + 1, **more)  # type: ignore[arg-type]
         button.setObjectName(name)
         return button
+
+    def lie_below(self, strip: QWidget) -> None:
+        """Keep that of the window in sight."""
+        self._below = strip
 
     # ---- what is on show
 
@@ -373,7 +380,9 @@ class MarkCard(QWidget):
         layout.invalidate()
         layout.activate()
         height = layout.heightForWidth(width) if layout.hasHeightForWidth() else layout.sizeHint().height()
-        self.setGeometry(_LEFT_PX, _BELOW_TOP_BAR_PX, width, height)
+        below = self._below
+        top = _BELOW_TOP_BAR_PX if below is None or below.isHidden() else below.geometry().bottom() + 4
+        self.setGeometry(_LEFT_PX, top, width, height)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():

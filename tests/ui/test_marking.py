@@ -62,6 +62,16 @@ def alt_of(console: FakeConsole, window: MainWindow) -> Qt.KeyboardModifier:
     return ALT if "drive_forward" in window.hold.held else NONE
 
 
+@pytest.mark.parametrize("size", [(1366, 768), (1920, 1080)])
+def test_no_mark_hides_what_a_glance_reads(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot, size: tuple[int, int]
+) -> None:
+    window.resize(*size)
+    QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_M, CTRL)
+    card, signs = find(window, "mark_card"), find(window, "glance")
+    assert card.geometry().top() > signs.mapTo(window, signs.rect().bottomLeft()).y()
+
+
 def present(console: FakeConsole) -> list[Marked]:
     return [mark for mark in console.marks.values() if mark.state != "withdrawn"]
 
