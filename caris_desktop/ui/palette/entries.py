@@ -40,6 +40,16 @@ _COMMON_ROWS = frozenset(
 )
 
 
+_OTHER_WORDS = {
+    "shortcuts": QT_TR_NOOP("help keys keyboard hotkeys"),
+    "set_up": QT_TR_NOOP("help settings microphone begin welcome connect"),
+    "alarms": QT_TR_NOOP("problems errors warnings trouble"),
+    "note": QT_TR_NOOP("comment remark"),
+    "preflight": QT_TR_NOOP("preflight checklist ready"),
+}
+"""What else people call a row of the table of actions."""
+
+
 class PaletteEntries:
     """``question`` asks before a control that is to be confirmed, ``show_connection`` opens the connection's card."""
 
@@ -93,7 +103,7 @@ class PaletteEntries:
                 "student",
                 "",
                 parts.practise,
-                also=tr("learn training"),
+                also=tr("learn training tutorial help"),
                 id="Do: Practise on the simulated robot",
             ),
             Entry(
@@ -146,12 +156,14 @@ class PaletteEntries:
         moves = intent is not None and (
             INTENTS[type(intent)].moves is not None or isinstance(intent, intents.UseControl)
         )
+        other_words = _OTHER_WORDS.get(spec.id, "")
         return Entry(
             spec.text,
             tr("Say") if says else tr("Do"),
             spec.icon,
             table.key_text(spec.id),
             lambda: table.run(spec.id),
+            also=tr(other_words),
             acts=says or moves,
             id=f"row {spec.id}",
             common=spec.id in _COMMON_ROWS,
@@ -474,7 +486,7 @@ class PaletteEntries:
                 )
             )
             stop = partial(self._console.do, intents.StopRecording())
-            entries.append(Entry(tr("Stop recording"), tr("Do"), "stop", "", stop, id="Do: Stop recording"))
+            entries.append(Entry(tr("Stop recording"), tr("Do"), "stop", "", stop, also=tr("end finish"), id="Do: Stop recording"))
         else:
             entries.append(
                 Entry(
@@ -483,6 +495,7 @@ class PaletteEntries:
                     "record",
                     "",
                     windows.open_start_dialog,
+                    also=tr("begin trial new session"),
                     common=True,
                     id="Do: Start recording",
                 )

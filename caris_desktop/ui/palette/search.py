@@ -107,13 +107,20 @@ def _like(word: str, known_words: set[str]) -> list[tuple[str, float]]:
         # Comparing costs a hundred times as much: only what begins alike or has two neighbouring letters in common.
         if known[0] != word[0] and not any(pair in known for pair in pairs):
             continue
-        matcher.set_seq1(known)
-        if matcher.real_quick_ratio() < _ALIKE or matcher.quick_ratio() < _ALIKE:
-            continue
-        ratio = matcher.ratio()
+        ratio = _ratio(matcher, known)
+        if ratio < _ALIKE and len(known) > len(word) + 1 and known[0] == word[0]:
+            ratio = _ratio(matcher, known[: len(word)])  # it may not be typed to its end yet
         if ratio >= _ALIKE:
             found.append((known, ratio))
     return found
+
+
+def _ratio(matcher: "SequenceMatcher[str]", known: str) -> float:
+    """0.0 where they are not alike."""
+    matcher.set_seq1(known)
+    if matcher.real_quick_ratio() < _ALIKE or matcher.quick_ratio() < _ALIKE:
+        return 0.0
+    return matcher.ratio()
 
 
 def _in_order(entries: Sequence[Entry], used: Used) -> tuple[tuple[Entry, ...], tuple[int, ...]]:

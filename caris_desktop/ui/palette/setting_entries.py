@@ -137,7 +137,7 @@ class SettingEntries:
                 "text-aa",
                 "",
                 partial(appearance.choose_scale, scale),
-                also=tr("larger text zoom scale"),
+                also=tr("larger bigger smaller text font zoom scale"),
                 id=f"Window: Size: {f'{percent_of(scale)} % from the next start' if scale else 'as the system has it'}",
             )
             for scale in SCALES
@@ -169,6 +169,7 @@ class SettingEntries:
                 "moon",
                 "",
                 partial(appearance.choose_theme, choice),
+                also=tr("theme colours colors mode night day"),
                 id=f"Window: Appearance: {words.lower()}",
             )
             for choice, words in THEME_WORDS.items()

@@ -73,6 +73,20 @@ def test_other_things_are_still_found_where_they_are_misspelt(window: MainWindow
     assert Finder([dataclasses.replace(guess, acts=True)]).matching("kitch")
 
 
+@pytest.mark.parametrize(
+    ("typed", "found"),
+    [
+        ("dark mode", "Appearance: Dark"), ("bigger text", "Size: 150 % from the next start"),
+        ("help", "All shortcuts"), ("help", "Practise on the simulated robot"), ("recrod", "Stop recording"),
+        ("finish", "Stop recording"), ("shrotc", "All shortcuts"), ("errors", "What is wrong now"),
+    ],
+)  # fmt: skip
+def test_what_other_people_call_it_and_a_slip_in_a_word_that_is_not_ended_find_it(
+    window: MainWindow, typed: str, found: str
+) -> None:
+    assert found in texts(palette_of(window, typed))
+
+
 def test_the_release_stands_first_and_is_never_chosen_beforehand(window: MainWindow, console: FakeConsole) -> None:
     assert RELEASE not in texts(palette_of(window))
     window.hold.escape_pressed.emit()

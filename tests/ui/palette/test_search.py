@@ -48,6 +48,12 @@ def test_within_a_part_what_begins_with_it_comes_first() -> None:
     assert texts(finder.matching("map")) == ["Map", "Mapping", "Open the map", "Close the map"]
 
 
+def test_a_slip_in_the_beginning_of_a_word_finds_it_behind_what_is_spelt_so() -> None:
+    finder = Finder([entry("Start recording"), entry("Recorder"), entry("Reception"), entry("Recrods")])
+    assert texts(finder.matching("recrod")) == ["Recrods", "Start recording", "Recorder"]
+    assert texts(finder.matching("xecord")) == [], "its first letter is right, or it is another word"
+
+
 def test_what_is_often_used_takes_the_place_of_what_is_commonly_used() -> None:
     finder = Finder(ENTRIES, Used(often=("Do: Mop the floor", "Do: Map")))
     assert texts(finder.order)[:3] == ["Release", "Mop the floor", "Map"]
