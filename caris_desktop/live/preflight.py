@@ -135,7 +135,7 @@ def no_answer_advice(robot: RobotProfile | None) -> str:
     """What to do about a robot that does not answer."""
     if robot is not None and robot.name == SIMULATED:
         return tr("Start one: “Try it with the simulated robot” under Set up, in the Window menu.")
-    return tr("Switch the robot on; look at its network and its address (Window menu, Robot). It is tried again by itself.")
+    return tr("Switch it on, and look at its network and its address: Window menu, Robot. It is tried again by itself.")
 
 
 def _robot(facts: Facts) -> PreflightCheck:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import field
 
 from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
@@ -70,6 +71,7 @@ class LayoutKeeper(QObject):
         self._told: LayoutNode | None = None
         self._of_scenario: LayoutNode | None = None
         self._in_replay = False
+        self._borrowers: tuple[QWidget, ...] = ()
         self._kind: SizeClass = "usual"
         self._name = ""
         self._trees: dict[SizeClass, LayoutNode] = {}
@@ -84,6 +86,20 @@ class LayoutKeeper(QObject):
         docks.refused.connect(lambda why: self._notice(why, ""))
         docks.room_changed.connect(self._fit)
         wizards.changed.connect(self._on_wizard_changed)
+
+    def lend_room_to(self, *strips: QWidget) -> None:
+        """These come and go above the panels, which give way for them but are not arranged anew."""
+        self._borrowers = strips
+
+    @property
+    def _height(self) -> int:
+        """What the panels have of the screen, whatever stands above them for a while."""
+        borrowed = 0
+        for strip in self._borrowers:
+            if not strip.isHidden():  # one that just comes has its size after the panels have theirs
+                wraps = strip.hasHeightForWidth()
+                borrowed += strip.heightForWidth(strip.parentWidget().width()) if wraps else strip.sizeHint().height()
+        return self._docks.height() + borrowed
 
     def use_replay(self) -> None:
         """What is arranged in a replay is of no study, and its room is no screen's."""
@@ -117,14 +133,14 @@ class LayoutKeeper(QObject):
             return "compact" if self._docks.width() < _NARROW_REPLAY_PX else "usual"
         if not self._kept.adapts or not self._docks.isVisible():
             return "usual"
-        return size_class(self._docks.width(), self._docks.height())
+        return size_class(self._docks.width(), self._height)
 
     def _baseline_of(self, kind: SizeClass) -> LayoutNode:
         """What the file says, as it is shown where the wizard has changed nothing."""
         if kind in self._trees:
             return tidy(self._trees[kind])
         # The panels of a replay are as high as the picture in them asks for, which depends on how they are arranged.
-        height = _LOW_REPLAY_PX if self._in_replay and kind == "compact" else self._docks.height()
+        height = _LOW_REPLAY_PX if self._in_replay and kind == "compact" else self._height
         return fitted(self._trees["usual"], self._docks.width(), height)
 
     def _file_tree(self, kind: SizeClass) -> LayoutNode:

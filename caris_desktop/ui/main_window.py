@@ -164,6 +164,7 @@ class MainWindow(TabAsRead, QWidget):
         self.robots = RobotChooser(self.theme, console, self._question, self)
         self.first_use = FirstUse(self.theme, console, self.actions_table, self.robots, self, settings=settings)
         self._column.insertWidget(self._column.indexOf(self._strip) + 1, self.first_use.hint)
+        self.layout_keeper.lend_room_to(self.first_use.hint, self.practice)
         self.first_use.hint.practise_wanted.connect(self.practice.begin)
         self.gamepad = GamepadWindow(self.theme, console, self.hold, self)
         self.faces = FaceWindows(self.theme, console, self)

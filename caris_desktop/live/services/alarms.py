@@ -182,6 +182,6 @@ def _no_link_yet(state: LiveState) -> Condition:
     robot = state.link.value.robot or tr("The robot")
     return Condition(
         "link", "error", tr("{robot} does not answer.").format(robot=robot),
-        tr("Until it does there is nothing to drive and nothing of it to see, and what it should say waits."),
+        tr("Until it does it is neither driven nor seen, and what it should say waits."),
         no_answer_advice(state.robot.value), until="connected", prevails=True,
     )  # fmt: skip

@@ -262,6 +262,29 @@ def test_small_and_large_screens_get_an_arrangement_of_their_own(qtbot: QtBot, t
     assert arranged(window) == mine
 
 
+@pytest.mark.parametrize("strip", ["drive_hint", "practice_strip"])
+def test_a_line_that_comes_and_goes_above_the_panels_arranges_nothing_anew(
+    qtbot: QtBot, theme: Theme, strip: str
+) -> None:
+    """The hint how to drive goes with the first metre: nothing may jump under the hands of who drives it."""
+    scenario = load_scenario(layouts_dir() / "tour-guide.yaml")
+    window = MainWindow(FakeConsole(scenario), theme=theme)
+    qtbot.addWidget(window)
+    window.resize(1366, 768)
+    window.show()
+    QApplication.processEvents()
+    for height in (768, 860):
+        window.resize(1366, height)
+        QApplication.processEvents()
+        before, room = arranged(window), window.dock_host.height()
+        line = window.first_use.hint if strip == "drive_hint" else window.practice
+        for shown in (True, False):
+            line.setVisible(shown)
+            QApplication.processEvents()
+            assert (window.dock_host.height() < room) is shown
+            assert arranged(window) == before
+
+
 def tabs_in(node: LayoutNode) -> int:
     if isinstance(node, SplitNode):
         return sum(tabs_in(child) for child in node.children)
