@@ -179,7 +179,7 @@ class ConsoleRun:
             return
         named, robot = self._arguments.robot, self._arguments.robot or self.console.scenario.robot
         last = "" if named else self.window.kept_choices.robot_of_last_time
-        if last == PROFILE and self.settings.value(_OWN_ROBOT_KEY, "") == "yes":
+        if not named and (last or robot) == PROFILE and self.settings.value(_OWN_ROBOT_KEY, "") == "yes":
             # It ended with the console that had started it.
             self._use_simulated_robot(WIZARD)
             return

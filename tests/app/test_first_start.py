@@ -87,9 +87,10 @@ def test_the_robot_of_last_time_is_connected_unless_it_is_gone_or_another_is_nam
     assert asked[0]().profile.name == connected
 
 
+@pytest.mark.parametrize("scenario", ["tour-guide", "reception"], ids=["the same scenario", "another"])
 @pytest.mark.parametrize("own", [True, False], ids=["its own", "one that was there"])
 def test_a_simulated_robot_of_the_consoles_own_comes_back_with_the_console(
-    start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *, own: bool
+    start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *, own: bool, scenario: str
 ) -> None:
     """It had ended with it: nothing would answer where it was, and that would be the first thing somebody reads."""
     address, asked, started = "ws://127.0.0.1:41234", [], []
@@ -106,7 +107,7 @@ def test_a_simulated_robot_of_the_consoles_own_comes_back_with_the_console(
     before.settings.finish()
     started.clear()
     asked.clear()
-    run = start(scenario="tour-guide")
+    run = start(scenario=scenario)
     run._start_rest()
     qtbot.waitUntil(lambda: bool(asked or started))
     assert (len(started), len(asked)) == ((1, 0) if own else (0, 1))
