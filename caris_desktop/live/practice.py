@@ -64,8 +64,8 @@ STEPS = (
     PracticeStep(
         "ask", QT_TR_NOOP("Ask the assistant"),
         QT_TR_NOOP(
-            "Go to Assistant (by a click, or {key} and its name), type a question and press Enter. Wait until the answer "
-            "is there."
+            "Go to Assistant, by a click or with {key} and its name. Type a question, press Enter, and wait until the "
+            "answer is there."
         ),
         60.0, "find",
     ),

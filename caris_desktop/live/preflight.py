@@ -99,7 +99,7 @@ def automatic_checks(facts: Facts) -> tuple[PreflightCheck, ...]:
 def ticked_checks(
     scenario: Scenario, ticks: Mapping[str, Tick], why_open: str = "", taken_back: Collection[str] = ()
 ) -> tuple[PreflightCheck, ...]:
-    """The scenario's own. ``why_open`` says why the ticks of before count no more, of those that were ``taken_back``."""
+    """The scenario's own. ``why_open`` says why those that were ``taken_back`` are open again."""
     return tuple(
         _ticked(manual, ticks.get(of), why_open if of in taken_back else "")
         for manual in manual_checks(scenario.preflight)
@@ -148,7 +148,8 @@ def _robot(facts: Facts) -> PreflightCheck:
             return check("pending", tr("Connecting to {robot}.").format(robot=name))
         case "connecting":
             if link.address:
-                silent = tr("{robot} does not answer at {address}.").format(robot=name, address=without_credentials(link.address))
+                address = without_credentials(link.address)
+                silent = tr("{robot} does not answer at {address}.").format(robot=name, address=address)
             else:
                 silent = tr("{robot} does not answer yet.").format(robot=name)
             return check("major", silent, way)

@@ -94,11 +94,11 @@ class LayoutKeeper(QObject):
     @property
     def _height(self) -> int:
         """What the panels have of the screen, whatever stands above them for a while."""
-        borrowed = 0
+        borrowed, width = 0, self._docks.window().width()
         for strip in self._borrowers:
             if not strip.isHidden():  # one that just comes has its size after the panels have theirs
                 wraps = strip.hasHeightForWidth()
-                borrowed += strip.heightForWidth(strip.parentWidget().width()) if wraps else strip.sizeHint().height()
+                borrowed += strip.heightForWidth(width) if wraps else strip.sizeHint().height()
         return self._docks.height() + borrowed
 
     def use_replay(self) -> None:

@@ -60,8 +60,12 @@ class Overlay(QWidget):
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         focused = self._window.focusWidget()
-        button = isinstance(focused, QAbstractButton) and not isinstance(focused, QCheckBox)
-        if event.key() in _ENTER and button and self.card.isAncestorOf(focused):
+        if (
+            event.key() in _ENTER
+            and isinstance(focused, QAbstractButton)
+            and not isinstance(focused, QCheckBox)
+            and self.card.isAncestorOf(focused)
+        ):
             if not event.isAutoRepeat():
                 focused.click()
         else:

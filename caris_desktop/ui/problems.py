@@ -168,9 +168,7 @@ class ProblemCards(QWidget):
             self._place()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self._over and event.type() in (QEvent.Type.Resize, QEvent.Type.Show, QEvent.Type.Hide):
-            self._on_laid_out()
-        elif watched is self._clear_of and event.type() in _MOVES:
+        if watched in (self._over, self._clear_of) and event.type() in _MOVES:
             self._on_laid_out()
         return False
 

@@ -35,14 +35,14 @@ class WindowPlace:
     def restore(self) -> None:
         window = self._window
         geometry = self._settings.value(self._key) if self._settings is not None else None
-        if geometry:
-            window.restoreGeometry(geometry)
-        else:
+        # Qt refuses what was kept of a screen of quite another size, as of a laptop in its dock: that is a first time.
+        restored = geometry is not None and window.restoreGeometry(geometry)
+        if not restored:
             window.resize(_ROOMY)
         room = window.screen().availableSize() - WINDOW_FRAME
         # A window taller than its screen hides the status bar below the edge, title bar included.
         window.resize(window.size().boundedTo(room))
-        self._fills_screen = not geometry and window.size() != _ROOMY
+        self._fills_screen = not restored and window.size() != _ROOMY
 
     def show(self) -> None:
         """Show it where it was last time. The first time it fills a small screen, where every pixel is needed."""

@@ -4,12 +4,13 @@ import dataclasses
 import itertools
 import json
 import math
+import struct
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtCore import QByteArray, QPoint, QRect, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
@@ -47,6 +48,7 @@ from caris_desktop.ui.problems import SHOWN_AT_ONCE
 from caris_desktop.ui.status_bar import StatusItem
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.window_place import WindowPlace
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, freshen, open_window
 from tests.ui.fake_console import FakeConsole
@@ -658,3 +660,24 @@ def test_the_status_bar_tells_what_is_old_and_what_was_refused(window: MainWindo
     assert bar.items["pose"].text == "pose delayed 1.2 s"
     assert bar.items["battery"].text == "battery 60 %, told 3 min ago"
     assert "Robot clock 3.1 ± 0.4 ms behind." in bar.items["round_trip"].toolTip()
+
+
+def test_a_place_of_a_screen_of_another_size_is_no_place(qtbot: QtBot) -> None:
+    """As when the computer comes out of its dock: Qt refuses it, and left a window of a few hundred pixels."""
+    settings, kept = MemorySettings(), QWidget()
+    qtbot.addWidget(kept)
+    kept.resize(400, 300)
+    geometry = bytearray(kept.saveGeometry().data())
+    width_at = 4 + 2 + 2 + 16 + 16 + 4 + 1 + 1  # behind magic, version, two rectangles, screen and two flags
+    (screen_px,) = struct.unpack_from(">i", geometry, width_at)
+    assert screen_px == kept.screen().geometry().width()
+    struct.pack_into(">i", geometry, width_at, 2 * screen_px)
+    settings.setValue("window/geometry", QByteArray(bytes(geometry)))
+    window = QWidget()
+    qtbot.addWidget(window)
+    place = WindowPlace(window, settings)
+    place.restore()
+    first_time = QWidget()
+    qtbot.addWidget(first_time)
+    WindowPlace(first_time, MemorySettings()).restore()
+    assert window.size() == first_time.size()

@@ -486,7 +486,8 @@ class PaletteEntries:
                 )
             )
             stop = partial(self._console.do, intents.StopRecording())
-            entries.append(Entry(tr("Stop recording"), tr("Do"), "stop", "", stop, also=tr("end finish"), id="Do: Stop recording"))
+            also = tr("end finish")
+            entries.append(Entry(tr("Stop recording"), tr("Do"), "stop", "", stop, also=also, id="Do: Stop recording"))
         else:
             entries.append(
                 Entry(
