@@ -2,7 +2,7 @@
 
 from typing import Any, Protocol
 
-from PySide6.QtCore import QSize
+from PySide6.QtCore import QByteArray, QSize
 from PySide6.QtWidgets import QWidget
 
 WINDOW_FRAME = QSize(16, 48)  # what a window manager may put around a window
@@ -36,7 +36,7 @@ class WindowPlace:
         window = self._window
         geometry = self._settings.value(self._key) if self._settings is not None else None
         # Qt refuses what was kept of a screen of quite another size, as of a laptop in its dock: that is a first time.
-        restored = geometry is not None and window.restoreGeometry(geometry)
+        restored = isinstance(geometry, QByteArray) and window.restoreGeometry(geometry)
         if not restored:
             window.resize(_ROOMY)
         room = window.screen().availableSize() - WINDOW_FRAME

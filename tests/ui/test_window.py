@@ -681,3 +681,6 @@ def test_a_place_of_a_screen_of_another_size_is_no_place(qtbot: QtBot) -> None:
     qtbot.addWidget(first_time)
     WindowPlace(first_time, MemorySettings()).restore()
     assert window.size() == first_time.size()
+    settings.setValue("window/geometry", "somebody edited the file")
+    place.restore()
+    assert window.size() == first_time.size()
