@@ -1,5 +1,6 @@
 """The field for what the robot says next: it grows with its text, completes it, and remembers what was said."""
 
+import math
 from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import Property, QMimeData, QPointF, Qt
@@ -22,6 +23,7 @@ from caris_desktop.ui.widgets.key_cap import KeyCap
 
 LONGEST = 1000
 _MOST_LINES = 4
+_BORDER_PX = 2  # of a field that has the focus, in the style sheet
 _SIDE_PX = 12
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
@@ -61,6 +63,8 @@ class SpeakField(QPlainTextEdit):
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setWordWrapMode(QTextOption.WrapMode.WrapAtWordBoundaryOrAnywhere)
         self.document().setDocumentMargin(0)
+        # A space at the end of a line hangs over the edge, and is no reason to move the text aside.
+        self.horizontalScrollBar().valueChanged.connect(lambda _value: self.horizontalScrollBar().setValue(0))
         self.textChanged.connect(self._on_changed)
         self.cursorPositionChanged.connect(self._complete)
         theme.changed.connect(self._fit)
@@ -214,13 +218,16 @@ class SpeakField(QPlainTextEdit):
 
     def _fit(self) -> None:
         """As tall as the text needs, up to a few lines; the text stands in the middle of a single one."""
-        line_px = self.fontMetrics().lineSpacing()
-        above_px = max(0, (self._line_px - line_px) // 2)
+        count = max(1, self._line_count())
+        # As its layout has it, which rounds each line up.
+        first = self.document().firstBlock()
+        line_px = math.ceil(self.blockBoundingRect(first).height() / max(1, first.layout().lineCount()))
+        # Of a line that is cut by a pixel Qt scrolls the first one away, to show the last one whole.
+        above_px = max(0, (self._line_px - line_px) // 2 - _BORDER_PX)
         right_px = self._enter.sizeHint().width() + 2 * _SIDE_PX
         self.setViewportMargins(_SIDE_PX, above_px, right_px, above_px)
-        lines = min(max(1, self._line_count()), _MOST_LINES)
-        self.setFixedHeight(self._line_px + (lines - 1) * line_px)
-        if lines == 1:
+        self.setFixedHeight(self._line_px + (min(count, _MOST_LINES) - 1) * line_px)
+        if count <= _MOST_LINES:
             self.verticalScrollBar().setValue(0)
         else:
             self.ensureCursorVisible()

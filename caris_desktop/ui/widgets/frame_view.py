@@ -316,7 +316,7 @@ class FrameView(QWidget):
             return tr("No picture"), nothing.format(time=silent, reason=self._lost_reason)
         if self._out_of_reach:
             return tr("No picture"), tr("The robot is out of reach. The console keeps trying.")
-        return tr("Waiting for the camera"), tr("The picture appears here as soon as the robot sends it.")
+        return tr("Waiting for the camera"), tr("The picture appears here as soon as it comes.")
 
     def _paint_words(self, painter: QPainter) -> None:
         theme = self._theme

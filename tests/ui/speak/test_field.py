@@ -24,6 +24,7 @@ def field(qtbot: QtBot, theme: Theme) -> Iterator[SpeakField]:
     field = SpeakField(
         theme, lambda _text: True, earlier=lambda: EARLIER, sentences=lambda: (*PHRASES, *reversed(EARLIER))
     )
+    field.setObjectName("speak_field")  # by which the style sheet knows it
     column = QVBoxLayout(around)
     column.addWidget(field)
     column.addWidget(QLineEdit())
@@ -74,6 +75,24 @@ def test_the_field_grows_with_its_text_up_to_a_few_lines(field: SpeakField) -> N
     assert heights[-1] == heights[-2], "it stops growing"
     field.let_go()
     assert field.height() == heights[0]
+
+
+@pytest.mark.parametrize("line_px", [40, 48])
+def test_every_line_of_a_text_that_it_has_grown_for_is_seen_whole(field: SpeakField, line_px: int) -> None:
+    field.set_line_height(line_px)
+    seen = set()
+    for _ in range(60):
+        QTest.keyClicks(field, "lift five ")
+        QApplication.processEvents()
+        block = field.document().firstBlock()
+        lines = block.layout().lineCount()
+        if lines > 4:
+            break
+        seen.add(lines)
+        text = field.blockBoundingGeometry(block).translated(field.contentOffset())
+        assert text.top() >= 0 and text.bottom() <= field.viewport().height(), f"{lines} lines"
+        assert text.left() >= 0, "nothing is moved aside"
+    assert seen == {1, 2, 3, 4}
 
 
 def test_in_a_tall_text_up_moves_the_cursor_before_it_brings_earlier_texts(field: SpeakField) -> None:
