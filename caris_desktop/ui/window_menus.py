@@ -85,8 +85,10 @@ class WindowMenus:
         self._sound.fill(menu)
         menu.addSection(tr("Appearance"))
         group = QActionGroup(menu)
+        # With what it is about in its name: the title of a section is a bare line in this style.
+        themes = menu.addMenu(tr("Appearance: {theme}").format(theme=tr(THEME_WORDS[parts.theme.choice])))
         for choice in CHOICES:
-            action = menu.addAction(tr(THEME_WORDS[choice]))
+            action = themes.addAction(tr(THEME_WORDS[choice]))
             action.setCheckable(True)
             action.setChecked(choice == parts.theme.choice)
             action.setActionGroup(group)

@@ -66,7 +66,7 @@ WITH_LEVEL: dict[AssistedFunction, tuple[type[Intent], ...]] = {
 """What only asks for something where the language model suggests or does it."""
 OF_THE_WINDOW_ALONE = ("Window", "Panel", "Theme", "Scenario", "Session", "Wizard")
 """Kinds of entries that open windows or restyle this one: they ask the console for nothing that a permission names."""
-MENUS_OF_THE_WINDOW_ALONE = ("Panels", "Layout", "Size", "Wizard", "Who is the wizard?")
+MENUS_OF_THE_WINDOW_ALONE = ("Panels", "Layout", "Appearance", "Size", "Wizard", "Who is the wizard?")
 LINES_OF_THE_WINDOW_ALONE = {
     *THEME_WORDS.values(), *SEES_WORDS.values(), "Edit this scenario…", "Import a scenario…",
     "Write this scenario as one file…", "Practise on the simulated robot", "Set up…", "All shortcuts", "Gamepad…",

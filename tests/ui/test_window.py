@@ -684,3 +684,12 @@ def test_a_place_of_a_screen_of_another_size_is_no_place(qtbot: QtBot) -> None:
     settings.setValue("window/geometry", "somebody edited the file")
     place.restore()
     assert window.size() == first_time.size()
+
+
+def test_every_line_of_the_menu_says_what_it_is_about(qtbot: QtBot, window: MainWindow) -> None:
+    """Dark and Light stood there alone, and it was anybody's guess what is like the system."""
+    click(qtbot, find(window, "window_menu_button"))
+    lines = [action.text() for action in window.findChild(QMenu, "window_menu").actions()]
+    assert "Dark" not in lines
+    assert next(line for line in lines if line.startswith("Appearance: "))
+    find(window, "window_menu").close()
