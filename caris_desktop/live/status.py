@@ -281,11 +281,9 @@ class ProtocolStatus:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something that is wrong now and needs somebody. ``folded`` are sentences on what followed from it, newest last.
-
-    ``why`` is what was told of how it came to be, and what to do about that; empty where nothing was.
-    ``times`` tells how often it came lately, ``asked_ns`` when something was last asked for that it stands in the way
-    of. ``until`` as in Problem; where it does not end by itself somebody says that it was seen to.
+    """Something that is wrong now and needs somebody. ``why`` is what was told of its reason, ``folded`` what came of
+    it. ``times`` tells how often it came lately, ``asked_ns`` when something was last asked for that it stands
+    in the way of. ``until`` as in Problem; where it does not end by itself somebody says that it was seen to.
     """
 
     alarm_id: str
