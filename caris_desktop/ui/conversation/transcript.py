@@ -207,6 +207,10 @@ class TranscriptView(QAbstractScrollArea):
         self.viewport().update()
 
     def _sum_up(self) -> None:
+        if len(self._rows) <= _AT_ONCE:
+            # Nothing is guessed where all may fit: a guess brought the scroll bar, its room another width, that another
+            # guess, and what was measured then took the bar away again, without end.
+            self._measure(range(len(self._rows)))
         width = self.viewport().width()
         likely = self._painter.likely_heights(width)
         known = [self._known_height(row) for row in self._rows]

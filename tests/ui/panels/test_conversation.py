@@ -6,9 +6,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
+from PySide6.QtWidgets import QApplication, QLineEdit, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.transcript import Transcript
@@ -17,7 +17,9 @@ from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.sound import ROBOT_MICROPHONE, Hearing
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.live.status import PhotoEntry
+from caris_desktop.ui.conversation.transcript import TranscriptView
 from caris_desktop.ui.conversation.transcript_painting import words_rect
+from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.conversation import ConversationPanel
@@ -161,6 +163,41 @@ def test_it_stays_at_the_newest_unless_scrolled_back(
     click(qtbot, button)
     assert bar.value() == bar.maximum()
     assert not button.isVisible()
+
+
+@pytest.mark.parametrize("words", ["Hello! Welcome to our lab.", "word " * 60], ids=["short", "long"])
+@pytest.mark.parametrize("width_px", [300, 470, 640])
+def test_what_is_shorter_than_its_room_comes_to_rest(qtbot: QtBot, theme: Theme, words: str, width_px: int) -> None:
+    """A scroll bar that came with a guess and went with what was measured laid the window out without end."""
+    room = QWidget()
+    qtbot.addWidget(room)
+    column, view = QVBoxLayout(room), TranscriptView(theme, may_change=True, empty="")
+    column.addWidget(view, 1)
+    column.addStretch(0)
+    room.resize(width_px, 400)
+    room.show()
+    view.show_rows([TranscriptRow("u1", 0, "21:06:48", "robot", "robot", words)])
+    for _ in range(50):
+        QApplication.processEvents()
+    resized = Resizes(view.viewport())
+    for _ in range(50):
+        QApplication.processEvents()
+    assert resized.count == 0
+    assert not view.verticalScrollBar().isVisible()
+    assert view.height() == view.row_rect(0).height()
+
+
+class Resizes(QObject):
+    """Counts how often a widget gets another size."""
+
+    def __init__(self, widget: QWidget) -> None:
+        super().__init__(widget)
+        self.count = 0
+        widget.installEventFilter(self)
+
+    def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
+        self.count += event.type() == QEvent.Type.Resize
+        return False
 
 
 def test_an_hour_stays_quick(qtbot: QtBot, panel: ConversationPanel, console: FakeConsole) -> None:
