@@ -4,7 +4,7 @@ import dataclasses
 import sys
 
 import pytest
-from PySide6.QtCore import QEvent, Qt
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
@@ -52,6 +52,59 @@ def view(window: MainWindow) -> QWidget:
     view = find(window, "video_view")
     view.setFocus()
     return view
+
+
+class KeysHeldBack(QObject):
+    """As Qt does while a screen reader runs: each key is taken from in front of everybody, and posted once that answered.
+
+    It does so for the window, before the widget with the focus is known.
+    """
+
+    def __init__(self, window: QWidget) -> None:
+        super().__init__(window)
+        self.held: list[tuple[QObject, QKeyEvent]] = []
+        app = QApplication.instance()
+        assert app is not None
+        app.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if not isinstance(event, QKeyEvent) or event.type() == QEvent.Type.ShortcutOverride or not event.spontaneous():
+            return False
+        self.held.append((watched, QKeyEvent(event.type(), event.key(), event.modifiers(), event.text())))
+        return True
+
+    def answer(self) -> None:
+        for watched, event in self.held:
+            QApplication.sendEvent(watched, event)
+        self.held.clear()
+
+
+@pytest.mark.usefixtures("screen_reader")
+def test_keys_that_drive_and_stop_do_not_wait_for_a_screen_reader(
+    window: MainWindow, view: QWidget, console: FakeConsole
+) -> None:
+    KeysHeldBack(window)
+    QTest.keyPress(view, Qt.Key.Key_W)
+    assert drives(console) == [(1, 0)]
+    QTest.keyRelease(view, Qt.Key.Key_W)
+    assert console.calls[-1] == ("release_drive", "")
+    KeysHeldBack(window)
+    QTest.keyPress(view, Qt.Key.Key_Escape)
+    assert console.named("stop")
+
+
+@pytest.mark.usefixtures("screen_reader")
+def test_a_release_that_waited_for_a_screen_reader_was_the_last_that_did(
+    window: MainWindow, view: QWidget, console: FakeConsole
+) -> None:
+    """It began to listen while the key was down, and no press goes before a release."""
+    QTest.keyPress(view, Qt.Key.Key_W)
+    QTest.keyPress(view, Qt.Key.Key_A)
+    bridge = KeysHeldBack(window)
+    QTest.keyRelease(view, Qt.Key.Key_A)
+    bridge.answer()
+    QTest.keyRelease(view, Qt.Key.Key_W)
+    assert console.calls[-1] == ("release_drive", "")
 
 
 def test_directions_add_up_and_opposites_cancel() -> None:
