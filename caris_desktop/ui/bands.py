@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtGui import QAccessible, QPaintEvent
+from PySide6.QtGui import QAccessible, QPaintEvent, QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
@@ -10,6 +10,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui.announcing import announce
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -36,6 +37,13 @@ class Band(QWidget):
     def say(self, text: str) -> None:
         self.text.setText(text)
         self.setAccessibleName(text)
+        if self.isVisible():
+            announce(self, text)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        if not event.spontaneous():
+            announce(self, self.accessibleName())
 
     def _style(self) -> None:
         self.text.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))

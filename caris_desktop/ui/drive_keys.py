@@ -230,9 +230,9 @@ class HoldToDrive(QObject):
     def _come_first(self) -> None:
         """Once more: who was installed last sees an event first.
 
-        For a screen reader Qt takes each key away, asks it, and posts the key when it has answered or a tenth of a second
-        has passed; and it goes to the front whenever one begins to listen. A release must not wait for that. We are
-        called before a press, when Qt asks who overrides a shortcut, and where a key was posted after all.
+        For a screen reader Qt takes each key away, asks it, and posts the key when it has answered or a tenth of a
+        second has passed; and it goes to the front whenever one begins to listen. A release must not wait for that. We
+        are called before a press, when Qt asks who overrides a shortcut, and where a key was posted after all.
         """
         self._app.removeEventFilter(self)
         self._app.installEventFilter(self)

@@ -22,6 +22,7 @@ from caris_desktop.ui.action_conditions import ActionConditions
 from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GROUP
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.alarms.alarm_list import AlarmList, AlarmsButton
+from caris_desktop.ui.announcing import Announcements
 from caris_desktop.ui.appearance import Appearance
 from caris_desktop.ui.bands import EmergencyBand, GuardBand, QuestionBand
 from caris_desktop.ui.closing import Closing
@@ -183,6 +184,7 @@ class MainWindow(TabAsRead, QWidget):
         self.menus = WindowMenus(parts, self._top_bar, self.show_shortcuts, self)
         self._entries = PaletteEntries(parts, self._question, self._connection.open)
         QuickChoices(parts, self._entries, self._palette_overlay)
+        Announcements(self, console)
         self._emergency_copy = EmergencyOverDialogs(self.theme, self._top_bar.emergency, self.hold)
         self._connect()
         if gamepads is not None:

@@ -14,6 +14,7 @@ from caris_desktop.live.alarm_causes import cause_among
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import Alarm
 from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui.announcing import announce
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.layout.card_place import card_place, in_the_corner
 from caris_desktop.ui.layout.dock_area import DockArea
@@ -85,6 +86,7 @@ class ProblemCards(QWidget):
         known = next((card for card in self._cards if not card.alarm_id and card.problem.what == problem.what), None)
         if known is not None:
             known.show_problem(problem, again=True)
+            announce(self._over, known.accessibleName())
             self._place()
         else:
             self._add(ProblemCard(self._theme, problem, self))
@@ -99,6 +101,8 @@ class ProblemCards(QWidget):
             news = (alarm.times, alarm.severity, alarm.asked_ns)
             if alarm.alarm_id in cards:
                 cards[alarm.alarm_id].show_alarm(alarm)
+                if self._seen.get(alarm.alarm_id, news)[1:] != news[1:]:
+                    announce(self._over, cards[alarm.alarm_id].accessibleName())
             elif self._seen.get(alarm.alarm_id) != news:
                 self._add(ProblemCard(self._theme, _as_problem(alarm), self, alarm))
             self._seen[alarm.alarm_id] = news
@@ -112,6 +116,7 @@ class ProblemCards(QWidget):
         self._cards.append(card)
         self._column.addWidget(card)
         card.show()
+        announce(self._over, card.accessibleName())
         if len(self._cards) > SHOWN_AT_ONCE:
             self._dismiss(self._cards[0])
         self._place()

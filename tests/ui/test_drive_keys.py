@@ -55,7 +55,7 @@ def view(window: MainWindow) -> QWidget:
 
 
 class KeysHeldBack(QObject):
-    """As Qt does while a screen reader runs: each key is taken from in front of everybody, and posted once that answered.
+    """As Qt does while a screen reader runs: each key is taken in front of everybody, and posted once that answered.
 
     It does so for the window, before the widget with the focus is known.
     """

@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui.announcing import announce
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
@@ -44,6 +45,7 @@ class Notice(QWidget):
             button.deleteLater()
         self.answers = [self._answer(words, do) for words, do in answers or ((tr("Dismiss"), self._dismiss),)]
         self.show()
+        announce(self, text)
         self.update()
 
     def _answer(self, words: str, do: Callable[[], None]) -> ActionButton:

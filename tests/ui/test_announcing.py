@@ -1,0 +1,129 @@
+"""What a screen reader says by itself: it comes up as a notification in the accessibility interface."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from PySide6.QtCore import QEvent, QObject
+from PySide6.QtGui import QAccessible, QAccessibleInterface
+from PySide6.QtWidgets import QApplication, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.actor import OTHER_WIZARD, WIZARD
+from caris_desktop.domain.events import ANSWER, EmergencyStopChanged, GoalChanged, PlacesChanged, Problem
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.live.status import Alarm, DriveStatus
+from caris_desktop.ui.announcing import KEPT_MS, Announcement
+from caris_desktop.ui.main_window import MainWindow
+from tests.ui.conftest import find
+from tests.ui.fake_console import FakeConsole
+
+pytestmark = [pytest.mark.panels("video"), pytest.mark.usefixtures("screen_reader")]
+
+REFUSAL = Problem(0, "warning", "Ana drives now.", "Nothing was sent.", "Ask Ana.", cause=ANSWER)
+ALARM = Alarm("camera", "camera", "error", "No picture.", "The camera is silent.", "Drive with care.", 5)
+
+
+@pytest.fixture
+def window(window: MainWindow) -> MainWindow:
+    """With nothing left of what its beginning announced."""
+    for one in window.findChildren(Announcement):
+        one.deleteLater()
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
+    return window
+
+
+def announced(window: QWidget) -> list[str]:
+    root = QAccessible.queryAccessibleInterface(window)
+    assert root is not None
+    return [
+        one.text(QAccessible.Text.Name)
+        for one in _shown(root)
+        if one.role() == QAccessible.Role.Notification and not one.state().invisible
+    ]
+
+
+def _shown(node: QAccessibleInterface) -> Iterator[QAccessibleInterface]:
+    for number in range(node.childCount()):
+        child = node.child(number)
+        if child is not None:
+            yield child
+
+
+class Heard(QObject):
+    """Each announcement that comes up."""
+
+    def __init__(self, app: QApplication) -> None:
+        super().__init__()
+        self.said: list[str] = []
+        app.installEventFilter(self)
+
+    def eventFilter(self, watched: object, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Show and isinstance(watched, Announcement):
+            self.said.append(watched.accessibleName())
+        return False
+
+
+def test_a_refusal_is_said_and_said_again_when_it_comes_again(
+    window: MainWindow, console: FakeConsole, qapp: QApplication
+) -> None:
+    heard = Heard(qapp)
+    whole = "Problem: Ana drives now. Nothing was sent. Ask Ana."
+    console.state.take(REFUSAL)
+    assert announced(window) == heard.said == [whole]
+    console.state.take(REFUSAL)
+    assert heard.said[0] == whole and len(heard.said) == 2 and heard.said[1].startswith("Problem: Ana drives now.")
+
+
+def test_an_alarm_is_said_once_and_again_when_it_stands_in_the_way(
+    window: MainWindow, console: FakeConsole, qapp: QApplication
+) -> None:
+    heard = Heard(qapp)
+    whole = "Serious problem: No picture. The camera is silent. Drive with care."
+    console.state.alarms.set((ALARM,))
+    assert heard.said == [whole]
+    console.state.alarms.set((ALARM, Alarm("disk", "disk", "warning", "The disk is nearly full.", "", "", 7)))
+    assert heard.said[1:] == ["Problem: The disk is nearly full."]
+    console.state.alarms.set((replace(ALARM, asked_ns=9),))
+    assert heard.said[2:] == [whole]
+
+
+def test_the_emergency_stop_is_said_and_its_release(window: MainWindow, console: FakeConsole) -> None:
+    console.state.drive.set(DriveStatus(emergency_stop=True))
+    assert announced(window) == ["Emergency stop is on. The robot stays where it is until you release it."]
+    console.state.drive.set(DriveStatus(allowed=True))
+    console.state.take(EmergencyStopChanged(clock.now_ns(), latched=False, by="wizard", actor=WIZARD))
+    assert announced(window)[-1] == "Emergency stop released"
+
+
+def test_what_is_asked_is_said(window: MainWindow) -> None:
+    band = window._question
+    band.ask("Close the window?", "Close", lambda: None)
+    band.ask("Leave the robot?", "Leave", lambda: None)
+    assert announced(window) == ["Close the window?", "Leave the robot?"]
+
+
+def test_goals_are_said_and_what_another_wizard_does(window: MainWindow, console: FakeConsole) -> None:
+    at, here = clock.now_ns(), Pose2D(1.0, 2.0, 0.0)
+    console.state.take(GoalChanged(at, "g1", "reached", here, "Kitchen", actor=WIZARD))
+    console.state.take(PlacesChanged(at, "Door", here, actor=WIZARD))
+    assert announced(window) == ["Arrived at Kitchen"], "a place that this wizard saves is no news"
+    console.state.take(PlacesChanged(at, "Door", here, actor=f"{OTHER_WIZARD}Ana"))
+    assert announced(window)[1:] == ["Place Door saved · by wizard Ana"]
+
+
+def test_an_announcement_goes_and_shows_nothing(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+    console.state.take(REFUSAL)
+    one = find(window, "announcement")
+    assert isinstance(one, Announcement) and (one.width(), one.height()) == (1, 1)
+    assert one._goes.interval() == KEPT_MS and one._goes.isActive()
+    one._goes.timeout.emit()
+    qtbot.waitUntil(lambda: announced(window) == [])
+
+
+def test_nothing_comes_up_without_a_screen_reader(window: MainWindow, console: FakeConsole) -> None:
+    QAccessible.setActive(False)
+    console.state.take(REFUSAL)
+    console.state.drive.set(DriveStatus(emergency_stop=True))
+    assert window.findChildren(Announcement) == []
