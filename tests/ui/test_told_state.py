@@ -1,13 +1,14 @@
 """Stick, map and timeline say in words what they show, through the accessibility interface and not too often."""
 
+import itertools
 import math
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, Qt
-from PySide6.QtGui import QAccessible
+from PySide6.QtCore import QEvent, QPoint, Qt
+from PySide6.QtGui import QAccessible, QFocusEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -17,6 +18,7 @@ from caris_desktop.ui.ahead import nearest_of, nearest_words
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.joystick import Joystick
+from caris_desktop.ui.widgets.told_pictures import SeenLately
 from caris_desktop.ui.widgets.told_state import ToldState
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
@@ -68,6 +70,38 @@ def test_many_changes_are_told_at_once_and_then_once_more_for_the_last(qtbot: Qt
     assert (written.asked, told(widget)) == (1, "state 1")
     qtbot.waitUntil(lambda: told(widget) == "state 2")
     assert written.asked == 2
+
+
+@pytest.mark.usefixtures("screen_reader")
+def test_whoever_goes_there_hears_what_is_shown_now(qtbot: QtBot) -> None:
+    widget, written = QWidget(), Written()
+    qtbot.addWidget(widget)
+    state = ToldState(widget, written.words, every_ms=60_000)
+    state.changed()
+    state.changed()
+    assert told(widget) == "state 1"
+    QApplication.sendEvent(widget, QFocusEvent(QEvent.Type.FocusIn))
+    assert told(widget) == "state 2"
+
+
+class Picture:
+    """As much of a view as says whose boxes are drawn."""
+
+    def __init__(self) -> None:
+        self.boxes: list[tuple[str, bool]] = []
+
+    def visible_boxes(self) -> list[tuple[str, bool]]:
+        return self.boxes
+
+
+def test_a_box_that_comes_and_goes_is_somebody_who_is_there() -> None:
+    seen, picture, told_of = SeenLately(), Picture(), list[tuple[str, ...]]()
+    for quarter in range(40):
+        picture.boxes = [("Ada", True)] if quarter < 10 and quarter % 2 else []
+        seen.look(picture, quarter / 4)  # type: ignore[arg-type]
+        told_of.append(seen.names)
+    changes = [names for before, names in itertools.pairwise([("",), *told_of]) if before != names]
+    assert changes == [(), ("Ada",), ()]
 
 
 @pytest.mark.usefixtures("screen_reader")

@@ -28,7 +28,8 @@ from caris_desktop.ui.widgets.floating_card import ChoiceCard
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, spot_at
 from caris_desktop.ui.widgets.frame_view import FrameView
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail, thumbnail_of
-from caris_desktop.ui.widgets.told_pictures import describe, video_told
+from caris_desktop.ui.widgets.told_pictures import TOLD_EVERY_MS, SeenLately, video_told
+from caris_desktop.ui.widgets.told_state import ToldState
 
 _DRIVE_ENDED_SHOWN_S = 5.0
 _NOTE_SHOWN_S = 3.0
@@ -66,6 +67,8 @@ class VideoPanel(Panel):
         self.setObjectName("video_panel")
         self.view = FrameView(self.theme, self)
         self.view.setObjectName("video_view")
+        self._seen = SeenLately()
+        self._told = ToldState(self.view, lambda: video_told(self.view, self._seen.names), every_ms=TOLD_EVERY_MS)
         self.strip = CameraStrip(self.theme, self)
         self.strip.chosen.connect(self.state.choose_camera)
         self._parts = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
@@ -288,7 +291,8 @@ class VideoPanel(Panel):
         self.view.show_out_of_reach(state.link.value.state == "lost")
         self.view.show_state(state.state_of(state.camera.value).value)
         self.view.show_age(age_s)
-        describe(self.view, video_told(self.view))
+        self._seen.look(self.view, now_s)
+        self._told.changed()
         self.strip.refresh()
 
     def _hints(self) -> list[tuple[str, str]]:

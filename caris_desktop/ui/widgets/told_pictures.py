@@ -2,25 +2,41 @@
 
 from collections.abc import Iterable
 
-from PySide6.QtWidgets import QWidget
-
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui.widgets.frame_view import FrameView
 from caris_desktop.ui.widgets.map_view import MapView
 
+TOLD_EVERY_MS = 5000
+"""Long enough to hear the end of it."""
 
-def describe(widget: QWidget, told: str) -> None:
-    """Say that of the widget; each change is told to whoever listens, so nothing is said twice."""
-    if widget.accessibleDescription() != told:
-        widget.setAccessibleDescription(told)
+_STILL_THERE_S = 5.0
 
 
-def video_told(view: FrameView) -> str:
+class SeenLately:
+    """Who is in the picture for whoever is told of it: a box comes and goes with each look that finds or misses
+    somebody, and to say all of that would leave no word of anything else.
+    """
+
+    def __init__(self) -> None:
+        self._seen_s: dict[str, float] = {}
+
+    def look(self, view: FrameView, now_s: float) -> None:
+        """As often as it is painted."""
+        self._seen_s.update({name: now_s for name, _named in view.visible_boxes()})
+        self._seen_s = {name: at_s for name, at_s in self._seen_s.items() if now_s - at_s <= _STILL_THERE_S}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self._seen_s)
+
+
+def video_told(view: FrameView, names: Iterable[str]) -> str:
     """Whose boxes are drawn and what the chips say, or the words that stand in the picture's place."""
     if view.frame is None:
         return _sentences(view.words_without_picture())
-    people = tr("In the picture: {names}").format(names=", ".join(name for name, _named in view.visible_boxes()))
-    return _sentences((people if view.visible_boxes() else tr("Nobody in the picture"), *_chips(view.chips)))
+    told = ", ".join(names)
+    people = tr("In the picture: {names}").format(names=told) if told else tr("Nobody in the picture")
+    return _sentences((people, *_chips(view.chips)))
 
 
 def map_told(view: MapView, lidar: str = "") -> str:

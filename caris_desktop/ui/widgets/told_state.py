@@ -13,15 +13,17 @@ _LOOKS = (QEvent.Type.FocusIn, QEvent.Type.Enter, QEvent.Type.Show)
 class ToldState(QObject):
     """Keeps the accessible description of ``widget`` at what ``words`` gives, which is asked for no more than told.
 
+    Each change is said aloud while the widget has the focus: ``every_ms`` is longer for longer texts.
+
     Call :meth:`changed` as often as what is shown changes: it costs nothing without a screen reader.
     """
 
-    def __init__(self, widget: QWidget, words: Callable[[], str]) -> None:
+    def __init__(self, widget: QWidget, words: Callable[[], str], *, every_ms: int = EVERY_MS) -> None:
         super().__init__(widget)
         self._widget = widget
         self._words = words
         self._waits = False
-        self._rest = QTimer(self, singleShot=True, interval=EVERY_MS)
+        self._rest = QTimer(self, singleShot=True, interval=every_ms)
         self._rest.timeout.connect(self._on_rested)
         widget.installEventFilter(self)
 
@@ -46,7 +48,7 @@ class ToldState(QObject):
             self._tell()
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
-        # A screen reader that was started since then begins by going there.
-        if event.type() in _LOOKS:
-            self.changed()
+        # Whoever goes there hears how it is now, and a screen reader that was started since then begins so.
+        if event.type() in _LOOKS and QAccessible.isActive():
+            self._tell()
         return False
