@@ -110,6 +110,7 @@ class StatusItem(QWidget):
     def _show_tip(self) -> None:
         lines = ([self._text] if self.minimumWidth() < self._full_px else []) + self._tip.splitlines()
         self.setToolTip("<br>".join(html.escape(line) for line in lines))
+        self.setAccessibleDescription(" ".join(self._tip.splitlines()))
 
     def leave_out(self, left_out: bool) -> None:
         """There is no room for it now."""

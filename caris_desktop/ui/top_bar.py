@@ -13,7 +13,7 @@ from caris_desktop.live.status import IN_SESSION, DriveStatus, LiveRobotsStatus,
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.replay.plain_tip import wrapped_tip
+from caris_desktop.ui.replay.plain_tip import set_wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -65,7 +65,7 @@ class TrialLabel(CutLabel):
         full = trial_words(details, at_most=_TIP_CHARACTERS)
         if (shown, full) != (self.text(), self.accessibleName()):
             self.setText(shown)
-            self.setToolTip(wrapped_tip(full) if full else "")
+            set_wrapped_tip(self, full)
             self.setAccessibleName(full)
 
     def sizeHint(self) -> QSize:
@@ -216,9 +216,7 @@ class TopBar(QWidget):
         self.scenario_button.set_label(words.shortened(title, _PART_CHARACTERS[0]))
         self.scenario_button.setMinimumWidth(min(self.scenario_button.sizeHint().width(), _SCENARIO_PX))
         self.scenario_button.setAccessibleName(tr("Scenario: {title}").format(title=title))
-        self.scenario_button.setToolTip(
-            wrapped_tip(title) + wrapped_tip(tr("Switch the scenario. The robot stays connected."))
-        )
+        set_wrapped_tip(self.scenario_button, title, tr("Switch the scenario. The robot stays connected."))
         self._refresh()
 
     def show_details(self, details: TrialDetails | None) -> None:

@@ -69,7 +69,21 @@ def told_flaws(part: QWidget) -> list[str]:
         for (_panel, _role, name, _about), controls_ in alike.items()
         if len(controls_) > 1
     ]
-    return [*found, *unknown_to_qt(part)]
+    return [*found, *unknown_to_qt(part), *told_as_html(part)]
+
+
+def told_as_html(part: QWidget) -> list[str]:
+    """Widgets whose tooltip is told with its tags, as Qt does where there is no description."""
+    told = [
+        (widget, heard.text(QAccessible.Text.Description))
+        for widget in (part, *part.findChildren(QWidget))
+        if widget.isVisible() and (heard := QAccessible.queryAccessibleInterface(widget)) is not None
+    ]
+    return [
+        f"{type(widget).__name__} {widget.objectName()!r} is told with tags: {words!r}"
+        for widget, words in told
+        if any(tag in words for tag in ("<p>", "<br>", "<b>"))
+    ]
 
 
 def unknown_to_qt(part: QWidget) -> list[str]:

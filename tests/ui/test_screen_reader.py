@@ -174,6 +174,7 @@ def test_the_check_sees_what_cannot_be_told(window: MainWindow) -> None:
     holder.setGeometry(100, 200, 300, 80)
     unknown = QWidget()
     unknown.setAccessibleName("Drawn by hand")
+    beside.setToolTip("<p>Somewhere</p>")
     for number, part in enumerate((nameless, twice, again, beside, silent, unknown)):
         part.setParent(holder)
         part.setGeometry(60 * number, 0, 50, 30)
@@ -188,5 +189,6 @@ def test_the_check_sees_what_cannot_be_told(window: MainWindow) -> None:
         "'Beside the window', lies at",
         "QLabel ''",
         "'Drawn by hand', has no",
+        "is told with tags: '<p>Somewhere</p>'",
     ):
         assert any(words in flaw for flaw in found), (words, found)
