@@ -2,8 +2,8 @@
 ``Client``, of which a screen reader says nothing.
 
 A widget class says it in ``accessible_role`` (a widget of a class that is not ours: :func:`has_role`), and, where its
-name and description do not tell what it shows, in ``accessible_words()``, which is asked only when somebody wants to
-hear it.
+name does not tell what it shows, in ``accessible_words()``, which is asked only when somebody wants to hear it; a
+description that it is given beside them makes a screen reader ask.
 """
 
 from PySide6.QtCore import QObject
@@ -17,9 +17,8 @@ class _Interface(QAccessibleWidget):
     """Holds nothing of its widget, which lives no longer because of it."""
 
     def text(self, kind: QAccessible.Text) -> str:
-        told = super().text(kind)
         words = getattr(self.object(), "accessible_words", None) if kind == QAccessible.Text.Description else None
-        return told or (str(words()) if words is not None else "")
+        return super().text(kind) if words is None else str(words())
 
 
 def install_accessible_roles() -> None:

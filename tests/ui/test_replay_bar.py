@@ -175,6 +175,21 @@ def test_arrows_and_ends_move_a_focused_scrubber(scene: ReplayScene, replay: Fak
     assert not scrubber.hasFocus(), "the focus is never trapped"
 
 
+def test_where_a_key_went_to_is_said_and_what_is_played_is_not(scene: ReplayScene, replay: FakeReplay) -> None:
+    """A screen reader says each change of a description that has the focus, and asks for it when it comes there."""
+    scrubber = scene.bar.scrubber
+    scrubber.setFocus()
+    replay.at_ms(30_000)
+    QTest.keyClick(scrubber, Qt.Key.Key_Right)
+    said = scrubber.accessibleDescription()
+    assert said.startswith("00:35.0")
+    replay.at_ms(50_000)
+    assert scrubber.accessibleDescription() == said
+    assert scrubber.accessible_words().startswith("00:50.0")
+    QTest.keyClick(scrubber, Qt.Key.Key_End)
+    assert scrubber.accessibleDescription().startswith("02:00.0")
+
+
 def test_the_pointer_shows_a_picture_and_the_time_of_a_moment(
     qtbot: QtBot, scene: ReplayScene, replay: FakeReplay
 ) -> None:

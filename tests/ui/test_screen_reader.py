@@ -138,6 +138,7 @@ def test_widgets_come_and_go_while_a_screen_reader_walks_through_them(qapp: QApp
     for number in range(400):
         one = _Painted(holder)
         one.setAccessibleName(f"number {number}")
+        one.setAccessibleDescription("as it was when that was said")
         _Painted(one)
         gone += [weakref.ref(one), weakref.ref(one.children()[0])]
         root = QAccessible.queryAccessibleInterface(holder)

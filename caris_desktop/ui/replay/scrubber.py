@@ -64,6 +64,7 @@ class Scrubber(QWidget):
         self._ticks: QPixmap | None = None
         self._hover_ns: int | None = None
         self._dragging = False
+        self._by_key = False
         self._seeks = SeekThrottle(self)
         self._seeks.due.connect(self.seek_wanted)
         self._bubble: MomentBubble | None = None
@@ -84,6 +85,10 @@ class Scrubber(QWidget):
             self._position_ns = position_ns
             if round(before * 2) != round(self.x_of(position_ns) * 2) and not self._dragging:
                 self.update()
+            if self._by_key:
+                # A change is said aloud: where a key went to, not each moment of what is played.
+                self._by_key = False
+                self.setAccessibleDescription(self.accessible_words())
 
     def show_overview(self, overview: SessionOverview | None, words: Callable[[int], str]) -> None:
         """What there is to jump to; ``words`` gives the time of a moment for people."""
@@ -154,6 +159,7 @@ class Scrubber(QWidget):
             Qt.Key.Key_PageDown: -6, Qt.Key.Key_PageUp: 6,
         }  # fmt: skip
         key = Qt.Key(event.key())
+        self._by_key = key in steps or key in (Qt.Key.Key_Home, Qt.Key.Key_End)
         if event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier:
             super().keyPressEvent(event)
         elif key in steps:
