@@ -21,6 +21,8 @@ _of_qt = logging.getLogger("qt")
 # of signals while it sleeps, so one that was told to end writes down that it was.
 _TOLD_WITHIN_S = 1.0
 _SAYS_SO = ("The X11 connection broke", "The Wayland connection broke")
+# A screen reader asks again and again for parts that are gone by then, and is late with its answers on a busy machine.
+_OF_SCREEN_READERS = ("Could not find accessible on path", "QSpiApplication::", "AtSpiAdaptor::", "Subscription string")
 _LEVELS = {
     QtMsgType.QtDebugMsg: logging.DEBUG, QtMsgType.QtInfoMsg: logging.INFO, QtMsgType.QtWarningMsg: logging.WARNING,
     QtMsgType.QtCriticalMsg: logging.ERROR, QtMsgType.QtFatalMsg: logging.CRITICAL,
@@ -43,7 +45,8 @@ def forget_screen() -> None:
 
 
 def _on_message(level: QtMsgType, _context: QMessageLogContext, message: str) -> None:
-    _of_qt.log(_LEVELS.get(level, logging.WARNING), "%s", message)
+    usual = message.startswith(_OF_SCREEN_READERS)
+    _of_qt.log(logging.DEBUG if usual else _LEVELS.get(level, logging.WARNING), "%s", message)
     if message.startswith(_SAYS_SO):
         _end()
 

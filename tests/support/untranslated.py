@@ -54,6 +54,8 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "app/lost_screen.py": {
         "The X11 connection broke": "said by Qt",
         "The Wayland connection broke": "said by Qt",
+        "Could not find accessible on path": "said by Qt",
+        "Subscription string": "said by Qt",
     },
     "app/perceive_again_command.py": {"*": _TERMINAL},
     "app/progress_bar.py": {"*": _TERMINAL},
