@@ -10,7 +10,7 @@ from PySide6.QtCore import QObject, QTimer
 from caris_desktop.domain import clock
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus
@@ -92,7 +92,7 @@ class DistantEar(QObject):
                 self._settled()
         elif now_ns - max(self._heard_ns, self._asked_ns) >= _SILENT_NS and not self._told:
             if before.state != "failed":
-                self._show("failed", detail=tr("No sound comes from it."))
+                self._show("failed", detail=QT_TR_NOOP("No sound comes from it."))
                 self._settled()
             if now_ns - self._unreachable_ns <= _SILENT_NS:
                 return

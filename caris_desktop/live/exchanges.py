@@ -51,7 +51,7 @@ class Exchanges(QObject):
     def show_status(self, status: AssistantStatus) -> None:
         """No model (yet): ``status`` says why."""
         self._cancel_all(QT_TR_NOOP("the model is not there any more"))
-        self._client.use_none(status.detail or tr("Its model is still starting: ask again in a moment."))
+        self._client.use_none(tr(status.detail) or tr("Its model is still starting: ask again in a moment."))
         self._none = status
         self._show()
 
@@ -65,7 +65,7 @@ class Exchanges(QObject):
                 tr("Your question is kept in the field."),
                 tr("Its model is still starting: ask again in a moment.")
                 if self._none.state == "starting"
-                else (self._none.detail or tr("Check the scenario's model.")),
+                else (tr(self._none.detail) or tr("Check the scenario's model.")),
                 severity="warning",
             )
         if sum(row.under_way for row in self._rows.values()) >= MOST_UNDER_WAY:

@@ -13,7 +13,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GamepadChanged
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.gamepad_mapping import (
     GamepadMapping,
@@ -267,8 +267,9 @@ class Gamepads(QObject):
         else:
             self._mapping = self._mappings.get(device.device) or _default_for(device)
             self._publish(GamepadChanged(clock.now_ns(), device.device, device.name, True))
-            known = "" if device.controller or device.device in self._mappings else tr("not known: check its buttons")
-            self._state.gamepad.set(GamepadStatus(device.device, device.name, known))
+            known = device.controller or device.device in self._mappings
+            detail = "" if known else QT_TR_NOOP("not known: check its buttons")
+            self._state.gamepad.set(GamepadStatus(device.device, device.name, detail))
         self.mapping_changed.emit()
 
 
@@ -347,14 +348,14 @@ class _Reader:
             self._controller.init()
         except Exception as error:  # the console works without gamepads, whatever is wrong with SDL here
             _log.exception("gamepads cannot be used")
-            self._inbox.put(_Failed(tr("Gamepads cannot be used: {error}").format(error=error)))
+            self._inbox.put(_Failed(filled(QT_TR_NOOP("Gamepads cannot be used: {error}"), error=error)))
             return
         try:
             self._listen()
         except Exception:
             _log.exception("the gamepad thread failed")
             self._inbox.put(_Plugged(None))
-            self._inbox.put(_Failed(tr("The gamepad stopped working: restart the program to use it")))
+            self._inbox.put(_Failed(QT_TR_NOOP("The gamepad stopped working: restart the program to use it")))
         finally:
             self._joystick = None
             self._controller.quit()

@@ -16,7 +16,7 @@ from caris_desktop.conversation.microphone_messages import (
 )
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
@@ -117,7 +117,7 @@ class LocalMicrophone(QObject):
             return
         self.get_ready()
         if self.child is None:
-            self._show("failed", self._chosen, detail=tr("It failed too often."))
+            self._show("failed", self._chosen, detail=QT_TR_NOOP("It failed too often."))
             self._settled()
         else:
             self._show("starting", self._chosen)
@@ -176,7 +176,7 @@ class LocalMicrophone(QObject):
             case MicrophoneLevel(peak) if self._open:
                 self._show("on", name, level=round(peak, 3))
             case MicrophoneFailed(problem) if self._open:
-                detail = tr("No microphone is plugged in.") if problem is None else told_here(problem).what
+                detail = QT_TR_NOOP("No microphone is plugged in.") if problem is None else problem.what
                 self._show("failed", name, detail=detail)
                 self._settled()
                 if problem is not None:

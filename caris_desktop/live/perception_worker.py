@@ -28,7 +28,7 @@ from caris_desktop.domain.sensing import (
     People,
     RobotPose,
 )
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import told_here
 from caris_desktop.live.service import Restarts
@@ -177,7 +177,8 @@ class PerceptionWorker(QObject):
             self._run()
         except Exception:
             _log.exception("the perception worker failed")
-            self._set_status(replace(self._status, state="failed", detail=tr("People are not recognised any more")))
+            detail = QT_TR_NOOP("People are not recognised any more")
+            self._set_status(replace(self._status, state="failed", detail=detail))
         finally:
             thread = self.thread()
             if isinstance(thread, QThread):
@@ -232,11 +233,11 @@ class PerceptionWorker(QObject):
                 ready, busy = True, False
                 self._set_status(PerceptionStatus("ready", item.model, server=item.server, recognises=item.recognises))
             elif isinstance(item, InferenceFailed):
-                self._publish(item.problem)
+                self._publish(told_here(item.problem))
                 self._set_status(PerceptionStatus(state="failed", detail=item.problem.what))
                 ready = False
             elif isinstance(item, DetectorAway):
-                self._publish(item.problem)
+                self._publish(told_here(item.problem))
                 self._set_status(replace(self._status, state="failed", detail=item.problem.what))
             elif isinstance(item, People):
                 busy = False
@@ -261,7 +262,8 @@ class PerceptionWorker(QObject):
                 self.restarts.after_end(self._tell_ended, self._start_child)
                 child = self._child
                 if child is None:
-                    self._set_status(PerceptionStatus(state="failed", detail=tr("Stopped unexpectedly, too often")))
+                    detail = QT_TR_NOOP("Stopped unexpectedly, too often")
+                    self._set_status(PerceptionStatus(state="failed", detail=detail))
             self._publish_all(presence.tick(clock.now_ns()))
             if busy and clock.now_ns() - asked_ns > _ANSWER_WITHIN_NS:
                 busy = False

@@ -361,7 +361,7 @@ def _microphone(facts: Facts) -> PreflightCheck | None:
         case "failed":
             return check(
                 "major",
-                _as_sentence(microphone.detail or tr("It cannot be opened.")),
+                _as_sentence(tr(microphone.detail) or tr("It cannot be opened.")),
                 tr("Plug it in, or choose another."),
             )
         case "starting":
@@ -384,7 +384,7 @@ def _listening(facts: Facts) -> PreflightCheck | None:
         case "failed":
             return check(
                 "minor",
-                _as_sentence(listening.detail or tr("The recogniser does not work.")),
+                _as_sentence(tr(listening.detail) or tr("The recogniser does not work.")),
                 tr("Type notes instead, or restart the program."),
             )
         case "loading":
@@ -403,11 +403,11 @@ def _voice(facts: Facts) -> PreflightCheck | None:
         if robot.speech is not None:
             return check("passed", tr("It speaks with its own voice."))
     if speech.ready and speech.detail:
-        return check("major", _as_sentence(speech.detail), tr("Check this computer’s sound."))
+        return check("major", _as_sentence(tr(speech.detail)), tr("Check this computer’s sound."))
     if speech.ready:
         return check("passed", tr("The voice is ready."))
     if speech.detail:
-        return check("major", _as_sentence(speech.detail), tr("Choose another voice in the Speak panel."))
+        return check("major", _as_sentence(tr(speech.detail)), tr("Choose another voice in the Speak panel."))
     return check("pending", tr("The voice is being loaded."))
 
 
@@ -468,7 +468,7 @@ def _model(facts: Facts) -> PreflightCheck | None:
         case "failed":
             return check(
                 "minor",
-                _as_sentence(assistant.detail or tr("It does not answer.")),
+                _as_sentence(tr(assistant.detail) or tr("It does not answer.")),
                 tr("Choose another model in the Assistant panel; you can speak without one."),
             )
     return check("pending", tr("It is being loaded."))

@@ -267,13 +267,13 @@ class GamepadDialog(TabAsRead, QDialog):
         status = status or self._state.gamepad.value
         role = "dim"
         if self._gamepads.device is None:
-            text = status.detail or tr("Plug one in, or switch it on. It is found by itself.")
+            text = tr(status.detail) or tr("Plug one in, or switch it on. It is found by itself.")
         elif self._learned is not None:
             role = "blue"
             wanted = _wanted(self._learned, second=bool(self._first_way))
             text = tr("{action}: {wanted}.").format(action=_title(self._learned), wanted=wanted)
         elif status.detail:
-            text, role = tr("This gamepad is {what}.").format(what=status.detail), "amber"
+            text, role = tr("This gamepad is {what}.").format(what=tr(status.detail)), "amber"
         else:
             text = tr("It does not drive while this window is in front. What you change is kept for this gamepad.")
         self._hint.setText(text)

@@ -351,7 +351,7 @@ class StatusBar(QWidget):
                 self.items["perception"].say(tr("people: loading model"), tip=perception.model)
             case "failed":
                 self.items["perception"].say(
-                    tr("people are not being found"), "amber", icon="warning", tip=perception.detail
+                    tr("people are not being found"), "amber", icon="warning", tip=tr(perception.detail)
                 )
             case _:
                 self.items["perception"].say("")
@@ -389,11 +389,11 @@ class StatusBar(QWidget):
                     tip = tr("What is said near the robot becomes text ({language}).").format(
                         language=listening.language
                     )
-                item.say(tr("listening"), tip=f"{tip}\n{listening.model}\n{listening.detail}".strip())
+                item.say(tr("listening"), tip=f"{tip}\n{listening.model}\n{tr(listening.detail)}".strip())
             case "loading":
                 item.say(tr("listening: loading model"))
             case "failed":
-                item.say(tr("no transcription"), "amber", icon="warning", tip=listening.detail)
+                item.say(tr("no transcription"), "amber", icon="warning", tip=tr(listening.detail))
             case _:
                 item.say(tr("no transcription"), tip=tr("No microphone hears the participant."))
 

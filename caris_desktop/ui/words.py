@@ -428,7 +428,7 @@ def microphone_facts(microphone: MicrophoneStatus) -> str:
             if wizard
             else tr("The participant is heard by no microphone: {why}")
         )
-        return no.format(why=microphone.detail)
+        return no.format(why=tr(microphone.detail))
     if microphone.source == ROBOT_MICROPHONE:
         return (
             tr("You are heard by the robot's microphone")

@@ -27,7 +27,14 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People, PersonBox, RobotPose
 from caris_desktop.domain.translation import filled, tr
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.status import AssistantStatus, DriveStatus, PerceptionStatus, RecordingStatus, SpeechStatus
+from caris_desktop.live.status import (
+    AssistantStatus,
+    DriveStatus,
+    MicrophoneStatus,
+    PerceptionStatus,
+    RecordingStatus,
+    SpeechStatus,
+)
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, VelocityTopic
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import PanelContext
@@ -47,6 +54,7 @@ from caris_desktop.ui.widgets.frame_view import (
 )
 from caris_desktop.ui.widgets.map_layers import distinct_dots, scan_points_in_map
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
+from caris_desktop.ui.words import microphone_facts
 from tests.ui import samples
 from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole, FakeLibrary
@@ -785,6 +793,26 @@ def test_why_a_recording_failed_is_said_in_the_wizards_language(window: MainWind
     assert what.text() == tr("The disk failed: {why}.").format(why="EIO") != why
     window.status_bar.refresh()
     assert window.status_bar.items["recording"].toolTip() == what.text()
+
+
+@pytest.mark.panels("video", "speak", "people")
+@pytest.mark.usefixtures("trial_language")
+def test_why_something_is_missing_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
+    """Statuses are English, as the record has them."""
+    why, state = filled("The file {file} is damaged.", file="a.onnx"), console.state
+    said = tr("The file {file} is damaged.").format(file="a.onnx")
+    state.perception.set(PerceptionStatus("failed", detail=why))
+    state.speech.set(SpeechStatus(ready=False, detail=why))
+    state.drive.set(DriveStatus(allowed=False, reason=why))
+    window.status_bar.refresh()
+    assert said in window.status_bar.items["perception"].toolTip()
+    assert microphone_facts(MicrophoneStatus("failed", detail=why)).count(said) == 1
+    people, video = window.panels["people"], window.panels["video"]
+    assert isinstance(people, PeoplePanel) and isinstance(video, VideoPanel)
+    assert said in people._why_empty(blind=False)
+    assert [text for text, _role in video._hints()] == [tr("Driving is off: {reason}").format(reason=said)]
+    state.drive.set(DriveStatus(allowed=True, cap_reason=why))
+    assert [text for text, _role in video._hints()] == [tr("Slowed down: {reason}").format(reason=said)]
 
 
 @pytest.mark.panels("session")

@@ -360,8 +360,7 @@ class AssistantService(Service):
                 if self._asks_embedded():
                     self._use_endpoint()
             case EmbeddedFailed(problem):
-                problem = told_here(problem)
-                self._bus.publish(problem)
+                self._bus.publish(told_here(problem))
                 if self._asks_embedded():
                     self._exchanges.show_status(AssistantStatus(state="failed", detail=problem.what))
 
@@ -378,7 +377,7 @@ class AssistantService(Service):
             self._restarts.another()
 
     def _tell_server_ended(self, advice: str) -> None:
-        self._exchanges.show_status(AssistantStatus(state="failed", detail=tr("The language model stopped.")))
+        self._exchanges.show_status(AssistantStatus(state="failed", detail=QT_TR_NOOP("The language model stopped.")))
         self._bus.problem(
             "warning",
             tr("The language model stopped unexpectedly."),

@@ -23,7 +23,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.ports import RobotPort, TellProblem
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState, LiveStream
 from caris_desktop.robot.profile import MotionLimits, RobotProfile
@@ -252,9 +252,9 @@ class DriveService(Service):
         cap_reason = ""
         # A robot without a LIDAR or a camera has none that could be stale (unless this computer's camera shows it).
         if self._state.scan.freshness != "fresh" and (robot is None or robot.scan is not None):
-            cap_reason = _missing(tr("LIDAR"), self._state.scan)
+            cap_reason = _missing(QT_TR_NOOP("LIDAR"), self._state.scan)
         elif self._state.frame.freshness != "fresh" and (robot is None or robot.cameras or self._frames_came):
-            cap_reason = _missing(tr("video"), self._state.frame)
+            cap_reason = _missing(QT_TR_NOOP("video"), self._state.frame)
         if cap_reason and not reason:
             if not self._aging.isActive():
                 self._aging.start()
@@ -345,6 +345,7 @@ class DriveService(Service):
 def _missing(what: str, stream: LiveStream) -> str:
     age_s = stream.age_s()
     if age_s is None:
-        return (tr("no fresh {stream}") if stream.arrivals else tr("no {stream} yet")).format(stream=what)
+        never = QT_TR_NOOP("no fresh {stream}") if stream.arrivals else QT_TR_NOOP("no {stream} yet")
+        return filled(never, stream=what)
     age = f"{age_s:.1f}" if age_s < 10.0 else f"{age_s:.0f}"
-    return tr("no fresh {stream} for {age} s").format(stream=what, age=age)
+    return filled(QT_TR_NOOP("no fresh {stream} for {age} s"), stream=what, age=age)

@@ -23,7 +23,7 @@ from caris_desktop.domain.sound import (
     PlayedSound,
     PlayedSoundEnded,
 )
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children, told_here
@@ -125,13 +125,11 @@ class ListeningService(Service):
                 self._state.listening.set(ListeningStatus("ready", model, language, detail))
             case RecogniserAway(problem):
                 status: ListeningStatus = self._state.listening.value
-                self._state.listening.set(
-                    ListeningStatus("failed", status.model, status.language, told_here(problem).what)
-                )
+                self._state.listening.set(ListeningStatus("failed", status.model, status.language, problem.what))
                 self._bus.publish(told_here(problem))
             case RecogniserFailed(problem):
                 self._to_recogniser = None
-                self._state.listening.set(ListeningStatus("failed", detail=told_here(problem).what))
+                self._state.listening.set(ListeningStatus("failed", detail=problem.what))
                 self._bus.publish(told_here(problem))
 
     def _on_microphone_changed(self, _status: object) -> None:
@@ -184,7 +182,7 @@ class ListeningService(Service):
             advice,
             until="transcription",
         )
-        self._state.listening.set(ListeningStatus("failed", detail=tr("It stopped unexpectedly.")))
+        self._state.listening.set(ListeningStatus("failed", detail=QT_TR_NOOP("It stopped unexpectedly.")))
 
     def _on_sound(self, chunk: AudioChunk, raw: bytes | None) -> None:  # any thread
         if chunk.source in PARTICIPANT_SOURCES or (chunk.source == WIZARD_MICROPHONE and self._to_dictate):

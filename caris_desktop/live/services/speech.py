@@ -163,7 +163,7 @@ class SpeechService(Service):
         """What this computer's voice says of itself."""
         match message:
             case SynthesisReady():
-                detail = "" if message.audible else tr("no sound device: nobody hears it")
+                detail = "" if message.audible else QT_TR_NOOP("no sound device: nobody hears it")
                 self._state.speech.set(replace(self._state.speech.value, ready=True, detail=detail))
                 self._state.voice.set(replace(self._state.voice.value, used=message.voice))
             case VoicesFound(voices):
@@ -263,7 +263,7 @@ class SpeechService(Service):
         if child is not self._child:
             return  # it was replaced while the news of its end was on its way
         self._child = None
-        self._state.speech.set(replace(self._state.speech.value, ready=False, detail=tr("the voice stopped")))
+        self._state.speech.set(replace(self._state.speech.value, ready=False, detail=QT_TR_NOOP("the voice stopped")))
         self._restarts.after_end(self._tell_ended, self._begin)
         self._on_voice_lost("computer", QT_TR_NOOP("speech stopped unexpectedly"))
 

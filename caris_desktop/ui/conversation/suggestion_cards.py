@@ -111,7 +111,7 @@ class SuggestionCards(QWidget):
 
     def _made_from(self, status: SuggestionsStatus) -> str:
         if status.state == "failed":
-            return tr("No suggestions: {detail}").format(detail=status.detail)
+            return tr("No suggestions: {detail}").format(detail=tr(status.detail))
         if status.state not in ("asking", "shown"):
             return ""
         turns = tr("the last turn") if status.turns <= 1 else tr("the last %n turns", "", status.turns)

@@ -299,7 +299,7 @@ class ModelPage(StepPage):
 
     def _show_answer(self, assistant: AssistantStatus) -> None:
         if self._asked:
-            self._answer.setText(f"“{assistant.answer}”" if assistant.answer else assistant.detail)
+            self._answer.setText(f"“{assistant.answer}”" if assistant.answer else tr(assistant.detail))
 
 
 def page_maker(

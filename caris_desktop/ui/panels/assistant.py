@@ -431,23 +431,23 @@ class AssistantPanel(Panel):
                 "amber",
             )
         elif shown.state == "failed" and shown.exchange_id:
-            text, role = shown.detail or tr("The assistant gave no answer. Ask again."), "amber"
+            text, role = tr(shown.detail) or tr("The assistant gave no answer. Ask again."), "amber"
         elif status.state == "failed" and not shown.answer:
-            text, role = status.detail or tr("The assistant gave no answer. Ask again."), "amber"
+            text, role = tr(status.detail) or tr("The assistant gave no answer. Ask again."), "amber"
         elif status.state == "starting":
             text = tr("The language model is starting. Phrases and typing work meanwhile.")
         elif status.state == "off":
-            text = status.detail or tr("No language model is set up.")
+            text = tr(status.detail) or tr("No language model is set up.")
         elif shown.state == "preparing":
             text = tr("Reading the pictures…")
         elif shown.under_way and not shown.answer:
-            text = shown.detail or tr("Thinking…")
+            text = tr(shown.detail) or tr("Thinking…")
         elif self._editing:
             text = tr("Change the words. Enter says them.")
         elif shown.use:
             text = tr("Said.") if shown.use == "said" else tr("Said, with your changes.")
         else:
-            text = shown.detail
+            text = tr(shown.detail)
         self._note.setText(text)
         self._note.setVisible(bool(text))
         for label, color in ((self._note, role), (self._question, "dim")):

@@ -287,7 +287,7 @@ class DrivePanel(Panel):
             return tr("Hold Guard for a second to switch it off."), "amber"
         if drive.cap_reason:
             limited = tr("Limited to {percent:.0f} %: {reason}")
-            return limited.format(percent=drive.cap_fraction * 100, reason=drive.cap_reason), "amber"
+            return limited.format(percent=drive.cap_fraction * 100, reason=tr(drive.cap_reason)), "amber"
         if self.hold.held or self.hold.motion.wish.moving:
             return tr("Let go to stop."), "dim"
         if going_to:

@@ -62,7 +62,7 @@ def limited_why(drive: DriveStatus) -> str:
         case "slowing":
             return tr("guard: slowing")
         case _:
-            return drive.cap_reason
+            return tr(drive.cap_reason)
 
 
 class MotionPanel(Panel):

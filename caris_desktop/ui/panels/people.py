@@ -245,7 +245,7 @@ class PeoplePanel(Panel):
             case "loading":
                 return tr("Getting ready to find people.\nEverything else works meanwhile.")
             case "failed":
-                return tr("People are not being found.\n{detail}").format(detail=perception.detail)
+                return tr("People are not being found.\n{detail}").format(detail=tr(perception.detail))
             case _:
                 return tr("Finding people is off.")
 

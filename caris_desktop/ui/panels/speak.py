@@ -323,7 +323,7 @@ class SpeakPanel(Panel):
             said = words.with_names(speech.now.text, lambda person_id: name_of(self.console, person_id))
             self.set_fact(self._saying(words.shortened(said, 48), speech), "blue")
         elif not speech.ready and self.state.present.live:
-            self.set_fact(speech.detail or tr("the voice is getting ready"), "amber" if speech.detail else "dim")
+            self.set_fact(tr(speech.detail) or tr("the voice is getting ready"), "amber" if speech.detail else "dim")
         else:
             self.set_fact(tr("quiet"))
 

@@ -47,7 +47,7 @@ def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
         case "slowing":
             return " · ".join((tr("The guard slows down before an obstacle"), *left)), "slowing"
         case "blind":
-            why = drive.guard_detail or tr("it sees nothing")
+            why = tr(drive.guard_detail) or tr("it sees nothing")
             return tr("The guard lets it crawl only: {why}").format(why=why), "warning"
         case "overridden":
             return tr("The guard is off: nothing stops before obstacles"), "override"
@@ -306,19 +306,19 @@ class VideoPanel(Panel):
         if drive.emergency_stop:
             hints.append((tr("Emergency stop is on"), "warning"))
         elif not drive.allowed:
-            off = tr("Driving is off: {reason}").format(reason=drive.reason) if drive.reason else tr("Driving is off")
-            hints.append((off, "warning"))
+            off = tr("Driving is off: {reason}") if drive.reason else tr("Driving is off")
+            hints.append((off.format(reason=tr(drive.reason)), "warning"))
         elif not self.hold.held and (self.hold.must_let_go or time.monotonic() < self._ended[1]):
             if self.hold.must_let_go:
                 hints.append((tr("Let go and press again to drive"), "warning"))
             if time.monotonic() < self._ended[1]:
-                hints.append((tr("Driving ended: {reason}").format(reason=self._ended[0]), "warning"))
+                hints.append((tr("Driving ended: {reason}").format(reason=tr(self._ended[0])), "warning"))
         elif drive.cap_reason or guard_chip(drive) is not None:
             guard = guard_chip(drive)
             if guard is not None:
                 hints.append(guard)
             if drive.cap_reason:
-                hints.append((tr("Slowed down: {reason}").format(reason=drive.cap_reason), "warning"))
+                hints.append((tr("Slowed down: {reason}").format(reason=tr(drive.cap_reason)), "warning"))
         else:
             free = self.table.driving_focus
             text = tr("{keys} or arrows drive") if free else tr("Alt+{keys} drives while you type")
