@@ -23,6 +23,8 @@ from typing import Any, Literal, NewType, TypeVar, get_args, get_origin
 
 import numpy as np
 
+from caris_desktop.domain.translation import Filled
+
 T = TypeVar("T")
 _NAN = "nan"
 Base64 = NewType("Base64", str)
@@ -131,7 +133,7 @@ def _builder(kind: Any) -> Callable[[Any], Any]:
 
 def _plain(kind: type[Any], data: Any) -> Any:
     """A stamp that is a text, say, would break whatever counts with it."""
-    if type(data) is not kind:
+    if type(data) is not kind and not (kind is str and type(data) is Filled):
         raise ValueError(f"expected {_PRIMITIVES[kind]}, found {type(data).__name__}")
     if kind is int and not _LEAST_WHOLE <= data <= _LARGEST_WHOLE:
         raise ValueError(f"a whole number of {data.bit_length()} bits is too large")

@@ -14,7 +14,7 @@ Files keep the English sentence alone; ``refilled`` finds text and values in it 
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Self
 
 _NUMBER = "%n"
@@ -35,6 +35,11 @@ class _Used:
 def use_translator(translator: Translator | None) -> None:
     """Whoever shows texts from now on shows what this makes of them; None for English."""
     _Used.translator = staticmethod(translator or _as_written)
+
+
+def speaks_english() -> bool:
+    """Whether texts are shown as they are written."""
+    return _Used.translator is _as_written
 
 
 def tr(text: str, meant: str = "", number: int = -1) -> str:
@@ -109,8 +114,8 @@ def refilled(sentence: str, texts: tuple[str, ...]) -> str:
     """
     if isinstance(sentence, Filled):
         return sentence
-    for text, pattern in _patterns(texts):
-        if found := pattern.fullmatch(sentence):
+    for text, pieces in _by_length(texts):
+        if all(map(sentence.__contains__, pieces)) and (found := _pattern(text).fullmatch(sentence)):
             values = found.groupdict()
             number = values.pop(_NUMBER_GROUP, None)
             told = {name: refilled(value, texts) for name, value in values.items()}
@@ -128,14 +133,16 @@ _NUMBER_GROUP = "_number"
 
 
 @lru_cache
-def _patterns(texts: tuple[str, ...]) -> tuple[tuple[str, re.Pattern[str]], ...]:
-    """Each with what it reads like once it is filled, the one with the most words of its own first."""
+def _by_length(texts: tuple[str, ...]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Each with the pieces between its values, the one with the most words of its own first."""
     templates = {text.template if isinstance(text, Filled) else text for text in texts}
     by_length = sorted(templates, key=lambda text: (-len(_PLACE.sub("", text)), text))
-    return tuple((text, re.compile(_pattern(text), re.DOTALL)) for text in by_length)
+    return tuple((text, tuple(filter(None, _PLACE.sub("\n", text).split("\n")))) for text in by_length)
 
 
-def _pattern(text: str) -> str:
+@cache
+def _pattern(text: str) -> re.Pattern[str]:
+    """What it reads like once it is filled. To make one costs more than to see that its pieces are not there."""
     pieces, end, known = list[str](), 0, set[str]()
     for place in _PLACE.finditer(text):
         name = place[1] or _NUMBER_GROUP
@@ -143,7 +150,7 @@ def _pattern(text: str) -> str:
         pieces.append(f"(?P={name})" if name in known else f"(?P<{name}>{'.+?' if place[1] else '[0-9]+'})")
         known.add(name)
         end = place.end()
-    return "".join((*pieces, re.escape(text[end:])))
+    return re.compile("".join((*pieces, re.escape(text[end:]))), re.DOTALL)
 
 
 def _fill(template: str, values: Mapping[str, str], say: Callable[[str], str]) -> str:

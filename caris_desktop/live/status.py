@@ -1,4 +1,4 @@
-"""What the console knows of itself, as panels read it from LiveState. Plain frozen values."""
+"""What the console knows of itself, as panels read it from LiveState. Plain frozen values; reasons are for ``tr``."""
 
 from dataclasses import field
 from pathlib import Path
@@ -42,8 +42,7 @@ class LinkStatus:
 
 @dataclass(frozen=True, slots=True)
 class DriveStatus:
-    """``allowed`` is False with a ``reason`` for the wizard; ``cap_reason`` says why speed is limited, if it is. Both
-    are English, for ``tr``.
+    """``allowed`` is False with a ``reason`` for the wizard; ``cap_reason`` says why speed is limited, if it is.
 
     ``target_*`` is what is asked for now (after caps); ``driver`` is who holds it, empty for nobody: the gate refuses
     the base to everybody else. ``max_left_mps`` is 0 on a base that cannot move sideways. ``guard_distance_m`` is the
@@ -112,8 +111,7 @@ class GamepadStatus:
 class MicrophoneStatus:
     """A microphone is open unless ``state`` is off. ``level`` is how loud it was lately, 0 to 1.
 
-    ``name`` is empty for the system's default input; ``source`` is what its sound is called. ``detail`` is English, for
-    ``tr``.
+    ``name`` is empty for the system's default input; ``source`` is what its sound is called.
     """
 
     state: Literal["off", "starting", "on", "failed"] = "off"
@@ -126,9 +124,7 @@ class MicrophoneStatus:
 
 @dataclass(frozen=True, slots=True)
 class ListeningStatus:
-    """How turning speech into text stands; off until a microphone is open. ``detail`` says what is wrong, in
-    English, for ``tr``.
-    """
+    """How turning speech into text stands; off until a microphone is open. ``detail`` says what is wrong."""
 
     state: Literal["off", "loading", "ready", "failed"] = "off"
     model: str = ""

@@ -13,6 +13,7 @@ from caris_desktop.domain.declared import data_of, value_from
 from caris_desktop.domain.events import GoalChanged, TrafficMeasured
 from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.sensing import StatusShown
+from caris_desktop.domain.told_again import told_again
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -76,6 +77,8 @@ STATUS_TYPES: dict[str, Any] = {
     "listening": ListeningStatus,
 }
 
+_REASONS = ("detail", "reason", "cap_reason", "guard_detail")
+
 
 class StatusTap(QObject):
     """Gives every change of those values to ``record``, and each as it stands when the tap is made."""
@@ -109,13 +112,25 @@ def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str]
     if kind is None:
         return
     try:
-        value = _value_of(shown.name, kind, shown.content)
+        value = _value_of(shown.name, kind, _told_again(shown.content))
     except (ValueError, KeyError, TypeError) as error:
         _log.warning("a recorded status %s is not shown: %s", shown.name, error)
         return
     if shown.name == "persons":
         value = tuple(_with_names(row, name_of) for row in value)
     getattr(state, shown.name).set(value)
+
+
+def _told_again(content: Any) -> Any:
+    """Its reasons as texts of the program, for whoever watches in another language."""
+    if isinstance(content, list):
+        return list(map(_told_again, content))
+    if not isinstance(content, dict):
+        return content
+    return {
+        key: told_again(value) if key in _REASONS and isinstance(value, str) else _told_again(value)
+        for key, value in content.items()
+    }
 
 
 def _with_names(row: PersonRow, name_of: Callable[[str], str | None]) -> PersonRow:

@@ -199,7 +199,7 @@ class HoldToDrive(QObject):
         kind = event.type()
         if kind in (QEvent.Type.KeyPress, QEvent.Type.KeyRelease, QEvent.Type.ShortcutOverride):
             if QAccessible.isActive() and (kind == QEvent.Type.ShortcutOverride or not event.spontaneous()):
-                self._come_first()
+                _come_first(self, self._app)
             return isinstance(event, QKeyEvent) and self._filter_key(event)
         if kind == QEvent.Type.MouseButtonPress:
             return isinstance(event, QMouseEvent) and self._filter_press(event)
@@ -226,16 +226,6 @@ class HoldToDrive(QObject):
             # Qt takes note of popups and dialogs only after this event.
             QTimer.singleShot(0, self, self._on_windows_changed)
         return False
-
-    def _come_first(self) -> None:
-        """Once more: who was installed last sees an event first.
-
-        For a screen reader Qt takes each key away, asks it, and posts the key when it has answered or a tenth of a
-        second has passed; and it goes to the front whenever one begins to listen. A release must not wait for that. We
-        are called before a press, when Qt asks who overrides a shortcut, and where a key was posted after all.
-        """
-        self._app.removeEventFilter(self)
-        self._app.installEventFilter(self)
 
     def _filter_press(self, event: QMouseEvent) -> bool:
         # Qt spends the first press beside a menu or drop-down on closing it; a stop must not wait for a second one.
@@ -581,6 +571,17 @@ class HoldToDrive(QObject):
             for identity in tuple(self._marking):
                 self._end_marking(identity)
         self._update_key_owner()
+
+
+def _come_first(events: QObject, app: QApplication) -> None:
+    """Once more: who was installed last sees an event first.
+
+    For a screen reader Qt takes each key away, asks it, and posts the key when it has answered or a tenth of a second
+    has passed; and it goes to the front whenever one begins to listen. A release must not wait for that. We are called
+    before a press, when Qt asks who overrides a shortcut, and where a key was posted after all.
+    """
+    app.removeEventFilter(events)
+    app.installEventFilter(events)
 
 
 def _is_completion(popup: QWidget) -> bool:

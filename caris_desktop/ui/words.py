@@ -7,6 +7,7 @@ from datetime import datetime
 from caris_desktop.domain import clock, events, person_marks
 from caris_desktop.domain.sensing import CameraState, PersonBox
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
+from caris_desktop.domain.told_again import told_again
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus
 from caris_desktop.people.presence import PersonRow, is_unnamed_label, unnamed_number
@@ -193,7 +194,8 @@ def with_label(sentence: str, label: str) -> str:
 
 def with_detail(sentence: str, detail: str) -> str:
     """With a reason out of the record, which is English there."""
-    return f"{sentence}: {tr(detail)}" if detail else sentence
+    again = told_again(detail)
+    return f"{sentence}: {tr(again)}" if detail else sentence
 
 
 def mark_sentence(mark: events.Marked) -> str:

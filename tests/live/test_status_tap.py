@@ -1,14 +1,19 @@
 """What panels showed is recorded whole, and put back as it was; names of people stay out of the recording."""
 
-from dataclasses import replace
+import dataclasses
+import json
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from caris_desktop.domain.controls import CallService, RobotControl
 from caris_desktop.domain.events import GoalChanged, Marked, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.sensing import StatusShown
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import (
     ControlStatus,
@@ -60,6 +65,35 @@ def test_what_was_given_up_on_a_busy_machine_is_in_the_record_and_shown_again() 
     del tap
     assert shown[-1].name == "load" and shown[-1].content == {"step": 2, "detail": "people less often"}
     assert _put_back(shown, names={}).load.value == load
+
+
+def _with_reason(kind: Any, why: str) -> Any:
+    """A value of the type in which each reason is ``why``; None where it has none."""
+    if not dataclasses.is_dataclass(kind):
+        return None
+    reasons = {"detail", "reason", "cap_reason", "guard_detail"}.intersection(each.name for each in fields(kind))
+    return kind(**dict.fromkeys(reasons, why)) if reasons else None
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_reasons_are_english_in_the_record_and_said_in_the_language_of_whoever_watches() -> None:
+    why = filled(QT_TR_NOOP("no fresh {stream} for {age} s"), stream=QT_TR_NOOP("LIDAR"), age="1.5")
+    state, shown = LiveState(), list[StatusShown]()
+    tap = StatusTap(state, shown.append)
+    reasoned = {name: value for name, kind in STATUS_TYPES.items() if (value := _with_reason(kind, why)) is not None}
+    assert {"link", "drive", "speech", "assistant", "suggestions", "perception", "microphone"} < {*reasoned}
+    for name, value in reasoned.items():
+        getattr(state, name).set(value)
+    state.control_states.set({"wave": ControlStatus("failed", True, why)})
+    state.goal.set(GoalChanged(6, "g1", "failed", Pose2D(1.0, 2.0, 0.5), "Kitchen", detail=why))
+    del tap
+    recorded = json.loads(json.dumps([to_jsonable(status) for status in shown]))
+    back = _put_back([from_jsonable(StatusShown, status) for status in recorded], names={})
+    for name, value in reasoned.items():
+        assert getattr(back, name).value == value, name
+        said = [getattr(getattr(back, name).value, each.name) for each in fields(value)]
+        assert tr(why) in [tr(each) for each in said if isinstance(each, str)], name
+    assert tr(back.control_states.value["wave"].detail) == tr(back.goal.value.detail) == tr(why) != why
 
 
 def test_names_and_paths_stay_out() -> None:
