@@ -6,7 +6,7 @@ import json
 from functools import cache, lru_cache
 
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.domain.translation import refilled, speaks_english
+from caris_desktop.domain.translation import Filled, joined, refilled, speaks_english
 
 TEXTS_PATH = resources_dir() / "recorded-texts.json"
 
@@ -18,6 +18,13 @@ def told_again(sentence: str) -> str:
 
 @lru_cache(maxsize=2048)
 def _found(sentence: str) -> str:
+    end = sentence.find(". ")
+    while end >= 0:
+        # Two in a row, what happened and what to do: a text that ends in a value would be found in both together.
+        both = _found(sentence[: end + 1]), _found(sentence[end + 2 :])
+        if all(isinstance(one, Filled) for one in both):
+            return joined(both)
+        end = sentence.find(". ", end + 1)
     return refilled(sentence, _texts())
 
 

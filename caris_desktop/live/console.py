@@ -229,7 +229,8 @@ class Console(QObject):
             try:
                 self._handlers[type(intent)](intent)
             except ToldFailure as failure:
-                refusal = Refusal(failure.what, failure.meaning, failure.advice, severity=failure.severity)
+                what, meaning, advice = map(tr, (failure.what, failure.meaning, failure.advice))
+                refusal = Refusal(what, meaning, advice, severity=failure.severity)
             else:
                 return ""
         if not refusal.quiet:

@@ -13,7 +13,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.ports import ValueSink
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
 from caris_desktop.live.model_client import ModelClient
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantStatus, ExchangeStatus
@@ -51,7 +51,7 @@ class Exchanges(QObject):
     def show_status(self, status: AssistantStatus) -> None:
         """No model (yet): ``status`` says why."""
         self._cancel_all(QT_TR_NOOP("the model is not there any more"))
-        self._client.use_none(tr(status.detail) or tr("Its model is still starting: ask again in a moment."))
+        self._client.use_none(status.detail or QT_TR_NOOP("Its model is still starting: ask again in a moment."))
         self._none = status
         self._show()
 
@@ -105,7 +105,7 @@ class Exchanges(QObject):
                 **how,
             )
         except ToldFailure as failure:
-            self.fail(exchange_id, f"{failure.what} {failure.advice}")
+            self.fail(exchange_id, joined((failure.what, failure.advice)))
 
     def fail(self, exchange_id: str, detail: str) -> None:
         """It could not be asked; the wizard reads why beside the question."""

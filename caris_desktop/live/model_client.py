@@ -23,7 +23,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ChatMessage, LlmExchange, LlmOutcome
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.ports import ValueSink
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.service import PANELS_FIRST_MS
@@ -113,7 +113,7 @@ class ModelClient(QObject):
     model_changed = Signal()
     """Another model is in use."""
     _grew = Signal(str, str)
-    _waits = Signal(str, str)
+    _waits = Signal(str, object)
     _ended = Signal(object)
 
     def __init__(
@@ -133,7 +133,7 @@ class ModelClient(QObject):
         self._endpoint: ModelEndpoint | None = None
         self._local_only = True
         self._shown_as = ""
-        self._why_none = tr("No language model is set up.")
+        self._why_none: str = QT_TR_NOOP("No language model is set up.")
         self._versions: dict[ModelEndpoint, str] = {}
         self._asking_version: Future[None] | None = None
         self._running: dict[str, _Running] = {}
@@ -252,7 +252,10 @@ class ModelClient(QObject):
         """
         if self._endpoint is None:
             raise ToldFailure(
-                tr("The assistant cannot answer now."), tr("Nothing was asked."), self._why_none, severity="warning"
+                QT_TR_NOOP("The assistant cannot answer now."),
+                QT_TR_NOOP("Nothing was asked."),
+                self._why_none,
+                severity="warning",
             )
         asked = _Asked(
             exchange_id=exchange_id or f"x-{secrets.token_hex(4)}",
@@ -353,12 +356,12 @@ class ModelClient(QObject):
         except asyncio.CancelledError:
             outcome, detail = "cancelled", QT_TR_NOOP("cancelled as the program closed")
         except LanguageModelError as error:
-            outcome, detail = "failed", f"{error.what} {error.advice}"
+            outcome, detail = "failed", joined((error.what, error.advice))
         except Exception as error:
             _log.exception("the language model exchange failed")
             outcome, detail = (
                 "failed",
-                tr("The answer could not be read ({error}). Ask again.").format(error=type(error).__name__),
+                filled(QT_TR_NOOP("The answer could not be read ({error}). Ask again."), error=type(error).__name__),
             )
         exchange = _exchange(asked, heard, outcome, detail, self._versions.get(asked.endpoint, ""))
         if outcome != "cancelled":

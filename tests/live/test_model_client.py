@@ -1,6 +1,7 @@
 """Several exchanges with a language model at a time, each with an end of its own."""
 
 import asyncio
+import json
 from collections.abc import AsyncIterator, Iterator, Sequence
 from typing import Any
 
@@ -8,15 +9,19 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.embedded_messages import REPLIES_SLOT
+from caris_desktop.conversation.models import failures
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain.events import ChatMessage, LlmExchange
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.told_again import told_again
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.model_client import Asking, ModelClient, Purpose
 
 EMBEDDED = ModelEndpoint("embedded", "http://127.0.0.1:9", "embedded")
 ELSEWHERE = ModelEndpoint("openai", "https://models.example.org/v1", "m")
+_SERVER = "models.example.org"
 
 
 class Talk:
@@ -42,6 +47,8 @@ class Talk:
             yield f"{word} "
         if "busy" in question:
             given["told_wait"]("It is busy.")
+        if "broken off" in question:
+            raise failures.broke_off(ELSEWHERE)
         if "fails" in question:
             raise LanguageModelError("It broke.", "No answer.", "Ask again.")
         if "crashes" in question:
@@ -134,6 +141,29 @@ def test_without_a_model_nobody_is_asked(talk: Talk) -> None:
     with pytest.raises(ToldFailure, match="It is still starting"):
         talk.ask("Where?")
     assert not talk.client.answering and talk.published == []
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_why_there_is_no_answer_is_english_in_the_record_and_has_its_words_apart(talk: Talk, qtbot: QtBot) -> None:
+    talk.ask("broken off")
+    qtbot.waitUntil(lambda: bool(talk.published))
+    detail = talk.published[0].detail
+    place = "The language model server at models.example.org"
+    assert detail == f"{place} broke off. Use what is there, or ask again."
+    server = tr("The language model server at {server}").format(server=_SERVER)
+    broke, then = tr("{place} broke off.").format(place=server), tr("Use what is there, or ask again.")
+    assert broke in tr(detail) and then in tr(detail)
+    assert then in tr(told_again(str.__str__(json.loads(json.dumps(detail))))), "in a replay"
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_why_it_is_still_waited_for_is_said_in_the_wizards_language(talk: Talk, qtbot: QtBot) -> None:
+    why = filled(QT_TR_NOOP("{what} It is asked again in {seconds} s."), what="Busy.", seconds=3)
+    asking = talk.ask("this waits")
+    talk.client._waits.emit(asking.exchange_id, why)
+    qtbot.waitUntil(lambda: bool(talk.waits))
+    assert tr(talk.waits[0]) == tr(why) != why
+    asking.cancel("")
 
 
 @pytest.mark.logs("the language model exchange failed")

@@ -19,7 +19,7 @@ from caris_desktop.conversation.models.stream import check_type, documents, smal
 from caris_desktop.conversation.models.words import LanguageModelError, without
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import ChatMessage
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 
 if TYPE_CHECKING:
@@ -133,8 +133,10 @@ async def stream_chat(
                 raise _with_time(again) from again
             _log.info("%s is asked again in %.1f s: %s", endpoint.place, wait_s, again.failure.what)
             told_wait(
-                tr("{what} It is asked again in {seconds} s.").format(
-                    what=again.failure.what, seconds=max(1, round(wait_s))
+                filled(
+                    QT_TR_NOOP("{what} It is asked again in {seconds} s."),
+                    what=again.failure.what,
+                    seconds=max(1, round(wait_s)),
                 )
             )
             await asyncio.sleep(wait_s)
@@ -149,7 +151,7 @@ def _with_time(again: _TryAgainError) -> LanguageModelError:
     return LanguageModelError(
         failure.what,
         failure.meaning,
-        tr("It asks to be left alone for {seconds} s: ask again then.").format(seconds=f"{told_s:.0f}"),
+        filled(QT_TR_NOOP("It asks to be left alone for {seconds} s: ask again then."), seconds=f"{told_s:.0f}"),
     )
 
 
@@ -203,7 +205,7 @@ async def _one_try(
                         if chunk.text:
                             characters += len(chunk.text)
                             if characters > MAX_ANSWER_CHARACTERS:
-                                raise failures.nonsense(endpoint, tr("the answer does not end"))
+                                raise failures.nonsense(endpoint, QT_TR_NOOP("the answer does not end"))
                             before_s = loop.time()
                             yield chunk.text
                             deadline_s += loop.time() - before_s

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, bad_address
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
 from caris_desktop.domain.address import is_loopback, is_loopback_host
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 if TYPE_CHECKING:
     import httpx
@@ -33,11 +33,12 @@ def check_place(endpoint: ModelEndpoint, *, local_only: bool) -> None:
 
 def _elsewhere(endpoint: ModelEndpoint) -> LanguageModelError:
     return LanguageModelError(
-        tr("{place} is not on this computer, and this scenario permits only models that are.").format(
-            place=endpoint.place
+        filled(
+            QT_TR_NOOP("{place} is not on this computer, and this scenario permits only models that are."),
+            place=endpoint.place,
         ),
-        tr("Nothing was sent."),
-        tr("Choose the embedded model, or one that runs here."),
+        QT_TR_NOOP("Nothing was sent."),
+        QT_TR_NOOP("Choose the embedded model, or one that runs here."),
     )
 
 
@@ -64,12 +65,14 @@ async def connected(endpoint: ModelEndpoint, *, local_only: bool) -> "AsyncItera
             verify=_certificates() if urlsplit(endpoint.base_url).scheme == "https" else _no_certificates(),
         )
     except httpx.InvalidURL as error:
-        raise bad_address(endpoint.base_url, tr("the endpoint")) from error
+        raise bad_address(endpoint.base_url, QT_TR_NOOP("the endpoint")) from error
     except (ImportError, ValueError) as error:
         raise LanguageModelError(
-            tr("The proxy settings of this computer cannot be used ({error}).").format(error=shortened(str(error))),
-            tr("The assistant cannot answer."),
-            tr("Correct HTTP_PROXY, HTTPS_PROXY or ALL_PROXY, or choose a local model."),
+            filled(
+                QT_TR_NOOP("The proxy settings of this computer cannot be used ({error})."), error=shortened(str(error))
+            ),
+            QT_TR_NOOP("The assistant cannot answer."),
+            QT_TR_NOOP("Correct HTTP_PROXY, HTTPS_PROXY or ALL_PROXY, or choose a local model."),
         ) from error
     async with opened:
         yield opened
@@ -116,20 +119,24 @@ async def api_key(endpoint: ModelEndpoint) -> str | None:
             _log.warning("the system keyring did not answer within %.0f s", _KEYRING_TIMEOUT_S)
     if not key and (endpoint.is_openai or endpoint.provider == "gemini"):
         raise LanguageModelError(
-            tr("Gemini answers only with a key, and there is none.")
+            QT_TR_NOOP("Gemini answers only with a key, and there is none.")
             if endpoint.provider == "gemini"
-            else tr("OpenAI answers only with a key, and there is none."),
-            tr("The assistant cannot answer."),
-            tr(
-                "Set the environment variable {name} before starting the console, keep the key in the system keyring"
-                " (keyring set {service} {name}), or choose another model."
-            ).format(name=endpoint.key_names[0], service=KEYRING_SERVICE),
+            else QT_TR_NOOP("OpenAI answers only with a key, and there is none."),
+            QT_TR_NOOP("The assistant cannot answer."),
+            filled(
+                QT_TR_NOOP(
+                    "Set the environment variable {name} before starting the console, keep the key in the system"
+                    " keyring (keyring set {service} {name}), or choose another model."
+                ),
+                name=endpoint.key_names[0],
+                service=KEYRING_SERVICE,
+            ),
         )
     if key and not (key.isascii() and key.isprintable()):
         raise LanguageModelError(
-            tr("The key in {name} has characters that no key has.").format(name=name),
-            tr("The assistant cannot answer."),
-            tr("Set {name} again, without line breaks or quotation marks.").format(name=name),
+            filled(QT_TR_NOOP("The key in {name} has characters that no key has."), name=name),
+            QT_TR_NOOP("The assistant cannot answer."),
+            filled(QT_TR_NOOP("Set {name} again, without line breaks or quotation marks."), name=name),
         )
     if key and urlsplit(endpoint.base_url).scheme == "http" and not is_loopback(endpoint.base_url):
         _log.warning("the key in %s goes unencrypted to %s", name, endpoint.place)

@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
 from caris_desktop.domain.address import before_port, is_loopback
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 
 Provider = Literal["embedded", "openai", "ollama", "gemini"]
@@ -44,12 +44,12 @@ class ModelEndpoint:
         """As the subject of a sentence."""
         match self.provider:
             case "embedded":
-                return tr("The embedded language model")
+                return QT_TR_NOOP("The embedded language model")
             case "ollama":
-                return tr("Ollama at {server}").format(server=self.server)
+                return filled(QT_TR_NOOP("Ollama at {server}"), server=self.server)
             case "gemini":
-                return tr("Gemini at {server}").format(server=self.server)
-        return tr("The language model server at {server}").format(server=self.server)
+                return filled(QT_TR_NOOP("Gemini at {server}"), server=self.server)
+        return filled(QT_TR_NOOP("The language model server at {server}"), server=self.server)
 
     @property
     def is_openai(self) -> bool:
@@ -88,11 +88,13 @@ def resolve_endpoint(
     if provider == "embedded" and not name:
         if embedded_url is None:
             raise LanguageModelError(
-                tr("The embedded language model is not running."),
-                tr("The assistant cannot answer."),
-                tr("Wait until it has started; if it failed, the Session log says why."),
+                QT_TR_NOOP("The embedded language model is not running."),
+                QT_TR_NOOP("The assistant cannot answer."),
+                QT_TR_NOOP("Wait until it has started; if it failed, the Session log says why."),
             )
-        return ModelEndpoint("embedded", _checked_url(embedded_url, tr("the embedded server's address")), "embedded")
+        return ModelEndpoint(
+            "embedded", _checked_url(embedded_url, QT_TR_NOOP("the embedded server's address")), "embedded"
+        )
     if provider == "ollama" and name:
         return ModelEndpoint("ollama", ollama_url(environment), name)
     if provider == "openai" and name:
@@ -102,9 +104,9 @@ def resolve_endpoint(
         url = _checked_url(base_url, "GOOGLE_GEMINI_BASE_URL")
         return ModelEndpoint("gemini", url, name.removeprefix("models/"), KEYED_BY["gemini"])
     raise LanguageModelError(
-        tr("“{model}” names no language model.").format(model=shortened(model)),
-        tr("The assistant cannot answer in this scenario."),
-        tr("Set assistant.model to embedded, ollama:NAME, openai:NAME or gemini:NAME."),
+        filled(QT_TR_NOOP("“{model}” names no language model."), model=shortened(model)),
+        QT_TR_NOOP("The assistant cannot answer in this scenario."),
+        QT_TR_NOOP("Set assistant.model to embedded, ollama:NAME, openai:NAME or gemini:NAME."),
     )
 
 
@@ -135,8 +137,8 @@ def bad_address(url: str, source: str) -> LanguageModelError:
     shown = "it" if "@" in url else f"“{shortened(url)}”"
     return LanguageModelError(
         f"The address of the language model in {source} is unusable: {shown} is not like http://HOST:PORT.",
-        tr("The assistant cannot answer."),
-        tr("Correct {source}; keys do not belong into the address.").format(source=source),
+        QT_TR_NOOP("The assistant cannot answer."),
+        filled(QT_TR_NOOP("Correct {source}; keys do not belong into the address."), source=source),
     )
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
 
 if TYPE_CHECKING:
     import httpx
@@ -18,34 +18,38 @@ _HALF = QT_TR_NOOP("The answer is missing or incomplete.")
 
 def nonsense(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
     return LanguageModelError(
-        tr("{place} sent something that is no answer: {why}.").format(place=endpoint.place, why=shortened(why)),
-        tr(_HALF),
-        tr("Check that the address belongs to a language model server."),
+        filled(
+            QT_TR_NOOP("{place} sent something that is no answer: {why}."),
+            place=endpoint.place,
+            why=why if isinstance(why, Filled) else shortened(why),
+        ),
+        _HALF,
+        QT_TR_NOOP("Check that the address belongs to a language model server."),
     )
 
 
 def blocked(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
     return LanguageModelError(
-        tr("{place} refused to answer this ({why}).").format(place=endpoint.place, why=shortened(why, 60)),
-        tr(_HALF),
-        tr("Ask in other words, take something out of what goes along, or choose another model."),
+        filled(QT_TR_NOOP("{place} refused to answer this ({why})."), place=endpoint.place, why=shortened(why, 60)),
+        _HALF,
+        QT_TR_NOOP("Ask in other words, take something out of what goes along, or choose another model."),
     )
 
 
 def broke_off(endpoint: ModelEndpoint) -> LanguageModelError:
     return LanguageModelError(
-        tr("{place} broke off.").format(place=endpoint.place),
-        tr("The answer is incomplete."),
-        tr("Use what is there, or ask again."),
+        filled(QT_TR_NOOP("{place} broke off."), place=endpoint.place),
+        QT_TR_NOOP("The answer is incomplete."),
+        QT_TR_NOOP("Use what is there, or ask again."),
     )
 
 
 def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
     """Servers end the stream like this for a question beyond the model's context, and for one dropped for the next."""
     return LanguageModelError(
-        tr("{place} ended its answer before the first word.").format(place=endpoint.place),
-        tr(_NO_ANSWER),
-        tr(
+        filled(QT_TR_NOOP("{place} ended its answer before the first word."), place=endpoint.place),
+        _NO_ANSWER,
+        QT_TR_NOOP(
             "Ask again when no other question is under way; if it happens again, shorten the question or what goes"
             " along."
         ),
@@ -55,16 +59,22 @@ def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
 def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -> LanguageModelError:
     if answer_started:
         return LanguageModelError(
-            tr("{place} fell silent for {seconds} s in the middle of the answer.").format(
-                place=endpoint.place, seconds=f"{seconds:g}"
+            filled(
+                QT_TR_NOOP("{place} fell silent for {seconds} s in the middle of the answer."),
+                place=endpoint.place,
+                seconds=f"{seconds:g}",
             ),
-            tr("The answer is incomplete."),
-            tr("Use what is there, or ask again."),
+            QT_TR_NOOP("The answer is incomplete."),
+            QT_TR_NOOP("Use what is there, or ask again."),
         )
     return LanguageModelError(
-        tr("{place} did not begin to answer within {seconds} s.").format(place=endpoint.place, seconds=f"{seconds:g}"),
-        tr("The assistant cannot answer now."),
-        tr("Ask again; a model that is being loaded needs longer the first time."),
+        filled(
+            QT_TR_NOOP("{place} did not begin to answer within {seconds} s."),
+            place=endpoint.place,
+            seconds=f"{seconds:g}",
+        ),
+        QT_TR_NOOP("The assistant cannot answer now."),
+        QT_TR_NOOP("Ask again; a model that is being loaded needs longer the first time."),
     )
 
 
@@ -81,11 +91,13 @@ def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: st
     if message.get("error"):
         _log.warning("%s reported an error in the stream", endpoint.place)
         raise LanguageModelError(
-            tr("{place} stopped with an error: {error}").format(
-                place=endpoint.place, error=without(key, error_in(message))
+            filled(
+                QT_TR_NOOP("{place} stopped with an error: {error}"),
+                place=endpoint.place,
+                error=without(key, error_in(message)),
             ),
-            tr(_HALF),
-            tr("Ask again; if it happens again, choose another model or shorten the question."),
+            _HALF,
+            QT_TR_NOOP("Ask again; if it happens again, choose another model or shorten the question."),
         )
 
 
@@ -95,47 +107,61 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
     place = endpoint.place
     _log.warning("%s answered with HTTP status %d", place, status)
     if status in (401, 403) or (status == 400 and endpoint.provider == "gemini" and "api key" in detail.lower()):
-        where = " or ".join(endpoint.key_names) or tr("the server's access rules")
+        where = " or ".join(endpoint.key_names) or QT_TR_NOOP("the server's access rules")
         return LanguageModelError(
-            tr("{place} refused access{said}.").format(place=place, said=said),
-            tr(_NO_ANSWER),
-            tr("Check {where}.").format(where=where),
+            filled(QT_TR_NOOP("{place} refused access{said}."), place=place, said=said),
+            _NO_ANSWER,
+            filled(QT_TR_NOOP("Check {where}."), where=where),
         )
     if status == 404:
         advice = (
-            tr("Run “ollama pull {model}”, or choose another model.").format(model=endpoint.model)
+            filled(QT_TR_NOOP("Run “ollama pull {model}”, or choose another model."), model=endpoint.model)
             if endpoint.provider == "ollama"
-            else tr("Check the model's name and the server's address.")
+            else QT_TR_NOOP("Check the model's name and the server's address.")
         )
         return LanguageModelError(
-            tr("{place} does not know the model {model}{said}.").format(place=place, model=endpoint.model, said=said),
-            tr(_NO_ANSWER),
+            filled(
+                QT_TR_NOOP("{place} does not know the model {model}{said}."),
+                place=place,
+                model=endpoint.model,
+                said=said,
+            ),
+            _NO_ANSWER,
             advice,
         )
     if status == 429:
         return LanguageModelError(
-            tr("{place} takes no more questions now{said}.").format(place=place, said=said),
-            tr(_NO_ANSWER),
-            tr("Wait a little, then ask again."),
+            filled(QT_TR_NOOP("{place} takes no more questions now{said}."), place=place, said=said),
+            _NO_ANSWER,
+            QT_TR_NOOP("Wait a little, then ask again."),
         )
     if status >= 500:
         return LanguageModelError(
-            tr("{place} failed (HTTP status {status}){said}.").format(place=place, status=status, said=said),
-            tr(_NO_ANSWER),
-            tr("Ask again in a moment."),
+            filled(QT_TR_NOOP("{place} failed (HTTP status {status}){said}."), place=place, status=status, said=said),
+            _NO_ANSWER,
+            QT_TR_NOOP("Ask again in a moment."),
         )
     if 300 <= status < 400:
         return LanguageModelError(
-            tr(
-                "{place} sends the question on to another address (HTTP status {status}), which is not followed."
-            ).format(place=place, status=status),
-            tr(_NO_ANSWER),
-            tr("Give the model's own address."),
+            filled(
+                QT_TR_NOOP(
+                    "{place} sends the question on to another address (HTTP status {status}), which is not followed."
+                ),
+                place=place,
+                status=status,
+            ),
+            _NO_ANSWER,
+            QT_TR_NOOP("Give the model's own address."),
         )
     return LanguageModelError(
-        tr("{place} refused the question (HTTP status {status}){said}.").format(place=place, status=status, said=said),
-        tr(_NO_ANSWER),
-        tr("Check the model's name and the assistant settings of the scenario."),
+        filled(
+            QT_TR_NOOP("{place} refused the question (HTTP status {status}){said}."),
+            place=place,
+            status=status,
+            said=said,
+        ),
+        _NO_ANSWER,
+        QT_TR_NOOP("Check the model's name and the assistant settings of the scenario."),
     )
 
 
@@ -147,25 +173,27 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
     _log.info("exchange with %s failed: %s %s", place, type(error).__name__, error)
     if is_about_tls(error):
         return LanguageModelError(
-            tr("{place} cannot prove who it is: its certificate is not accepted.").format(place=place),
-            tr("Nothing was sent to it."),
-            tr(
+            filled(QT_TR_NOOP("{place} cannot prove who it is: its certificate is not accepted."), place=place),
+            QT_TR_NOOP("Nothing was sent to it."),
+            QT_TR_NOOP(
                 "Check the address and this computer's clock; a server of the lab needs a certificate that this"
                 " computer trusts."
             ),
         )
     if isinstance(error, httpx.ConnectError | httpx.ConnectTimeout):
         advice = {
-            "ollama": tr("Start it with “ollama serve”, or set OLLAMA_HOST."),
-            "openai": tr("Check the network and OPENAI_BASE_URL."),
-            "gemini": tr("Check the network."),
-            "embedded": tr("It is restarted by opening the scenario again."),
+            "ollama": QT_TR_NOOP("Start it with “ollama serve”, or set OLLAMA_HOST."),
+            "openai": QT_TR_NOOP("Check the network and OPENAI_BASE_URL."),
+            "gemini": QT_TR_NOOP("Check the network."),
+            "embedded": QT_TR_NOOP("It is restarted by opening the scenario again."),
         }[endpoint.provider]
-        return LanguageModelError(tr("{place} cannot be reached.").format(place=place), tr(_NO_ANSWER), advice)
+        return LanguageModelError(filled(QT_TR_NOOP("{place} cannot be reached."), place=place), _NO_ANSWER, advice)
     if isinstance(error, httpx.RemoteProtocolError | httpx.ReadError) and answer_started:
         return broke_off(endpoint)
     return LanguageModelError(
-        tr("The connection to {place} failed.").format(place=place), tr(_NO_ANSWER), tr("Ask again; check the network.")
+        filled(QT_TR_NOOP("The connection to {place} failed."), place=place),
+        _NO_ANSWER,
+        QT_TR_NOOP("Ask again; check the network."),
     )
 
 

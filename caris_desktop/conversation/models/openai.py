@@ -11,7 +11,7 @@ from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.failures import blocked, nonsense, raise_error_object
 from caris_desktop.conversation.models.question import Chunk, Question, Request, Schema, json_object
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 def request(endpoint: ModelEndpoint, question: Question) -> Request:
@@ -22,9 +22,9 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
     if question.jpegs:
         if endpoint.provider == "embedded":
             raise LanguageModelError(
-                tr("The language model of this program cannot see pictures."),
-                tr("The assistant cannot answer."),
-                tr("Ask without the picture, or choose another model."),
+                QT_TR_NOOP("The language model of this program cannot see pictures."),
+                QT_TR_NOOP("The assistant cannot answer."),
+                QT_TR_NOOP("Ask without the picture, or choose another model."),
             )
         pictures = [
             {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"}}
@@ -66,17 +66,17 @@ def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
     raise_error_object(endpoint, message, key)
     choices = message.get("choices")
     if not isinstance(choices, list):
-        raise nonsense(endpoint, tr("a message has no choices"))
+        raise nonsense(endpoint, QT_TR_NOOP("a message has no choices"))
     version = _told_version(endpoint, message, key)
     if not choices:
         return Chunk(version=version)
     choice = choices[0]
     delta = choice.get("delta") if isinstance(choice, dict) else None
     if not isinstance(delta, dict):
-        raise nonsense(endpoint, tr("a choice has no delta"))
+        raise nonsense(endpoint, QT_TR_NOOP("a choice has no delta"))
     text = delta.get("content") or ""
     if not isinstance(text, str):
-        raise nonsense(endpoint, tr("the content is not text"))
+        raise nonsense(endpoint, QT_TR_NOOP("the content is not text"))
     if isinstance(refusal := delta.get("refusal"), str) and refusal:
         raise blocked(endpoint, refusal)
     alive = bool(delta.get("reasoning_content") or delta.get("reasoning"))

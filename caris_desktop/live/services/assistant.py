@@ -15,7 +15,7 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import Actor, cancelled_by
 from caris_desktop.domain.events import AssistantChanged, ChatMessage, Marked
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.assistant_context import AssistantContext
 from caris_desktop.live.assistant_setup import MAX_TEXT_CHARACTERS, Setup
@@ -196,10 +196,10 @@ class AssistantService(Service):
                 self._read_pictures(
                     asked.pictures,
                     lambda jpegs: self._send(exchange_id, question, asked, jpegs),
-                    lambda failure: self._exchanges.fail(exchange_id, f"{failure.what} {failure.advice}"),
+                    lambda failure: self._exchanges.fail(exchange_id, joined((failure.what, failure.advice))),
                 )
             except ToldFailure as failure:
-                self._exchanges.fail(exchange_id, f"{failure.what} {failure.advice}")
+                self._exchanges.fail(exchange_id, joined((failure.what, failure.advice)))
         else:
             self._send(exchange_id, question, asked, [])
 
@@ -347,7 +347,7 @@ class AssistantService(Service):
             endpoint = self._parts.resolve_endpoint(model, self._server_url)
             check_place(endpoint, local_only=local_only)
         except LanguageModelError as error:
-            self._exchanges.show_status(AssistantStatus(state="failed", detail=f"{error.what} {error.advice}"))
+            self._exchanges.show_status(AssistantStatus(state="failed", detail=joined((error.what, error.advice))))
             return
         shown_as = _embedded_shown() if model == EMBEDDED else endpoint.model
         self._exchanges.use_endpoint(endpoint, shown_as=shown_as, local_only=local_only)
