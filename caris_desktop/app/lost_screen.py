@@ -22,7 +22,10 @@ _of_qt = logging.getLogger("qt")
 _TOLD_WITHIN_S = 1.0
 _SAYS_SO = ("The X11 connection broke", "The Wayland connection broke")
 # A screen reader asks again and again for parts that are gone by then, and is late with its answers on a busy machine.
-_OF_SCREEN_READERS = ("Could not find accessible on path", "QSpiApplication::", "AtSpiAdaptor::", "Subscription string")
+_OF_SCREEN_READERS = (
+    "Could not find accessible on path", "Received text event for invalid interface", "Subscription string",
+    "QSpiApplication::", "AtSpiAdaptor::",
+)  # fmt: skip
 _LEVELS = {
     QtMsgType.QtDebugMsg: logging.DEBUG, QtMsgType.QtInfoMsg: logging.INFO, QtMsgType.QtWarningMsg: logging.WARNING,
     QtMsgType.QtCriticalMsg: logging.ERROR, QtMsgType.QtFatalMsg: logging.CRITICAL,

@@ -12,6 +12,7 @@ from caris_desktop.app.lost_screen import _on_message
     ("message", "level"),
     [
         ('Could not find accessible on path: "/org/a11y/atspi/accessible/2147483981"', logging.DEBUG),
+        ("Received text event for invalid interface.", logging.DEBUG),
         ('QSpiApplication::keyEventError  "org.freedesktop.DBus.Error.NoReply"', logging.DEBUG),
         ("QObject::startTimer: Timers cannot be started from another thread", logging.INFO),
     ],

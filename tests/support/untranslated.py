@@ -55,6 +55,7 @@ AS_IT_IS: dict[str, dict[str, str]] = {
         "The X11 connection broke": "said by Qt",
         "The Wayland connection broke": "said by Qt",
         "Could not find accessible on path": "said by Qt",
+        "Received text event for invalid interface": "said by Qt",
         "Subscription string": "said by Qt",
     },
     "app/perceive_again_command.py": {"*": _TERMINAL},
