@@ -8,12 +8,15 @@ from functools import cache, lru_cache
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import Filled, joined, refilled, speaks_english
 
+_LONGEST = 500
+"""What is longer was written by somebody, and would take its time to look through."""
+
 TEXTS_PATH = resources_dir() / "recorded-texts.json"
 
 
 def told_again(sentence: str) -> str:
     """For ``tr``. As it is where nobody needs it, or where it is no text of the program with values in it."""
-    return sentence if not sentence or speaks_english() else _found(sentence)
+    return sentence if speaks_english() or not 0 < len(sentence) <= _LONGEST else _found(sentence)
 
 
 @lru_cache(maxsize=2048)
