@@ -157,7 +157,12 @@ def test_no_return_is_no_obstacle() -> None:
 def test_the_map_says_what_the_lidar_finds_nearest(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     plan = find(window, "map_view")
     console.state.take(scan_of([math.inf, 2.5, math.inf, math.inf], Pose2D(0, 0, 0)))
-    qtbot.waitUntil(lambda: "Nearest obstacle 2.5 m to the right." in told(plan))
+
+    def hears() -> str:
+        QApplication.sendEvent(plan, QFocusEvent(QEvent.Type.FocusIn))
+        return told(plan)
+
+    qtbot.waitUntil(lambda: "Nearest obstacle 2.5 m to the right." in hears())
 
 
 @pytest.mark.usefixtures("screen_reader")
