@@ -1,4 +1,4 @@
-"""What a painted widget shows now, told to screen readers: once a second at most, and only while one is there."""
+"""What a painted widget shows now, told to screen readers: once in a while at most, and only while one is there."""
 
 from collections.abc import Callable
 
@@ -28,7 +28,7 @@ class ToldState(QObject):
         widget.installEventFilter(self)
 
     def changed(self) -> None:
-        """Something is shown otherwise: tell it now, or when a second has passed since the last time."""
+        """Something is shown otherwise: tell it now, or some time after the last time."""
         if not QAccessible.isActive():
             return
         if self._rest.isActive():
