@@ -12,7 +12,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.events import PreflightState
 from caris_desktop.domain.streams import Freshness
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.distant_ear import ear_of
 from caris_desktop.live.status import (
@@ -123,57 +123,55 @@ def _ticked(manual: ManualCheck, tick: Tick | None, why_open: str) -> PreflightC
     return check if tick is None else replace(check, state="passed", detail="", actor=tick.actor, checked_ns=tick.at_ns)
 
 
-def _as_sentence(detail: str) -> str:
-    return f"{detail[:1].upper()}{detail[1:].removesuffix('.')}."
-
-
 def _waits_for_robot(check: Callable[[PreflightState, str], PreflightCheck]) -> PreflightCheck:
-    return check("not checked", tr("Known once the robot is connected."))
+    return check("not checked", QT_TR_NOOP("Known once the robot is connected."))
 
 
 def no_answer_advice(robot: RobotProfile | None) -> str:
     """What to do about a robot that does not answer."""
     if robot is not None and robot.name == SIMULATED:
-        return tr("Start one: “Try it with the simulated robot” under Set up, in the Window menu.")
-    return tr("Switch it on, and look at its network and its address: Window menu, Robot. It is tried again by itself.")
+        return QT_TR_NOOP("Start one: “Try it with the simulated robot” under Set up, in the Window menu.")
+    return QT_TR_NOOP(
+        "Switch it on, and look at its network and its address: Window menu, Robot. It is tried again by itself."
+    )
 
 
 def _robot(facts: Facts) -> PreflightCheck:
-    check = partial(PreflightCheck, "robot", tr("Robot is connected"))
+    check = partial(PreflightCheck, "robot", QT_TR_NOOP("Robot is connected"))
     link = facts.link
-    name = link.robot or tr("the robot")
+    name = link.robot or QT_TR_NOOP("the robot")
     way = no_answer_advice(facts.robot)
     match link.state:
         case "connecting" if facts.link_for_s < _CONNECTS_WITHIN_S:
-            return check("pending", tr("Connecting to {robot}.").format(robot=name))
+            return check("pending", filled(QT_TR_NOOP("Connecting to {robot}."), robot=name))
         case "connecting":
             if link.address:
                 address = without_credentials(link.address)
-                silent = tr("{robot} does not answer at {address}.").format(robot=name, address=address)
+                silent = filled(QT_TR_NOOP("{robot} does not answer at {address}."), robot=name, address=address)
             else:
-                silent = tr("{robot} does not answer yet.").format(robot=name)
+                silent = filled(QT_TR_NOOP("{robot} does not answer yet."), robot=name)
             return check("major", silent, way)
         case "lost" | "closed":
-            return check("major", tr("{robot} is not connected.").format(robot=name), way)
+            return check("major", filled(QT_TR_NOOP("{robot} is not connected."), robot=name), way)
         case "trouble":
             return check(
                 "minor",
-                tr("The connection to {robot} is unsteady.").format(robot=name),
-                tr("Move closer to the router."),
+                filled(QT_TR_NOOP("The connection to {robot} is unsteady."), robot=name),
+                QT_TR_NOOP("Move closer to the router."),
             )
     if facts.robot_heard in ("stale", "lost"):
         return check(
             "minor" if facts.robot_heard == "stale" else "major",
-            tr("{robot} was last heard %n s ago.", "", round(facts.robot_silent_s)).format(robot=name),
-            tr("Check the robot’s computer and the network."),
+            filled(QT_TR_NOOP("{robot} was last heard %n s ago.", "", round(facts.robot_silent_s)), robot=name),
+            QT_TR_NOOP("Check the robot’s computer and the network."),
         )
     tells = facts.robot is None or facts.robot.odometry is not None or facts.robot.scan is not None
     if facts.robot_heard == "none" and tells:
-        silent = tr("{robot} is connected and has said nothing yet.").format(robot=name)
+        silent = filled(QT_TR_NOOP("{robot} is connected and has said nothing yet."), robot=name)
         if facts.link_for_s < _CONNECTS_WITHIN_S:
             return check("pending", silent)
-        return check("minor", silent, tr("Start its sensors, and check the topic names of its profile."))
-    return check("passed", tr("{robot} is connected.").format(robot=name))
+        return check("minor", silent, QT_TR_NOOP("Start its sensors, and check the topic names of its profile."))
+    return check("passed", filled(QT_TR_NOOP("{robot} is connected."), robot=name))
 
 
 def _practice(facts: Facts) -> PreflightCheck | None:
@@ -182,33 +180,33 @@ def _practice(facts: Facts) -> PreflightCheck | None:
         return None
     return PreflightCheck(
         "practice",
-        tr("A real robot"),
+        QT_TR_NOOP("A real robot"),
         "minor",
-        tr("The robot is simulated: what is recorded is practice."),
-        tr("Tick “Practice run” when you start, or connect your robot."),
+        QT_TR_NOOP("The robot is simulated: what is recorded is practice."),
+        QT_TR_NOOP("Tick “Practice run” when you start, or connect your robot."),
     )
 
 
 def _emergency_stop(facts: Facts) -> PreflightCheck | None:
     if not facts.scenario.permissions.driving:
         return None
-    check = partial(PreflightCheck, "emergency_stop", tr("Emergency stop is released"))
+    check = partial(PreflightCheck, "emergency_stop", QT_TR_NOOP("Emergency stop is released"))
     if facts.drive.emergency_stop:
         return check(
             "major",
-            tr("It is pressed: the robot will not move."),
-            tr("Release it at the top right when everybody is clear of the robot."),
+            QT_TR_NOOP("It is pressed: the robot will not move."),
+            QT_TR_NOOP("Release it at the top right when everybody is clear of the robot."),
         )
     if not facts.connected:
         return _waits_for_robot(check)
-    return check("passed", tr("The robot can move."))
+    return check("passed", QT_TR_NOOP("The robot can move."))
 
 
 def _video(facts: Facts) -> PreflightCheck | None:
     permissions = facts.scenario.permissions
     if not (permissions.video_recording or permissions.photos or permissions.driving):
         return None
-    check = partial(PreflightCheck, "video", tr("Pictures come"))
+    check = partial(PreflightCheck, "video", QT_TR_NOOP("Pictures come"))
     if not facts.cameras and facts.robot is not None and not facts.robot.cameras and not permissions.video_recording:
         return None  # it has no camera, and nobody needs one
     late = [name for name, freshness in facts.cameras.items() if freshness == "stale"]
@@ -218,142 +216,158 @@ def _video(facts: Facts) -> PreflightCheck | None:
         return _waits_for_robot(check)
     if not facts.cameras:
         if facts.link_for_s < _CONNECTS_WITHIN_S:
-            return check("pending", tr("Waiting for the first picture."))
-        return check("major", tr("No camera has sent a picture."), tr("Check the camera and its cable."))
+            return check("pending", QT_TR_NOOP("Waiting for the first picture."))
+        return check(
+            "major", QT_TR_NOOP("No camera has sent a picture."), QT_TR_NOOP("Check the camera and its cable.")
+        )
     if missing:
         return check(
             "major",
-            tr("No picture comes from {cameras}.").format(cameras=", ".join(missing)),
-            tr("Check the camera and its cable."),
+            filled(QT_TR_NOOP("No picture comes from {cameras}."), cameras=", ".join(missing)),
+            QT_TR_NOOP("Check the camera and its cable."),
         )
     if late:
         return check(
             "minor",
-            tr("Pictures come late from {cameras}.").format(cameras=", ".join(late)),
-            tr("Check the network; other programs may use it up."),
+            filled(QT_TR_NOOP("Pictures come late from {cameras}."), cameras=", ".join(late)),
+            QT_TR_NOOP("Check the network; other programs may use it up."),
         )
-    return check("passed", tr("Pictures come from {cameras}.").format(cameras=", ".join(facts.cameras)))
+    return check("passed", filled(QT_TR_NOOP("Pictures come from {cameras}."), cameras=", ".join(facts.cameras)))
 
 
 def _guard(facts: Facts) -> PreflightCheck | None:
     robot, drive = facts.robot, facts.drive
     if not facts.scenario.permissions.driving or (robot is not None and robot.scan is None):
         return None
-    check = partial(PreflightCheck, "guard", tr("LIDAR and guard against obstacles"))
+    check = partial(PreflightCheck, "guard", QT_TR_NOOP("LIDAR and guard against obstacles"))
     if robot is None or not facts.connected:
         return _waits_for_robot(check)
     if facts.scan == "none" and facts.link_for_s < _CONNECTS_WITHIN_S:
-        return check("pending", tr("Waiting for the first scan."))
+        return check("pending", QT_TR_NOOP("Waiting for the first scan."))
     if facts.scan in ("none", "lost"):
         return check(
-            "major", tr("The LIDAR sends nothing, so obstacles are not seen."), tr("Check the LIDAR on the robot.")
+            "major",
+            QT_TR_NOOP("The LIDAR sends nothing, so obstacles are not seen."),
+            QT_TR_NOOP("Check the LIDAR on the robot."),
         )
     if drive.guard == "overridden":
-        return check("minor", tr("The guard was switched off."), tr("Switch it on in the Drive panel."))
+        return check("minor", QT_TR_NOOP("The guard was switched off."), QT_TR_NOOP("Switch it on in the Drive panel."))
     if drive.guard == "blind":
         return check(
             "major",
-            _as_sentence(drive.guard_detail or tr("The guard cannot see.")),
-            tr("Check the LIDAR on the robot."),
+            drive.guard_detail or QT_TR_NOOP("The guard cannot see."),
+            QT_TR_NOOP("Check the LIDAR on the robot."),
         )
     if not robot.guard.on:
         return check(
-            "minor", tr("The robot’s profile has no guard of the console’s."), tr("Make sure that its own guard works.")
+            "minor",
+            QT_TR_NOOP("The robot’s profile has no guard of the console’s."),
+            QT_TR_NOOP("Make sure that its own guard works."),
         )
     if facts.scan == "stale":
-        return check("minor", tr("Scans come late, so the robot is slowed down."), tr("Check the network."))
-    return check("passed", tr("Obstacles are seen, and the guard is on."))
+        return check(
+            "minor", QT_TR_NOOP("Scans come late, so the robot is slowed down."), QT_TR_NOOP("Check the network.")
+        )
+    return check("passed", QT_TR_NOOP("Obstacles are seen, and the guard is on."))
 
 
 def _battery(facts: Facts) -> PreflightCheck | None:
     if facts.robot is None or facts.robot.battery is None:
         return None
-    check = partial(PreflightCheck, "battery", tr("Battery lasts"))
+    check = partial(PreflightCheck, "battery", QT_TR_NOOP("Battery lasts"))
     charge = facts.charge_fraction
     if not facts.connected:
         return _waits_for_robot(check)
     if charge is None:
-        return check("pending", tr("The robot has not told its charge yet."))
+        return check("pending", QT_TR_NOOP("The robot has not told its charge yet."))
     state: PreflightState = "major" if charge < _BATTERY_EMPTY else "minor" if charge < _BATTERY_LOW else "passed"
-    advice = "" if state == "passed" else tr("Charge the robot first.")
-    return check(state, tr("{charge} % left.").format(charge=round(charge * 100)), advice)
+    advice = "" if state == "passed" else QT_TR_NOOP("Charge the robot first.")
+    return check(state, filled(QT_TR_NOOP("{charge} % left."), charge=round(charge * 100)), advice)
 
 
 def _position(facts: Facts) -> PreflightCheck | None:
     if not (facts.scenario.permissions.driving and facts.scenario.places):
         return None
-    check = partial(PreflightCheck, "position", tr("Robot knows where it is"))
+    check = partial(PreflightCheck, "position", QT_TR_NOOP("Robot knows where it is"))
     if not facts.connected:
         return _waits_for_robot(check)
     if facts.link_for_s < _CONNECTS_WITHIN_S and (not facts.has_map or facts.pose == "none"):
-        return check("pending", tr("Waiting for the map and the robot’s position."))
+        return check("pending", QT_TR_NOOP("Waiting for the map and the robot’s position."))
     if not facts.has_map:
         return check(
             "major",
-            tr("There is no map, so it cannot go to places."),
-            tr("Start the robot’s navigation, or load a map in the Map panel."),
+            QT_TR_NOOP("There is no map, so it cannot go to places."),
+            QT_TR_NOOP("Start the robot’s navigation, or load a map in the Map panel."),
         )
     if facts.pose == "none":
         return check(
             "major",
-            tr("Its position on the map is not known, so it cannot go to places."),
-            tr("Say where it is with “Robot is here” in the Map panel."),
+            QT_TR_NOOP("Its position on the map is not known, so it cannot go to places."),
+            QT_TR_NOOP("Say where it is with “Robot is here” in the Map panel."),
         )
     if facts.pose != "fresh":
-        return check("minor", tr("Its position is old."), tr("Drive a little and watch the map."))
-    return check("passed", tr("Map and position are there."))
+        return check("minor", QT_TR_NOOP("Its position is old."), QT_TR_NOOP("Drive a little and watch the map."))
+    return check("passed", QT_TR_NOOP("Map and position are there."))
 
 
 def _clock(facts: Facts) -> PreflightCheck:
-    check = partial(PreflightCheck, "clock", tr("Robot’s clock is known"))
+    check = partial(PreflightCheck, "clock", QT_TR_NOOP("Robot’s clock is known"))
     link = facts.link
     if not facts.connected:
         return _waits_for_robot(check)
     if link.clock_offset_ms is None or link.clock_uncertainty_ms is None:
         if facts.link_for_s < _CLOCK_KNOWN_WITHIN_S:
-            return check("pending", tr("It is being compared with this computer’s."))
+            return check("pending", QT_TR_NOOP("It is being compared with this computer’s."))
         return check(
             "minor",
-            tr("The robot does not tell its time, so its stamps cannot be placed exactly."),
-            tr("Start rosapi on the robot."),
+            QT_TR_NOOP("The robot does not tell its time, so its stamps cannot be placed exactly."),
+            QT_TR_NOOP("Start rosapi on the robot."),
         )
     if link.clock_uncertainty_ms > _CLOCK_UNCERTAIN_MS:
-        return check("minor", tr("It is known to no better than 50 ms."), tr("Check the network to the robot."))
+        return check(
+            "minor", QT_TR_NOOP("It is known to no better than 50 ms."), QT_TR_NOOP("Check the network to the robot.")
+        )
     ahead_ms = facts.robot_ahead_ms
     if ahead_ms is not None and _CLOCK_AHEAD_MS < abs(ahead_ms) < _TIME_OF_ITS_OWN_MS:
         return check(
             "minor",
-            tr("It is more than a second off; the recording corrects that."),
-            tr("Set the robot’s clock by the network (NTP) to make its own logs agree."),
+            QT_TR_NOOP("It is more than a second off; the recording corrects that."),
+            QT_TR_NOOP("Set the robot’s clock by the network (NTP) to make its own logs agree."),
         )
-    return check("passed", tr("It is compared with this computer’s all the time."))
+    return check("passed", QT_TR_NOOP("It is compared with this computer’s all the time."))
 
 
 def _disk(facts: Facts) -> PreflightCheck:
-    check = partial(PreflightCheck, "disk", tr("Disk has room for an hour"))
+    check = partial(PreflightCheck, "disk", QT_TR_NOOP("Disk has room for an hour"))
     free = facts.free_bytes
     if free is None:
-        return check("pending", tr("The disk is being looked at."))
+        return check("pending", QT_TR_NOOP("The disk is being looked at."))
     hours = free / (facts.bytes_per_hour or _USUAL_HOUR_BYTES)
     if hours < 1.0:
-        return check("major", tr("There is room for %n minutes.", "", int(hours * 60)), tr("Free some disk space."))
+        return check(
+            "major",
+            QT_TR_NOOP("There is room for %n minutes.", "", int(hours * 60)),
+            QT_TR_NOOP("Free some disk space."),
+        )
     if hours < 2.0:
-        return check("minor", tr("There is room for little more than an hour."), tr("Free some disk space."))
+        return check(
+            "minor", QT_TR_NOOP("There is room for little more than an hour."), QT_TR_NOOP("Free some disk space.")
+        )
     if hours >= 24.0:
-        return check("passed", tr("There is room for more than a day."))
-    return check("passed", tr("There is room for %n hours.", "", int(hours)))
+        return check("passed", QT_TR_NOOP("There is room for more than a day."))
+    return check("passed", QT_TR_NOOP("There is room for %n hours.", "", int(hours)))
 
 
 def _microphone(facts: Facts) -> PreflightCheck | None:
     permissions, microphone = facts.scenario.permissions, facts.microphone
     if not (permissions.audio_recording or permissions.transcription):
         return None
-    check = partial(PreflightCheck, "microphone", tr("Microphone hears"))
+    check = partial(PreflightCheck, "microphone", QT_TR_NOOP("Microphone hears"))
     if not facts.microphone_chosen:
         return check(
             "minor",
-            tr("No microphone is chosen: what the participant says is not kept."),
-            tr("Choose one in the Window menu, under Participant’s microphone."),
+            QT_TR_NOOP("No microphone is chosen: what the participant says is not kept."),
+            QT_TR_NOOP("Choose one in the Window menu, under Participant’s microphone."),
         )
     if not facts.connected and ear_of(facts.scenario, facts.robot) == "robot":
         return _waits_for_robot(check)
@@ -361,54 +375,58 @@ def _microphone(facts: Facts) -> PreflightCheck | None:
         case "failed":
             return check(
                 "major",
-                _as_sentence(tr(microphone.detail) or tr("It cannot be opened.")),
-                tr("Plug it in, or choose another."),
+                microphone.detail or QT_TR_NOOP("It cannot be opened."),
+                QT_TR_NOOP("Plug it in, or choose another."),
             )
         case "starting":
-            return check("pending", tr("It is being opened."))
+            return check("pending", QT_TR_NOOP("It is being opened."))
     if facts.loud:
-        return check("passed", tr("Something was heard."))
+        return check("passed", QT_TR_NOOP("Something was heard."))
     if microphone.state == "on":
-        return check("pending", tr("Nothing was heard yet."), tr("Say a few words where the participant will be."))
-    return check("not checked", tr("Nobody has listened yet."), tr("Try it, and say a few words."))
+        return check(
+            "pending",
+            QT_TR_NOOP("Nothing was heard yet."),
+            QT_TR_NOOP("Say a few words where the participant will be."),
+        )
+    return check("not checked", QT_TR_NOOP("Nobody has listened yet."), QT_TR_NOOP("Try it, and say a few words."))
 
 
 def _listening(facts: Facts) -> PreflightCheck | None:
     if not facts.scenario.permissions.transcription:
         return None
-    check = partial(PreflightCheck, "listening", tr("Speech becomes text"))
+    check = partial(PreflightCheck, "listening", QT_TR_NOOP("Speech becomes text"))
     listening = facts.listening
     match listening.state:
         case "ready":
-            return check("passed", tr("The recogniser is ready."))
+            return check("passed", QT_TR_NOOP("The recogniser is ready."))
         case "failed":
             return check(
                 "minor",
-                _as_sentence(tr(listening.detail) or tr("The recogniser does not work.")),
-                tr("Type notes instead, or restart the program."),
+                listening.detail or QT_TR_NOOP("The recogniser does not work."),
+                QT_TR_NOOP("Type notes instead, or restart the program."),
             )
         case "loading":
-            return check("pending", tr("The recogniser is being loaded."))
-    return check("not checked", tr("It begins when the microphone is open."))
+            return check("pending", QT_TR_NOOP("The recogniser is being loaded."))
+    return check("not checked", QT_TR_NOOP("It begins when the microphone is open."))
 
 
 def _voice(facts: Facts) -> PreflightCheck | None:
     if not facts.scenario.permissions.speech:
         return None
-    check = partial(PreflightCheck, "voice", tr("Robot can speak"))
+    check = partial(PreflightCheck, "voice", QT_TR_NOOP("Robot can speak"))
     speech, robot = facts.speech, facts.robot
     if facts.voice.output == "robot":
         if robot is None or not facts.connected:
             return _waits_for_robot(check)
         if robot.speech is not None:
-            return check("passed", tr("It speaks with its own voice."))
+            return check("passed", QT_TR_NOOP("It speaks with its own voice."))
     if speech.ready and speech.detail:
-        return check("major", _as_sentence(tr(speech.detail)), tr("Check this computer’s sound."))
+        return check("major", speech.detail, QT_TR_NOOP("Check this computer’s sound."))
     if speech.ready:
-        return check("passed", tr("The voice is ready."))
+        return check("passed", QT_TR_NOOP("The voice is ready."))
     if speech.detail:
-        return check("major", _as_sentence(tr(speech.detail)), tr("Choose another voice in the Speak panel."))
-    return check("pending", tr("The voice is being loaded."))
+        return check("major", speech.detail, QT_TR_NOOP("Choose another voice in the Speak panel."))
+    return check("pending", QT_TR_NOOP("The voice is being loaded."))
 
 
 def _people(facts: Facts) -> PreflightCheck | None:
@@ -417,24 +435,26 @@ def _people(facts: Facts) -> PreflightCheck | None:
     if not (covers or scenario.permissions.naming_people):
         return None
     check = partial(
-        PreflightCheck, "people", tr("People are found and pixelated") if covers else tr("People are found")
+        PreflightCheck,
+        "people",
+        QT_TR_NOOP("People are found and pixelated") if covers else QT_TR_NOOP("People are found"),
     )
     match perception.state:
         case "ready":
-            return check("passed", tr("The detector is ready."))
+            return check("passed", QT_TR_NOOP("The detector is ready."))
         case "failed" if covers:
             return check(
                 "major",
-                tr("The detector does not work: every picture that is kept is pixelated as a whole."),
-                tr("Restart the program; the Diagnostics panel has the details."),
+                QT_TR_NOOP("The detector does not work: every picture that is kept is pixelated as a whole."),
+                QT_TR_NOOP("Restart the program; the Diagnostics panel has the details."),
             )
         case "failed":
             return check(
                 "minor",
-                tr("The detector does not work: nobody is found in the pictures."),
-                tr("Restart the program; the Diagnostics panel has the details."),
+                QT_TR_NOOP("The detector does not work: nobody is found in the pictures."),
+                QT_TR_NOOP("Restart the program; the Diagnostics panel has the details."),
             )
-    return check("pending", tr("The detector is being loaded."))
+    return check("pending", QT_TR_NOOP("The detector is being loaded."))
 
 
 def _consent(facts: Facts) -> PreflightCheck | None:
@@ -442,36 +462,36 @@ def _consent(facts: Facts) -> PreflightCheck | None:
     scenario = facts.scenario
     if not (scenario.covers_people and scenario.blur.who == "without_consent"):
         return None
-    check = partial(PreflightCheck, "consent", tr("Consent is noted"))
+    check = partial(PreflightCheck, "consent", QT_TR_NOOP("Consent is noted"))
     here = [person for person in facts.people if person.here]
     kind = "video" if scenario.permissions.video_recording else "photo"
     without = sum(kind not in person.consents for person in here)
     if not here:
-        return check("pending", tr("Known once somebody is in front of the robot."))
+        return check("pending", QT_TR_NOOP("Known once somebody is in front of the robot."))
     if without:
         return check(
             "minor",
-            tr("Pixelated, as no consent is noted: {count} of those here.").format(count=without),
-            tr("Note it in the People panel, if they agreed."),
+            filled(QT_TR_NOOP("Pixelated, as no consent is noted: {count} of those here."), count=without),
+            QT_TR_NOOP("Note it in the People panel, if they agreed."),
         )
-    return check("passed", tr("Everybody here has agreed."))
+    return check("passed", QT_TR_NOOP("Everybody here has agreed."))
 
 
 def _model(facts: Facts) -> PreflightCheck | None:
     if not facts.scenario.permissions.assistant:
         return None
-    check = partial(PreflightCheck, "model", tr("Language model answers"))
+    check = partial(PreflightCheck, "model", QT_TR_NOOP("Language model answers"))
     assistant = facts.assistant
     match assistant.state:
         case "ready" | "answering":
-            return check("passed", tr("{model} is ready.").format(model=assistant.model or "–"))
+            return check("passed", filled(QT_TR_NOOP("{model} is ready."), model=assistant.model or "–"))
         case "failed":
             return check(
                 "minor",
-                _as_sentence(tr(assistant.detail) or tr("It does not answer.")),
-                tr("Choose another model in the Assistant panel; you can speak without one."),
+                assistant.detail or QT_TR_NOOP("It does not answer."),
+                QT_TR_NOOP("Choose another model in the Assistant panel; you can speak without one."),
             )
-    return check("pending", tr("It is being loaded."))
+    return check("pending", QT_TR_NOOP("It is being loaded."))
 
 
 _LOOKS: tuple[Callable[[Facts], PreflightCheck | None], ...] = (

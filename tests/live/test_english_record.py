@@ -16,7 +16,7 @@ _ROOT = Path(caris_desktop.__file__).parent
 _AS_READ = ("Problem", "AlarmChanged")
 """A problem is kept as the wizard read it."""
 
-_NOT_RECORDED = ("ExportStatus", "LibraryStatus", "PlaybackStatus", "PreflightCheck")
+_NOT_RECORDED = ("ExportStatus", "LibraryStatus", "PlaybackStatus")
 _TOLD = ("detail", "reason", "cap_reason", "guard_detail")
 _IN_WIZARDS_LANGUAGE = ("tr", "told_here")
 

@@ -6,6 +6,8 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.actor import WIZARD
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.translation import Filled, tr, use_translator
 from caris_desktop.live.preflight import Facts, Tick, automatic_checks, ticked_checks
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -22,6 +24,7 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.robot.profile import RobotProfile, load_profile
 from caris_desktop.scenario.model import BlurSettings, PanelLeaf, Permissions, Place, Scenario
 from caris_desktop.scenario.preflight import ManualCheck
+from caris_desktop.ui.preflight.preflight_words import state_words
 from tests.ui.samples import TOUR
 
 EVERYTHING = Permissions(audio_recording=True, transcription=True, own_voice=True, face=True)
@@ -57,6 +60,20 @@ def test_a_robot_that_works_passes_every_check() -> None:
     }  # fmt: skip
     assert {check.state for check in checks.values()} == {"passed"}
     assert not any(check.asks_first or check.manual for check in checks.values())
+
+
+def test_the_record_has_them_in_english_and_the_window_in_the_wizards_language() -> None:
+    facts = replace(GOOD, link=replace(LINKED, state="lost"), free_bytes=3_000_000_000, perception=PerceptionStatus())
+    checks = automatic_checks(facts)
+    texts = [text for check in checks for text in (check.title, check.detail, check.advice) if text]
+    use_translator(lambda text, _meant, _number: f"<{text}>")
+    try:
+        assert automatic_checks(facts) == checks
+        assert all(tr(text) == f"<{text}>" or isinstance(text, Filled) for text in texts)
+        assert {tr(checks[0].title), tr(checks[0].detail)} == {"<Robot is connected>", "<TIAGo is not connected.>"}
+    finally:
+        use_translator(None)
+    assert all(isinstance(text, Filled) for text in texts), "text and values apart, for whoever translates them"
 
 
 @pytest.mark.parametrize(
@@ -125,7 +142,7 @@ def test_a_robot_that_works_passes_every_check() -> None:
 def test_each_check_says_how_that_stands_and_what_to_do(check_id: str, state: str, changed: dict[str, Any]) -> None:
     check = by_id(replace(GOOD, **changed))[check_id]
     assert check.state == state
-    assert check.detail.endswith("."), "a sentence"
+    assert state_words(check, ClockAnchor(0, 0)).endswith("."), "a sentence"
     assert bool(check.advice) or state not in ("minor", "major")
 
 

@@ -179,9 +179,9 @@ def _link_lost() -> Condition:
 
 
 def _no_link_yet(state: LiveState) -> Condition:
-    robot = state.link.value.robot or tr("The robot")
+    robot, advice = state.link.value.robot or tr("The robot"), no_answer_advice(state.robot.value)
     return Condition(
         "link", "error", tr("{robot} does not answer.").format(robot=robot),
         tr("Until it does it is neither driven nor seen, and what it should say waits."),
-        no_answer_advice(state.robot.value), until="connected", prevails=True,
+        tr(advice), until="connected", prevails=True,
     )  # fmt: skip

@@ -120,7 +120,7 @@ class PreflightService(Service):
             self._link_state, self._link_since_ns = self._state.link.value.state, clock.now_ns()
         if self._state.recording.value.state not in IN_SESSION or not self._automatic:
             self._automatic = automatic_checks(self._facts(scenario))
-        ticked = ticked_checks(scenario, self._ticks, tr(self._why_open), self._taken_back)
+        ticked = ticked_checks(scenario, self._ticks, self._why_open, self._taken_back)
         self._state.preflight.set((*self._automatic, *ticked))
 
     def _facts(self, scenario: Scenario) -> Facts:
@@ -221,4 +221,4 @@ class PreflightService(Service):
 
 
 def _ticked_words(check: PreflightCheck) -> str:
-    return tr("It was ticked.") if check.state == "passed" else tr("It was not ticked.")
+    return QT_TR_NOOP("It was ticked.") if check.state == "passed" else QT_TR_NOOP("It was not ticked.")

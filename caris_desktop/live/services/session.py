@@ -122,7 +122,7 @@ class SessionService(Service):
         if waits:
             raise ToldFailure(
                 tr("The recording did not start. Not ready: {checks}.").format(
-                    checks=", ".join(check.title for check in waits)
+                    checks=", ".join(tr(check.title) for check in waits)
                 ),
                 tr("Nothing is recorded."),
                 tr("See to it in the checks before a recording, or choose Record anyway in Start recording."),

@@ -111,12 +111,12 @@ class PreflightRow(QWidget):
         self._check = check
         row = boxes.row(self, margins_px=(0, 5, 0, 5), spacing_px=10)
         self.box: CheckBox | None = None
-        self._title = self._label(check.title, tokens.BODY_PX)
+        self._title = self._label(tr(check.title), tokens.BODY_PX)
         self._mark = _StateMark(theme)
         row.addWidget(self._mark, 0, Qt.AlignmentFlag.AlignTop)
         words = boxes.column(spacing_px=2)
         if check.manual:
-            self.box = CheckBox(theme, check.title)
+            self.box = CheckBox(theme, tr(check.title))
             self.box.setObjectName(f"tick_{check.id}")
             self.box.clicked.connect(self._on_ticked)
             self._title.hide()
@@ -147,7 +147,7 @@ class PreflightRow(QWidget):
         """``in_full``: also of what is as it should be is said how it stands."""
         self._check = check
         detail = state_words(check, self._console.state.present.anchor)
-        advice = "" if check.state in ("passed", "pending") and check.id != "microphone" else check.advice
+        advice = "" if check.state in ("passed", "pending") and check.id != "microphone" else tr(check.advice)
         self._detail.setText(detail)
         # What is as it should be takes one line.
         self._detail.setVisible(bool(detail) and (check.state != "passed" or check.manual or in_full))
@@ -162,7 +162,7 @@ class PreflightRow(QWidget):
         if self.try_button is not None:
             opened = self._console.state.microphone.value.state in ("starting", "on")
             self.try_button.setVisible(check.state != "passed" and not opened and self._console.state.present.live)
-        self.setAccessibleName(f"{check.title}: {self._state.text()}")
+        self.setAccessibleName(f"{tr(check.title)}: {self._state.text()}")
         self.setAccessibleDescription(" ".join(part for part in (detail, advice) if part))
         self._style()
 

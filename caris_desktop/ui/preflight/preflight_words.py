@@ -56,7 +56,7 @@ def summary(checks: Sequence[PreflightCheck], *, past: bool = False) -> str:
 
 def open_words(checks: Sequence[PreflightCheck]) -> str:
     """What is asked about before a recording begins without it."""
-    titles = [check.title for check in checks if check.asks_first]
+    titles = [tr(check.title) for check in checks if check.asks_first]
     named = ", ".join(f"“{title}”" for title in titles[:3])
     if len(titles) > 3:
         named = tr("{some} and %n more", "", len(titles) - 3).format(some=named)
@@ -66,11 +66,16 @@ def open_words(checks: Sequence[PreflightCheck]) -> str:
 def state_words(check: PreflightCheck, anchor: ClockAnchor) -> str:
     """How it stands; of what was ticked, by whom and when."""
     if not check.manual or check.checked_ns is None:
-        return check.detail
+        return _as_sentence(tr(check.detail))
     moment = datetime.fromtimestamp(anchor.utc_ns_at(check.checked_ns) / 1e9).strftime("%H:%M")
     if check.actor == WIZARD:
         return tr("Ticked by you at {moment}.").format(moment=moment)
     return tr("Ticked by {who} at {moment}.").format(who=in_words(check.actor), moment=moment)
+
+
+def _as_sentence(detail: str) -> str:
+    """As a reason that a status gives, which stands behind a colon elsewhere."""
+    return f"{detail[:1].upper()}{detail[1:].removesuffix('.')}." if detail else ""
 
 
 def log_line(event: PreflightChecked) -> tuple[str, str] | None:
@@ -81,4 +86,4 @@ def log_line(event: PreflightChecked) -> tuple[str, str] | None:
         return None
     else:
         text = tr((_BEGAN_IN_SPITE_OF if event.accepted else _BEGAN_WITH)[event.state])
-    return QT_TR_NOOP("Session"), text.format(check=event.title)
+    return QT_TR_NOOP("Session"), text.format(check=tr(event.title))

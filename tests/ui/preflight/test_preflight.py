@@ -100,6 +100,12 @@ def test_each_check_says_how_it_stands_and_what_to_do(card: PreflightCard) -> No
     assert card.list.rows["emergency_stop"].accessibleName() == "Emergency stop is released: Major"
 
 
+def test_a_reason_that_a_status_gives_reads_as_a_sentence() -> None:
+    blind = PreflightCheck("guard", "Guard", "major", "the laser is covered")
+    assert state_words(blind, ClockAnchor(0, 0)) == "The laser is covered."
+    assert state_words(replace(blind, detail=""), ClockAnchor(0, 0)) == ""
+
+
 def test_a_check_by_hand_is_ticked_by_keyboard(qtbot: QtBot, card: PreflightCard, console: FakeConsole) -> None:
     row = card.list.rows[FORM.id]
     assert row.box is not None
