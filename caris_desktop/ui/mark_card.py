@@ -2,7 +2,7 @@
 
 import time
 
-from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QObject, QRect, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QPaintEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
@@ -12,11 +12,13 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.recording import ERROR_KEYS, ErrorKind
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.give_keys import give_keys
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.window_above import clear_place, windows_above
 
 WIDTH_PX = 720
 _SHOWN_MS = 6000
@@ -189,7 +191,7 @@ class MarkCard(QWidget):
     def write_note(self, mark: Marked | None = None) -> None:
         """Open the field for a note about this moment, or about ``mark``."""
         if self.writes_note and mark is None:
-            self.field.setFocus(Qt.FocusReason.ShortcutFocusReason)
+            give_keys(self.field)
             return
         focused = self._window.focusWidget()
         if focused is not self.field:
@@ -208,7 +210,7 @@ class MarkCard(QWidget):
         self.field.setText("" if mark is None else mark.note)
         self._note_row.show()
         self._open(None)
-        self.field.setFocus(Qt.FocusReason.ShortcutFocusReason)
+        give_keys(self.field)
 
     @property
     def writes_note(self) -> bool:
@@ -382,7 +384,10 @@ class MarkCard(QWidget):
         height = layout.heightForWidth(width) if layout.hasHeightForWidth() else layout.sizeHint().height()
         below = self._below
         top = _BELOW_TOP_BAR_PX if below is None or below.isHidden() else below.geometry().bottom() + 4
-        self.setGeometry(_LEFT_PX, top, width, height)
+        usual, room = QRect(_LEFT_PX, top, width, height), self._window.width() - 2 * _LEFT_PX
+        taken = [window.place_in(self._window) for window in windows_above(self._window)]
+        place = clear_place(usual, QRect(_LEFT_PX, top, room, height), taken) or usual
+        self.setGeometry(place)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():

@@ -2,9 +2,11 @@
 
 from PySide6.QtCore import QEvent, QObject, QRect, Qt
 from PySide6.QtGui import QAccessible, QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QAbstractButton, QCheckBox, QWidget
+from PySide6.QtWidgets import QAbstractButton, QApplication, QCheckBox, QWidget
 
+from caris_desktop.ui.give_keys import bring_keys_to
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_above import WindowAbove, clear_place, windows_above
 
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
@@ -14,6 +16,9 @@ class Overlay(QWidget):
 
     Enter presses the button that has the focus, as Space does: whoever sees one chosen tries that first. A tick wants
     Space, so that nobody confirms one by going on.
+
+    Panels in windows of their own lie above this window: the card keeps clear of them, and where it cannot, those that
+    would cover it step back as long as it is open.
     """
 
     accessible_role = QAccessible.Role.Dialog
@@ -24,24 +29,35 @@ class Overlay(QWidget):
         self._window = window
         self._width_px = width_px
         self._focus_before: QWidget | None = None
+        self._keys_before: QWidget | None = None
+        self._stepped_back: list[WindowAbove] = []
         self.card = _Card(theme, self)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         window.installEventFilter(self)
         self.hide()
 
     def open(self) -> None:
-        self._focus_before = self._window.focusWidget()
+        if self.isHidden():
+            self._focus_before = self._window.focusWidget()
+            self._keys_before = QApplication.activeWindow()
         self._place()
         self.show()
         self.raise_()
+        bring_keys_to(self._window)
 
     def close_overlay(self) -> None:
         """Hide, and give the focus back to where it was."""
         if self.isHidden():
             return
         self.hide()
+        for window in self._stepped_back:
+            window.step_back(back=False)
+        self._stepped_back.clear()
         if self._focus_before is not None and self._focus_before.isVisible():
             self._focus_before.setFocus(Qt.FocusReason.OtherFocusReason)
+        before, self._keys_before = self._keys_before, None
+        if isinstance(before, WindowAbove) and before.isVisible():
+            bring_keys_to(before)
 
     def card_height_px(self) -> int:
         return self.card.sizeHint().height()
@@ -51,7 +67,17 @@ class Overlay(QWidget):
         self.setGeometry(QRect(0, 56, self._window.width(), self._window.height() - 56))
         width = min(self._width_px, self.width() - 32)
         height = min(self.card_height_px(), self.height() - 48)
-        self.card.setGeometry((self.width() - width) // 2, 24, width, height)
+        usual = QRect((self.width() - width) // 2, 24, width, height)
+        windows = windows_above(self._window)
+        places = [window.place_in(self) for window in windows]
+        free = clear_place(usual, QRect(16, 24, self.width() - 32, height), places)
+        card = free or usual
+        self.card.setGeometry(card)
+        if free is None:
+            for window, place in zip(windows, places, strict=True):
+                if place.intersects(card):
+                    window.step_back(back=True)
+                    self._stepped_back.append(window)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():

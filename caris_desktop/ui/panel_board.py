@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QSize, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -19,6 +19,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.ui.give_keys import give_keys
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
 from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
 from caris_desktop.ui.layout.tree import panels_in, permitted
@@ -308,7 +309,7 @@ class PanelBoard(QObject):
         panel = self.panels.get(name)
         if panel is not None:
             self.open(name)
-            panel.focus_target().setFocus(Qt.FocusReason.ShortcutFocusReason)
+            give_keys(panel.focus_target())
 
     def focus_driving(self) -> bool:
         """Put the focus where the bare keys drive; False where the scenario has no such panel."""
@@ -321,7 +322,7 @@ class PanelBoard(QObject):
             panel = self._panels.get(name)
             if panel is not None:
                 self._docks.show_panel(name)
-                panel.focus_target().setFocus(Qt.FocusReason.ShortcutFocusReason)
+                give_keys(panel.focus_target())
                 return True
         return False
 

@@ -4,7 +4,7 @@ what happened, what it means, what to do. Never a box in the way.
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QMouseEvent, QPaintEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
@@ -23,6 +23,7 @@ from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.status_button import StatusButton
+from caris_desktop.ui.window_above import windows_above
 
 SHOWN_AT_ONCE = 3
 _GOES_AWAY_AFTER_MS = {"info": 8_000, "warning": 20_000}
@@ -157,7 +158,8 @@ class ProblemCards(QWidget):
             card.fold(card is not whole)
         if not self._over.isVisibleTo(self._over.window()):
             return None
-        taken = [] if self._clear_of is None or self._clear_of.isHidden() else [_place_of(self._clear_of)]
+        taken = [] if self._clear_of is None or self._clear_of.isHidden() else [_rect(self._clear_of.geometry())]
+        taken += [_rect(window.place_in(self._over)) for window in windows_above(self._over.window())]
         return card_place(self._over.placing.groups, self._height_for, taken)
 
     def _open_whole(self, card: "ProblemCard") -> None:
@@ -178,8 +180,7 @@ class ProblemCards(QWidget):
         return False
 
 
-def _place_of(card: QWidget) -> Rect:
-    place = card.geometry()
+def _rect(place: QRect) -> Rect:
     return Rect(place.x(), place.y(), place.width(), place.height())
 
 

@@ -12,12 +12,13 @@ from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea, qrect
 from caris_desktop.ui.layout.rect import Rect
 from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.window_above import WindowAbove
 
 _MARGIN_PX = 8
 _SETTLES_MS = 400  # meanwhile a window manager puts its frame around the window
 
 
-class FloatingWindow(TabAsRead, QWidget):
+class FloatingWindow(TabAsRead, WindowAbove):
     """A tool window: it stays above the main window, whose keys work in it too."""
 
     moved_by_hand = Signal(object)  # Rect
@@ -30,6 +31,7 @@ class FloatingWindow(TabAsRead, QWidget):
         column = boxes.column(self, margins_px=_MARGIN_PX)
         column.addWidget(self.area)
         self._placed: Rect | None = None
+        self._shown = False
         self._settling = QTimer(self, singleShot=True, interval=_SETTLES_MS)
         self._rest = QTimer(self, singleShot=True, interval=200)
         self._rest.timeout.connect(self._tell)
@@ -43,7 +45,15 @@ class FloatingWindow(TabAsRead, QWidget):
             self._placed = place
             self._settling.start()
             self.setGeometry(qrect(place))
-        self.setVisible(bool(shown))
+        self._shown = bool(shown)
+        self.setVisible(self._shown and not self.is_back)
+
+    def step_back(self, *, back: bool) -> None:
+        super().step_back(back=back)
+        self._settling.start()  # whatever a window manager makes of that, nobody moved it
+        if not back and self._placed is not None:
+            self.setGeometry(qrect(self._placed))
+        self.setVisible(self._shown and not back)
 
     def _on_geometry(self) -> None:
         if self.isVisible() and not self._settling.isActive():
@@ -63,8 +73,12 @@ class FloatingWindow(TabAsRead, QWidget):
         self._on_geometry()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        event.ignore()
-        self.close_wanted.emit()
+        """Its own cross puts the panels back. The program, which ends when all its windows let themselves be closed,
+        finds them here again next time.
+        """
+        if event.spontaneous():
+            event.ignore()
+            self.close_wanted.emit()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         QPainter(self).fillRect(self.rect(), self.palette().window())

@@ -21,6 +21,7 @@ from caris_desktop.ui.conversation.transcript_rows import (
     RowMaker,
     found_in,
 )
+from caris_desktop.ui.give_keys import give_keys
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -217,7 +218,7 @@ class ConversationPanel(Panel):
     def open_search(self) -> None:
         """The line to search in what was said, with the keys in it."""
         self._search.show()
-        self._search.field.setFocus(Qt.FocusReason.ShortcutFocusReason)
+        give_keys(self._search.field)
         self._search.field.selectAll()
         self._look_again()
 

@@ -14,6 +14,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import boxes, event_words, words
+from caris_desktop.ui.give_keys import give_keys
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.asked import AskedAbout
 from caris_desktop.ui.people.people_list import PeopleList
@@ -259,7 +260,7 @@ class PeoplePanel(Panel):
 
     def _open_search(self) -> None:
         self._search.show()
-        self._search.setFocus(Qt.FocusReason.ShortcutFocusReason)
+        give_keys(self._search)
         self._search.selectAll()
 
     def _close_search(self) -> None:

@@ -16,6 +16,7 @@ from caris_desktop.live.status import AskedGap, SpeechStatus
 from caris_desktop.scenario.phrases import sentences
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.action_rows import phrases_on_keys
+from caris_desktop.ui.give_keys import give_keys
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted, name_of
 from caris_desktop.ui.speak.field import SpeakField
@@ -158,7 +159,7 @@ class SpeakPanel(Panel):
 
     def focus_list(self) -> None:
         if self._queue.isVisible():
-            self._queue.setFocus(Qt.FocusReason.ShortcutFocusReason)
+            give_keys(self._queue)
 
     def what_lasts(self) -> str:
         return self.field.toPlainText()
@@ -175,7 +176,7 @@ class SpeakPanel(Panel):
     def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
         self.field.bring(text)
         self._say_instead = say
-        self.field.setFocus(Qt.FocusReason.ShortcutFocusReason)
+        give_keys(self.field)
 
     def sizeHint(self) -> QSize:
         return QSize(600, 220)
@@ -272,14 +273,14 @@ class SpeakPanel(Panel):
                 back = self._before_gap if self._gap.field.hasFocus() else None
                 self._gap.hide()
                 if back is not None:
-                    back.setFocus(Qt.FocusReason.OtherFocusReason)
+                    give_keys(back, Qt.FocusReason.OtherFocusReason)
             return
         if not self._gap.isVisible():
             self._before_gap = QApplication.focusWidget()
         self._gap.ask(asked)
         # Whoever drives by bare keys goes on driving, and comes here when they choose to.
         if not (self.hold.held and self.table.driving_focus):
-            self._gap.field.setFocus(Qt.FocusReason.OtherFocusReason)
+            give_keys(self._gap.field)
 
     def _fill_gap(self, said: str) -> None:
         asked: AskedGap | None = self.state.speech.value.gap

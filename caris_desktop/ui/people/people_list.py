@@ -18,6 +18,7 @@ from PySide6.QtWidgets import QStyle, QStyledItemDelegate, QStyleOptionViewItem,
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
+from caris_desktop.ui.give_keys import give_keys
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.people.people_model import PERSON_ROLE, Index, PeopleModel
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
@@ -267,7 +268,7 @@ class PeopleList(RowList):
         self._place_field()
         self._field.show()
         self._field.selectAll()
-        self._field.setFocus(Qt.FocusReason.OtherFocusReason)
+        give_keys(self._field, Qt.FocusReason.OtherFocusReason)
 
     def _place_field(self) -> None:
         if not self._naming:

@@ -1,0 +1,133 @@
+"""Panels in windows of their own lie above the main window: keys, cards and the end of the program find their way."""
+
+import pytest
+from PySide6.QtCore import QRect, Qt
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.scenario.model import PanelName
+from caris_desktop.ui.layout.floating_window import FloatingWindow
+from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.window_above import clear_place
+from tests.ui.conftest import find
+
+pytestmark = pytest.mark.panels("video", "speak", "map")
+
+
+class AskedByTheWindowManager(QCloseEvent):
+    def spontaneous(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def wide(window: MainWindow) -> MainWindow:
+    window.resize(1600, 900)
+    QApplication.processEvents()
+    return window
+
+
+def float_at(window: MainWindow, qtbot: QtBot, name: PanelName, place: Rect) -> FloatingWindow:
+    at = window.mapToGlobal(window.rect().topLeft())
+    window.dock_host.float_panel(name, Rect(place.left + at.x(), place.top + at.y(), place.width, place.height))
+    floating = window.dock_host.docks[name].window()
+    assert isinstance(floating, FloatingWindow)
+    floating.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is floating)
+    return floating
+
+
+def lies(widget: QWidget) -> QRect:
+    return QRect(widget.mapToGlobal(widget.rect().topLeft()), widget.size())
+
+
+def test_the_program_can_end_and_finds_the_panels_there_again(wide: MainWindow, qtbot: QtBot) -> None:
+    floating = float_at(wide, qtbot, "map", Rect(900, 300, 500, 400))
+    before = wide.dock_host.arrangement
+    assert floating.close(), "else the program goes on without its main window"
+    assert wide.dock_host.arrangement == before
+    event = AskedByTheWindowManager()
+    floating.closeEvent(event)
+    assert not event.isAccepted()
+    assert wide.dock_host.docks["map"].window() is wide, "its own cross puts it back"
+
+
+def test_what_a_key_asks_for_gets_the_keys(wide: MainWindow, qtbot: QtBot) -> None:
+    floating = float_at(wide, qtbot, "map", Rect(1000, 300, 400, 300))
+    for ask in (wide.focus_speak, wide.focus_driving, wide.marking.card.write_note, wide.show_command_palette):
+        floating.activateWindow()
+        qtbot.waitUntil(lambda: QApplication.activeWindow() is floating)
+        ask()
+        qtbot.waitUntil(wide.isActiveWindow)
+    assert QApplication.focusWidget() is find(wide, "palette_field")
+    QTest.keyClicks(find(wide, "palette_field"), "quit")
+    assert find(wide, "palette_field").property("text") == "quit"
+    wide.hold.escape_pressed.emit()
+    speaking = float_at(wide, qtbot, "speak", Rect(100, 300, 400, 300))
+    wide.activateWindow()
+    qtbot.waitUntil(wide.isActiveWindow)
+    wide.focus_speak()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is speaking)
+
+
+def test_what_was_opened_lies_clear_and_the_keys_go_back(wide: MainWindow, qtbot: QtBot) -> None:
+    floating = float_at(wide, qtbot, "map", Rect(980, 300, 600, 400))
+    wide.show_command_palette()
+    card = wide._palette_overlay.card
+    assert not lies(card).intersects(floating.frameGeometry())
+    assert floating.isVisible()
+    wide.hold.escape_pressed.emit()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is floating)
+
+
+def test_what_would_cover_it_steps_back_and_returns_to_its_place(wide: MainWindow, qtbot: QtBot) -> None:
+    wide.resize(780, 760)
+    floating = float_at(wide, qtbot, "map", Rect(60, 60, 680, 600))
+    place, before = floating.geometry(), wide.dock_host.arrangement
+    wide.show_command_palette()
+    assert not floating.isVisible()
+    wide.dock_host.show_everything()
+    assert not floating.isVisible(), "whatever is laid out meanwhile"
+    wide.hold.escape_pressed.emit()
+    assert floating.isVisible()
+    assert floating.geometry() == place
+    assert wide.dock_host.arrangement == before
+
+
+@pytest.mark.parametrize(
+    ("taken", "left"),
+    [
+        ((), 490),
+        ((QRect(980, 0, 600, 800),), 980 - 620 - 12),
+        ((QRect(0, 0, 600, 800),), 612),
+        ((QRect(400, 0, 800, 800),), None),
+        ((QRect(980, 600, 600, 200),), 490),
+    ],
+)
+def test_a_card_moves_no_further_than_it_must(taken: tuple[QRect, ...], left: int | None) -> None:
+    found = clear_place(QRect(490, 24, 620, 438), QRect(16, 24, 1568, 438), taken)
+    assert (None if found is None else found.left()) == left
+
+
+def test_problems_and_notes_are_not_told_below_a_window(wide: MainWindow, qtbot: QtBot) -> None:
+    floating = float_at(wide, qtbot, "map", Rect(0, 60, 700, 800))
+    wide._tell("Something happened.", "It matters.", "Do this.")
+    wide.marking.card.write_note()
+    for card in (wide.problems, wide.marking.card):
+        assert card.isHidden() or not lies(card).intersects(floating.frameGeometry())
+    assert wide.marking.card.isVisible()
+
+
+def test_whoever_types_quit_finds_how_it_is_closed(wide: MainWindow, qtbot: QtBot) -> None:
+    for word in ("quit", "exit", "close the"):
+        wide.show_command_palette()
+        palette = wide._palette_overlay
+        palette.field.setText(word)
+        assert palette.list.entries[0].text == "Close the console", word
+        wide.hold.escape_pressed.emit()
+    wide.show_command_palette()
+    palette.field.setText("quit")
+    QTest.keyClick(palette.field, Qt.Key.Key_Return)
+    assert wide.isVisible(), "not by one Enter too many"
