@@ -32,7 +32,7 @@ class Closing(QObject):
         self._question = question
         self._problems = problems
         self._overlays = overlays
-        self._replay = False
+        self._replay = self._wished = self._agreed = False
 
     def use_replay(self) -> None:
         """It was recorded and driven long ago: closing ends nothing."""
@@ -40,10 +40,19 @@ class Closing(QObject):
 
     def asks_first(self, event: QCloseEvent) -> bool:
         """Whether a person, not the program itself, closes the window and is now asked about what ends with it."""
-        ends = self.what_ends() if event.spontaneous() else []
+        ends = self.what_ends() if self.by_a_person(event) and not self._agreed else []
         if ends:
             self._ask(ends)
         return bool(ends)
+
+    def by_a_person(self, event: QCloseEvent) -> bool:
+        return event.spontaneous() or self._wished
+
+    def close_window(self) -> None:
+        """The wizard chose to: the same is asked first as for the cross of the window."""
+        self._wished = True
+        self._window.close()
+        self._wished = False
 
     def what_ends(self) -> list[str]:
         if self._replay:
@@ -62,7 +71,9 @@ class Closing(QObject):
     def _on_agreed(self, asked: list[str]) -> None:
         ends = self.what_ends()
         if set(ends) <= set(asked):
-            self._window.close()
+            self._agreed = True
+            self.close_window()
+            self._agreed = False
         else:
             self._ask(ends)
 

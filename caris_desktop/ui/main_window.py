@@ -179,7 +179,7 @@ class MainWindow(TabAsRead, QWidget):
         parts = WindowParts(
             console, self.theme, self.actions_table, self.board, self.layout_keeper, self.sessions, self.robots,
             self.gamepad, self.editor, self.wizards, self._scenarios, self._open_scenario, self.appearance,
-            self.practice.begin, ScenarioFiles(console, self, self.theme), self.observers,
+            self.practice.begin, ScenarioFiles(console, self, self.theme), self.observers, self.closing.close_window,
         )  # fmt: skip
         self.menus = WindowMenus(parts, self._top_bar, self.show_shortcuts, self)
         self._entries = PaletteEntries(parts, self._question, self._connection.open)
@@ -462,7 +462,7 @@ class MainWindow(TabAsRead, QWidget):
             self._late.begin()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        if self.closing.asks_first(event) or self.editor.asks_first(event):
+        if self.closing.asks_first(event) or self.editor.asks_first(by_a_person=self.closing.by_a_person(event)):
             event.ignore()
             return
         self._place.keep()

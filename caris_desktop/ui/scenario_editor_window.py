@@ -5,7 +5,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
-from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.failure import ToldFailure
@@ -79,9 +78,9 @@ class ScenarioEditorWindow(QObject):
         self._opening = False
         _log.error("the scenario does not open for editing: %s", failure)
 
-    def asks_first(self, event: QCloseEvent) -> bool:
+    def asks_first(self, *, by_a_person: bool) -> bool:
         """Whether a person closes the main window, and is now asked about what was changed here and not saved."""
-        if self._editor is None or not event.spontaneous() or not self._editor.unsaved:
+        if self._editor is None or not by_a_person or not self._editor.unsaved:
             return False
         bring_up(self._editor)
         self._editor.ask_before_closing()

@@ -45,3 +45,4 @@ class WindowParts:
     practise: Callable[[], None]
     scenario_files: ScenarioFiles
     observers: ObserverWindows
+    close_window: Callable[[], None]

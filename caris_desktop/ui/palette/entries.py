@@ -27,6 +27,7 @@ from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.bands import QuestionBand
 from caris_desktop.ui.control_words import question_for
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.ui.palette.closing_entry import closing_entry
 from caris_desktop.ui.palette.entry import Entry
 from caris_desktop.ui.palette.person_entries import PersonEntries
 from caris_desktop.ui.palette.setting_entries import TWICE, SettingEntries
@@ -66,7 +67,13 @@ class PaletteEntries:
         """A replay says nothing, and stops what another console drives."""
         left_out = {SPEAKING_GROUP} if replay.live_robots.value.robots else {SPEAKING_GROUP, SAFETY_GROUP}
         rows = [spec for spec in self._rows() if spec.group not in left_out]
-        return [*map(self._of_row, rows), *self._of_panels(), *self._of_layout(), *self._settings.of_themes()]
+        return [
+            *map(self._of_row, rows),
+            *self._of_panels(),
+            *self._of_layout(),
+            *self._settings.of_themes(),
+            closing_entry(self._parts.close_window, replay=True),
+        ]
 
     def now(self) -> list[Entry]:
         """Everything that can be done now."""
@@ -132,6 +139,7 @@ class PaletteEntries:
             *self.of_scenarios(),
             *self._of_scenario_files(),
             *self._settings.now(),
+            closing_entry(self._parts.close_window, replay=False),
         ]
 
     def _rows(self) -> list[ActionSpec]:
