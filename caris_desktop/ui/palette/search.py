@@ -32,14 +32,17 @@ class Finder:
     def __init__(self, entries: Sequence[Entry], used: Used | None = None) -> None:
         self.order, self.breaks = _in_order(entries, used or Used())
         self._texts = [entry.text.casefold() for entry in self.order]
+        self._own = [f"{entry.text} {entry.kind}".casefold() for entry in self.order]
         self._words = [f"{entry.text} {entry.kind} {entry.also}".casefold() for entry in self.order]
         self._vocabulary: _Vocabulary | None = None
 
     def matching(self, query: str) -> list[Entry]:
         """Entries that contain all words of the query, each part in its order, those that begin with it before others.
 
-        Articles do not count, and behind them stand those where a word may be misspelt, unless the entry speaks or
-        moves the robot: "diagnotics" finds a panel, but "drive to the kichen" nothing.
+        What is called that stands before what was used last and only has it among its other words: Enter must not do
+        another thing than the one whose words were typed. Articles do not count, and behind them stand those where a
+        word may be misspelt, unless the entry speaks or moves the robot: "diagnotics" finds a panel, but "drive to the
+        kichen" nothing.
         """
         typed = query.casefold().split()
         wanted = [word for word in typed if word not in _MEANS_NOTHING] or typed
@@ -49,6 +52,7 @@ class Finder:
         if not wanted:
             return list(self.order)
         exact = self._those_that_begin_first(found, query.casefold().strip())
+        exact.sort(key=lambda place: not (self.order[place].first or all(word in self._own[place] for word in wanted)))
         alike = self._alike(wanted, set(found)) if len(found) < _ENOUGH else []
         return [self.order[place] for place in (*exact, *alike)]
 

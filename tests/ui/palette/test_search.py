@@ -43,6 +43,17 @@ def test_recent_ones_come_first_then_common_ones_then_the_rest_then_what_is_like
     assert texts(finder.matching("mapp")) == ["Stop mapping", "Mapp", "Mark the map", "Save the map", "Map"]
 
 
+def test_what_is_called_so_comes_before_what_was_used_last_and_only_has_the_word_among_others() -> None:
+    entries = [
+        entry("Layout: Save as", also="reset revert"),
+        entry("Layout: Reset"),
+        entry("Free", also="reset", first=True),
+    ]
+    finder = Finder(entries, Used(recent=("Do: Layout: Save as",)))
+    assert texts(finder.matching("layout: reset")) == ["Layout: Reset", "Layout: Save as"]
+    assert texts(finder.matching("reset")) == ["Free", "Layout: Reset", "Layout: Save as"]
+
+
 def test_within_a_part_what_begins_with_it_comes_first() -> None:
     finder = Finder([entry("Open the map"), entry("Map"), entry("Close the map"), entry("Mapping")])
     assert texts(finder.matching("map")) == ["Map", "Mapping", "Open the map", "Close the map"]
