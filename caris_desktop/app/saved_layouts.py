@@ -134,8 +134,12 @@ def _written_anew(scenario: Scenario) -> Path:
 
 
 def _not_saved(path: Path, error: Exception) -> ToldFailure:
+    why = error.strerror if isinstance(error, OSError) and error.strerror else error
     return ToldFailure(
         tr("The panel layout was not saved."),
-        tr("{path} cannot be written ({why}).").format(path=path, why=error),
-        tr("Your arrangement is kept on this computer and comes back with the scenario. Save it again."),
+        tr("{path} cannot be written ({why}).").format(path=path, why=why),
+        tr(
+            "Your arrangement is kept on this computer and comes back with the scenario. To have it in the file, see "
+            "that this folder can be written to, and save again."
+        ),
     )
