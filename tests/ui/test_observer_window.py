@@ -9,10 +9,12 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QWidget
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.domain.events import Problem
 from caris_desktop.ui.conversation.transcript import TranscriptView
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import ObserverWindow, Sees
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
+from caris_desktop.ui.panels.session import SessionPanel
 from caris_desktop.ui.theme import Theme
 from tests.support.window_check import painted_texts
 from tests.ui import samples
@@ -87,6 +89,16 @@ def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console
     assert observer is not None and observer.findChild(QWidget, "map_panel") is None
     observer.close()
     assert window.observers.shown is None
+
+
+def test_what_happened_before_is_still_told_with_another_scenario(window: MainWindow, console: FakeConsole) -> None:
+    observer = _opened(window, console, "everything")
+    console.state.event_happened.emit(Problem(1, "warning", "The robot waved.", "", ""))
+    console.scenario = samples.MENTAL
+    window.show_scenario(console.scenario)
+    log = observer.findChild(SessionPanel)
+    assert log is not None
+    assert any("The robot waved." in entry.sentence for entry in log.what_lasts())
 
 
 def test_at_a_switch_it_stays_where_it_is_and_its_panels_come_one_in_a_turn(

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from itertools import zip_longest
-from typing import Literal
+from typing import Any, Literal
 
 from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QCloseEvent, QGuiApplication, QPainter, QPaintEvent, QResizeEvent
@@ -17,7 +17,7 @@ from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.glance import GlanceSigns
 from caris_desktop.ui.observer.watched_console import watched
-from caris_desktop.ui.panel import PAUSE_MS, PanelContext
+from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
 from caris_desktop.ui.tab_order import TabAsRead
@@ -68,6 +68,8 @@ class ObserverWindow(TabAsRead, QWidget):
         self._column.addWidget(self._signs)
         self._shown: QSplitter | None = None
         self._lower: list[QWidget] = []
+        self._panels: dict[PanelName, Panel] = {}
+        self._lasting: dict[PanelName, Any] = {}
         self._missing: deque[tuple[QSplitter, PanelName]] = deque()
         self._turn = QTimer(self, singleShot=True, interval=PAUSE_MS)
         self._turn.timeout.connect(self._make_next)
@@ -81,6 +83,8 @@ class ObserverWindow(TabAsRead, QWidget):
         scenario = self._context.console.scenario
         self._context.actions.rebuild(scenario)
         if self._shown is not None:
+            self._lasting.update((name, panel.what_lasts()) for name, panel in self._panels.items())
+            self._panels.clear()
             self._shown.hide()
             self._shown.setParent(None)
             self._shown.deleteLater()
@@ -127,6 +131,10 @@ class ObserverWindow(TabAsRead, QWidget):
         rows.addWidget(panel, 1)
         for part in (card, *card.findChildren(QWidget)):
             part.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._panels[name] = panel
+        lasting = self._lasting.pop(name, None)
+        if lasting is not None:
+            panel.take_over(lasting)
         panel.set_in_view(True)
         return card
 
