@@ -11,6 +11,7 @@ class DeviceCamera:
         import cv2
 
         self._target = target
+        self._has_delivered = False
         # A missing device is reported as a Problem; OpenCV would add lines of its own at every retry.
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         self._capture = cv2.VideoCapture(int(target) if target.isdecimal() else target)
@@ -32,11 +33,18 @@ class DeviceCamera:
 
     def read(self) -> Picture | None:
         delivered, image = self._capture.read()
+        if not delivered and not self._has_delivered:
+            # Some drivers open a camera that another program has, and only give no picture of it.
+            raise CameraError(
+                filled(QT_TR_NOOP("Camera {target} delivers no pictures."), target=self._target),
+                QT_TR_NOOP("Close other programs that may use it, as a browser or a video call, and check its cable."),
+            )
         if not delivered:
             raise CameraError(
                 filled(QT_TR_NOOP("Camera {target} stopped delivering pictures."), target=self._target),
                 QT_TR_NOOP("Check its cable."),
             )
+        self._has_delivered = True
         # Of Video4Linux this is when the driver had the picture; of others, as of a file, another time altogether.
         return picture_of(image, device_ns=round(self._capture.get(self._moment) * 1e6))
 

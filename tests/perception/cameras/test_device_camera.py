@@ -1,0 +1,43 @@
+"""A camera of this computer that gives no pictures: the advice fits what happened."""
+
+import numpy as np
+import pytest
+
+from caris_desktop.perception.cameras.camera_source import CameraError
+from caris_desktop.perception.cameras.device_camera import DeviceCamera
+
+
+class Capture:
+    """As OpenCV's: opened, and with so many pictures."""
+
+    def __init__(self, pictures: int) -> None:
+        self._left = pictures
+
+    def isOpened(self) -> bool:
+        return True
+
+    def set(self, _property: int, _value: float) -> bool:
+        return True
+
+    def get(self, _property: int) -> float:
+        return 0.0
+
+    def read(self) -> tuple[bool, object]:
+        self._left -= 1
+        return self._left >= 0, np.zeros((4, 4, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("pictures", "says", "advises"),
+    [(0, "delivers no pictures", "other programs"), (1, "stopped delivering", "cable")],
+)
+def test_who_may_have_it_is_asked_only_where_no_picture_ever_came(
+    monkeypatch: pytest.MonkeyPatch, pictures: int, says: str, advises: str
+) -> None:
+    monkeypatch.setattr("cv2.VideoCapture", lambda _target: Capture(pictures))
+    camera = DeviceCamera("0")
+    for _each in range(pictures):
+        camera.read()
+    with pytest.raises(CameraError, match=says) as told:
+        camera.read()
+    assert advises in told.value.advice
