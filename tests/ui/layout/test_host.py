@@ -28,6 +28,7 @@ from caris_desktop.ui.panel_table import PANELS
 from tests.ui import samples
 from tests.ui.layout.edits import KINDS, edited
 from tests.ui.layout.lying import Placed, shown_in
+from tests.ui.test_closing import AskedByTheWindowManager
 
 PLACE = Rect(60, 80, 420, 300)
 
@@ -131,7 +132,7 @@ def test_closing_a_window_of_its_own_loses_no_panel(host: DockHost) -> None:
     host.move_panel("people", "map", "below")
     own = host.docks["map"].window()
     assert own is host.docks["people"].window()
-    own.close()
+    own.closeEvent(AskedByTheWindowManager())
     assert arranged(host).floating == ()
     assert set(arranged(host).docked) == set(before.docked)
     check(host)

@@ -2,7 +2,6 @@
 
 import pytest
 from PySide6.QtCore import QRect, Qt
-from PySide6.QtGui import QCloseEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
@@ -13,13 +12,9 @@ from caris_desktop.ui.layout.rect import Rect
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.window_above import clear_place
 from tests.ui.conftest import find
+from tests.ui.test_closing import AskedByTheWindowManager
 
 pytestmark = pytest.mark.panels("video", "speak", "map")
-
-
-class AskedByTheWindowManager(QCloseEvent):
-    def spontaneous(self) -> bool:
-        return True
 
 
 @pytest.fixture
