@@ -7,6 +7,7 @@ import pytest
 from PySide6.QtCore import QSettings
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.app import saved_layouts
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.domain import intents
 from caris_desktop.scenario.file import load_scenario
@@ -104,3 +105,8 @@ def test_saving_as_another_scenario_leaves_this_one_and_writes_over_nothing(run:
         saved = load_scenario(user_scenarios_dir() / file_name)
         assert (saved.title, saved.layout, saved.phrases) == ("My tour!", ARRANGED, before.phrases)
     assert not (user_scenarios_dir() / "tour-guide.yaml").exists()
+
+
+def test_why_it_was_not_saved_is_told_without_a_number() -> None:
+    told = saved_layouts._not_saved(Path("tour.yaml"), PermissionError(13, "Permission denied", "/place/tour.yaml"))
+    assert told.meaning == "tour.yaml cannot be written (Permission denied)."

@@ -6,12 +6,14 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.live.status import RecordingStatus
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui.layout.floating_window import FloatingWindow
 from caris_desktop.ui.layout.rect import Rect
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.window_above import clear_place
 from tests.ui.conftest import find
+from tests.ui.fake_console import FakeConsole
 from tests.ui.test_closing import AskedByTheWindowManager
 
 pytestmark = pytest.mark.panels("video", "speak", "map")
@@ -126,3 +128,12 @@ def test_whoever_types_quit_finds_how_it_is_closed(wide: MainWindow, qtbot: QtBo
     palette.field.setText("quit")
     QTest.keyClick(palette.field, Qt.Key.Key_Return)
     assert wide.isVisible(), "not by one Enter too many"
+
+
+def test_what_is_closed_by_words_asks_first_as_the_cross_does(wide: MainWindow, console: FakeConsole) -> None:
+    console.state.recording.set(RecordingStatus(state="recording"))
+    console.state.goal.set(None)
+    wide.closing.close_window()
+    assert wide.isVisible()
+    wide.closing._on_agreed(wide.closing.what_ends())
+    assert not wide.isVisible()
