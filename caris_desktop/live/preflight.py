@@ -9,7 +9,7 @@ from dataclasses import field, replace
 from functools import partial
 
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.events import PreflightState
 from caris_desktop.domain.streams import Freshness
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
@@ -131,6 +131,12 @@ def no_answer_advice(robot: RobotProfile | None) -> str:
     """What to do about a robot that does not answer."""
     if robot is not None and robot.name == SIMULATED:
         return QT_TR_NOOP("Start one: “Try it with the simulated robot” under Set up, in the Window menu.")
+    if robot is not None and is_loopback(robot.address):
+        # Every shipped profile begins with it: whoever chooses one by its robot's name has given no address yet.
+        return QT_TR_NOOP(
+            "Its address is that of this computer. Give the robot’s own: Window menu, Robot, “Connect another robot…”, "
+            "which offers this profile too. Where rosbridge runs here, start it; it is tried again by itself."
+        )
     return QT_TR_NOOP(
         "Switch it on, and look at its network and its address: Window menu, Robot. It is tried again by itself."
     )

@@ -114,9 +114,13 @@ class RobotChooser(QObject):
             return
         link: LinkStatus = self._console.state.link.value
         self._dialog = RobotDialog(self._theme, self._explorer, self._window, address=link.address)
-        self._dialog.saved.connect(self.choose)
+        self._dialog.saved.connect(self._on_saved)
         self._dialog.finished.connect(self._on_dialog_finished)
         self._dialog.show()
+
+    def _on_saved(self, choice: RobotChoice) -> None:
+        self.choices.renew()  # whoever shows the list has the new one in it
+        self.choose(choice)
 
     def _on_dialog_finished(self, _result: int) -> None:
         if self._dialog is not None:

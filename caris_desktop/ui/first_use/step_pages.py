@@ -93,7 +93,6 @@ class RobotPage(StepPage):
         super().__init__(theme, console, step)
 
     def build(self) -> None:
-        self.add_check("robot")
         self._flow = FlowRow()
         self._buttons: dict[str, ActionButton] = {}
         self._robots.choices.changed.connect(self._add_robots)
@@ -106,6 +105,8 @@ class RobotPage(StepPage):
             other.setToolTip(tr("Look at a robot by its address, and see live what comes from it"))
             other.clicked.connect(self._robots.open_dialog)
             self.column.addWidget(other)
+        # Below the buttons: its lines come and go while one points at them.
+        self.add_check("robot")
 
     def _add_robots(self) -> None:
         """Those that are not there yet: the disk may tell of them later."""

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QLabel, QProgressBar, QWidget
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtWidgets import QApplication, QLabel, QProgressBar, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock, intents
@@ -21,6 +21,7 @@ from caris_desktop.live.status import (
     ModelChoice,
     PreflightCheck,
 )
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.model import Permissions
 from caris_desktop.ui.bands import QuestionBand
@@ -31,10 +32,12 @@ from caris_desktop.ui.first_use.step_pages import LivePicture
 from caris_desktop.ui.first_use.steps import steps_for
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.robot_choice import RobotChooser
+from caris_desktop.ui.robot_dialog import RobotDialog
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find
 from tests.ui.fake_console import FakeConsole
+from tests.ui.test_robot_dialog import MemoryExplorer
 
 ROBOT = PreflightCheck("robot", "Robot is connected", "major", "It does not answer.", "Switch it on.")
 VIDEO = PreflightCheck("video", "Pictures come", "passed", "Pictures come from front.")
@@ -125,6 +128,41 @@ def test_each_step_says_how_it_stands_and_can_be_skipped(qtbot: QtBot, page: Set
     page.show_step("model")
     qtbot.keyClick(next_one, Qt.Key.Key_Space)
     assert page.isHidden() and told == [True]
+
+
+def test_the_buttons_of_the_robots_stay_where_they_are_while_one_is_tried(
+    qtbot: QtBot, page: SetUpPage, console: FakeConsole
+) -> None:
+    click(qtbot, find(page, "first_use_own"))
+    tiago = find(page, "first_use_robot_tiago")
+    places = []
+    for told in (replace(ROBOT, state="pending", detail="", advice=""), replace(ROBOT, advice="A long way. " * 20)):
+        console.state.preflight.set((told, *CHECKS[1:]))
+        QApplication.sendPostedEvents()
+        QApplication.processEvents()
+        places.append(tiago.mapTo(page, QPoint()))
+    assert places[0] == places[1]
+
+
+def test_a_robot_whose_profile_was_just_saved_has_its_button(
+    qtbot: QtBot, theme: Theme, ground: QWidget, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robots = RobotChooser(theme, console, QuestionBand(theme), ground)
+    robots.use_explorer(MemoryExplorer())
+    page = SetUpPage(theme, ground, console, robots)
+    page.open_welcome()
+    click(qtbot, find(page, "first_use_own"))
+    robots.open_dialog()
+    dialog = ground.findChild(RobotDialog)
+    assert dialog is not None
+    saved = RobotChoice("lab-robot", "Lab robot", "ws://lab-robot:9090")
+    listed = [*console.robots(), saved]
+    monkeypatch.setattr(console, "robots", lambda: listed)
+    dialog.accept()
+    dialog.saved.emit(saved)
+    button = page.findChild(QWidget, "first_use_robot_lab-robot")
+    assert button is not None, "the list was not read anew"
+    qtbot.waitUntil(button.isVisible)
 
 
 def test_a_robot_is_chosen_from_the_list(qtbot: QtBot, page: SetUpPage, console: FakeConsole) -> None:
