@@ -288,9 +288,30 @@ async def _connected(address: str, security: SecuritySettings | None, timeout_s:
         if what:
             advice = advice or QT_TR_NOOP("Check the address, and that rosbridge runs on the robot.")
             raise ExploreError(what, QT_TR_NOOP("The robot was not asked anything."), advice)
-        yield ros
+        try:
+            yield ros
+        except ExploreError as error:
+            if probe.broke_off:  # then nothing was answered, whatever was asked
+                raise _broken_off(security) from error
+            raise
     finally:
         await ros.aclose(_GOODBYE_S)
+
+
+def _broken_off(security: SecuritySettings | None) -> ExploreError:
+    if security is None or security.rosauth_secret_env is None:
+        # A rosbridge that demands a secret lets everybody in, and closes with the first question.
+        advice = QT_TR_NOOP(
+            "If it demands a secret (rosauth), name the environment variable that holds it under Security. "
+            "Else see that rosbridge still runs there, and look again."
+        )
+    else:
+        advice = QT_TR_NOOP("See that rosbridge still runs there, and look again; its log on the robot tells more.")
+    return ExploreError(
+        QT_TR_NOOP("The robot closed the connection while it was asked what it has."),
+        QT_TR_NOOP("No mapping can be proposed."),
+        advice,
+    )
 
 
 def _no_rosapi(error: Exception) -> ExploreError:

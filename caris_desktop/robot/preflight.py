@@ -352,6 +352,7 @@ class LinkProbe:
 
     def __init__(self) -> None:
         self.outcome: asyncio.Future[tuple[str, str]] = asyncio.get_running_loop().create_future()
+        self.broke_off = False
 
     def link_connected(self) -> None:
         self._settle("", "")
@@ -360,6 +361,7 @@ class LinkProbe:
         self._settle(what, advice)
 
     def link_lost(self, reason: str) -> None:
+        self.broke_off = True
         self._settle(f"The connection was lost at once: {reason}.", "")
 
     def link_silent(self) -> None: ...

@@ -51,7 +51,9 @@ def tls_context(settings: SecuritySettings) -> ssl.SSLContext:
                     ca_file=settings.ca_file,
                     reason=reason,
                 ),
-                QT_TR_NOOP("Correct 'ca_file' under 'security' in the robot profile; it is a PEM file."),
+                QT_TR_NOOP(
+                    "Correct the certificate file under Security ('ca_file' in the robot profile); it is a PEM file."
+                ),
             ) from error
     return context
 
@@ -150,7 +152,7 @@ def explain_tls_failure(error: ssl.SSLError, name: str, address: str) -> tuple[s
                 QT_TR_NOOP("The certificate of {name} is not trusted: nobody known to this computer signed it."),
                 name=name,
             ),
-            QT_TR_NOOP("If it is the robot's own, name its file as 'ca_file' under 'security' in the robot profile."),
+            QT_TR_NOOP("If it is the robot's own, name its file under Security ('ca_file' in the robot profile)."),
         )
     return (
         filled(

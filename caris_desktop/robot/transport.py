@@ -648,8 +648,8 @@ class SafeFactory:
             return SecurityError(
                 QT_TR_NOOP("The robot's rosbridge closes each connection at once."),
                 QT_TR_NOOP(
-                    "If it demands a secret (rosauth), put the secret into an environment variable and name that as "
-                    "'rosauth_secret_env' under 'security' in the robot profile. The log of rosbridge tells more."
+                    "If it demands a secret (rosauth), put the secret into an environment variable and name that under "
+                    "Security ('rosauth_secret_env' in the robot profile). The log of rosbridge tells more."
                 ),
             )
         return SecurityError(

@@ -427,6 +427,9 @@ def test_a_robot_that_wants_a_secret_is_explored_with_it_and_not_without(monkeyp
     monkeypatch.setenv("EXPLORE_SECRET", "open-sesame-1234")
     security = SecuritySettings(rosauth_secret_env="EXPLORE_SECRET")
     with SimulatedRobot("--rosauth-secret-env", "EXPLORE_SECRET") as robot:
+        with pytest.raises(ExploreError, match="closed the connection while it was asked") as unnamed:
+            asyncio.run(explore_robot(robot.address, timeout_s=5.0))
+        assert "If it demands a secret (rosauth)" in unnamed.value.advice
         found = asyncio.run(explore_robot(robot.address, security=security))
         assert found.proposal.chosen["velocity"] == "/cmd_vel"
         monkeypatch.setenv("EXPLORE_SECRET", "another-sesame-1")
