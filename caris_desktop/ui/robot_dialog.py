@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
+from urllib.parse import urlsplit
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QCloseEvent
@@ -23,7 +24,14 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.profile import ProfileError, RobotProfile, SecuritySettings, check_address
+from caris_desktop.robot.profile import (
+    ProfileError,
+    RobotProfile,
+    SecuritySettings,
+    check_address,
+    profile_file_name,
+    user_robots_dir,
+)
 from caris_desktop.robot.proposal import Proposal, RobotOffer, profile_of, propose
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.robot_rows import MappingRow, NoteLine
@@ -39,6 +47,7 @@ if TYPE_CHECKING:  # its sockets cost a quarter of a second, on the way to the f
 
 logger = logging.getLogger(__name__)
 _LEAST_PAGE_PX = 200
+_USUAL_PORT = 9090
 
 
 class RobotExplorer(Protocol):
@@ -82,6 +91,16 @@ def offer_lines(offer: RobotOffer) -> list[str]:
         for kind, names in (("topic", offer.topics), ("service", offer.services), ("action", offer.actions))
         for name, found_type in sorted(names.items())
     ]
+
+
+def with_usual_port(address: str) -> str:
+    """The address with the port that rosbridge has unless set otherwise, where it names none."""
+    try:
+        parts = urlsplit(address)
+        alone = bool(parts.hostname) and parts.port is None and not parts.netloc.endswith(":")
+    except ValueError:  # what is wrong with it is told by the check of the address
+        return address
+    return parts._replace(netloc=f"{parts.netloc}:{_USUAL_PORT}").geturl() if alone else address
 
 
 class RobotDialog(TabAsRead, QDialog):
@@ -153,6 +172,8 @@ class RobotDialog(TabAsRead, QDialog):
         self.name_field.setAccessibleName(tr("Name of the robot"))
         self.name_field.setMinimumHeight(36)
         self.name_field.textChanged.connect(self._refresh)
+        self._file = CutLabel()
+        self._file.setObjectName("robot_file")
         self._check = ActionButton(theme, tr("Check live"), icon="activity", height_px=38)
         self._check.setObjectName("robot_check")
         self._check.setToolTip(tr("Listen to every stream for a few seconds"))
@@ -259,6 +280,7 @@ class RobotDialog(TabAsRead, QDialog):
         layout.addWidget(self._pages, 1)
         layout.addWidget(self._empty, 1)
         layout.addLayout(named)
+        layout.addWidget(self._file)
         whole = boxes.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(foot)
@@ -271,7 +293,7 @@ class RobotDialog(TabAsRead, QDialog):
             return
         address = self.address_field.text().strip()
         if address and "://" not in address:
-            address = f"ws://{address}"
+            address = with_usual_port(f"ws://{address}")
             self.address_field.setText(address)
         try:
             check_address(address)
@@ -493,6 +515,11 @@ class RobotDialog(TabAsRead, QDialog):
         self._tabs.setVisible(found)
         self._pages.setVisible(found)
         self._empty.setVisible(not found)
+        named = found and bool(self._title())
+        self._file.setVisible(named)
+        if named:
+            file = user_robots_dir() / profile_file_name(self._title())
+            self._file.setText(tr("Its profile will be the file {file}.").format(file=file))
         self._look.setEnabled(not self._busy)
         self._look.set_label(tr("Look again") if found else tr("Look"))
         self._check.setEnabled(found and not self._busy)
@@ -501,7 +528,7 @@ class RobotDialog(TabAsRead, QDialog):
 
     def _style(self) -> None:
         self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        for label in (self._hint, self._empty, self._summary, self._start_label, self._namespace_label):
+        for label in (self._hint, self._empty, self._summary, self._start_label, self._namespace_label, self._file):
             self._theme.style_text(label, "dim", tokens.STATUS_PX)
 
     def done(self, result: int) -> None:

@@ -12,11 +12,12 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.explore import Exploration, Resemblance, StreamCheck
-from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile
+from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile, user_robots_dir
 from caris_desktop.robot.proposal import RobotOffer, propose
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.robot_dialog import RobotDialog
+from caris_desktop.ui.widgets.cut_label import CutLabel
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
@@ -175,6 +176,32 @@ def test_a_known_robot_gives_its_whole_profile_for_this_address(
     row = dialog.row("scan")
     assert row is not None
     assert row.verdict_text == "comes, 10.0 Hz, 50 ms old"
+
+
+@pytest.mark.parametrize(
+    ("typed", "asked"),
+    [
+        ("192.168.1.20", "ws://192.168.1.20:9090"),
+        ("lab-robot/", "ws://lab-robot:9090/"),
+        ("lab-robot:9191", "ws://lab-robot:9191"),
+        ("[fe80::1]", "ws://[fe80::1]:9090"),
+        ("wss://lab-robot", "wss://lab-robot"),
+    ],
+)
+def test_a_bare_name_or_number_is_asked_at_the_usual_port(
+    dialog: RobotDialog, explorer: MemoryExplorer, typed: str, asked: str
+) -> None:
+    look(dialog, explorer, typed)
+    assert explorer.asked == [("explore", (asked, SecuritySettings()))]
+
+
+def test_the_file_that_its_speeds_are_to_be_set_in_is_named(dialog: RobotDialog, explorer: MemoryExplorer) -> None:
+    find_it(dialog, explorer)
+    assert "in the file" in dialog.note_text
+    told = dialog.findChild(CutLabel, "robot_file")
+    assert told is not None and not told.isVisible(), "it has no name yet"
+    type_into(dialog, "robot_name", "Lab robot")
+    assert told.isVisible() and str(user_robots_dir() / "lab-robot.yaml") in told.text()
 
 
 def test_failures_are_words_and_nothing_is_lost(dialog: RobotDialog, explorer: MemoryExplorer) -> None:
