@@ -414,6 +414,17 @@ def test_places_are_added_moved_removed_and_put_back(
     assert panel.view.place_position("Window seat m") is not None
 
 
+def test_a_place_clicked_while_another_card_is_open_has_its_whole_card(panel: MapPanel, window: MainWindow) -> None:
+    first, second = (panel.view.place_position(name) for name in ("Reception", "Kitchen"))
+    assert first is not None and second is not None
+    QTest.mouseClick(panel.view, BUTTON, pos=first)
+    QTest.mouseClick(panel.view, BUTTON, pos=second)
+    card = find(window, "map_card")
+    for name in ("go_to_Kitchen", "map_place_remove"):
+        button = find(window, name)
+        assert card.rect().contains(button.geometry()) and button.size() == button.sizeHint(), name
+
+
 def test_two_places_do_not_share_a_name(
     panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:

@@ -73,6 +73,7 @@ class ChoiceCard(FloatingCard):
         self, where: QPointF, line: str, choices: list[tuple[str, str, str, Callable[[], None]]], *, per_row: int = 1
     ) -> None:
         """Open with ``choices`` of (object name, text, icon, what it does); the first ``per_row`` stand out."""
+        self.hide()  # what is added to a card on show has no size before it is shown itself
         for button in self._buttons:
             button.hide()
             button.deleteLater()
