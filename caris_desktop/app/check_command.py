@@ -80,7 +80,7 @@ def _robot(name: str) -> Finding:
     try:
         profile = load_profile_blocking(name)
     except ProfileError as error:
-        return Finding("Robot", False, str(error), "Choose another --robot.")
+        return Finding("Robot", False, str(error), "Correct what it says, or choose another --robot.")
     wrong = check_robot(profile, profile.address)
     if wrong:
         return Finding("Robot", False, wrong[0], " ".join(wrong[1:]))

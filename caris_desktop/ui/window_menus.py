@@ -32,6 +32,7 @@ class WindowMenus:
         self._scenario_menu = as_menu(parts.theme, window, "scenario_menu")
         self._window_menu = as_menu(parts.theme, window, "window_menu")
         self._robot_menu = as_menu(parts.theme, window, "robot_menu")
+        self._robots_submenu: QMenu | None = None
         parts.scenarios.changed.connect(self._on_files_read)
         parts.robots.choices.changed.connect(self._on_files_read)
 
@@ -59,12 +60,14 @@ class WindowMenus:
         """What is on show is filled anew where the disk has told of something else meanwhile."""
         if self._scenario_menu.isVisible():
             self._fill_scenario_menu()
-        if self._robot_menu.isVisible():
-            self._parts.robots.fill_menu(self._robot_menu)
+        for menu in (self._robot_menu, self._robots_submenu):
+            if menu is not None and menu.isVisible():
+                self._parts.robots.fill_menu(menu)
 
     def open_window_menu(self) -> None:
         menu, parts = self._window_menu, self._parts
         menu.clear()
+        self._robots_submenu = None
         for submenu in menu.findChildren(QMenu):  # those of the last time
             submenu.deleteLater()
         # Below one another all panels would be taller than a small screen.
@@ -81,7 +84,8 @@ class WindowMenus:
         menu.addSection(tr("Robot"))
         present = parts.console.state.link.value.robot
         robots = tr("Robot: {name}").format(name=present) if present else tr("Choose a robot")
-        parts.robots.fill_menu(menu.addMenu(robots))
+        self._robots_submenu = menu.addMenu(robots)
+        parts.robots.fill_menu(self._robots_submenu)
         self._sound.fill(menu)
         menu.addSection(tr("Appearance"))
         group = QActionGroup(menu)

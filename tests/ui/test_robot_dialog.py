@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
+from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.failure import ToldFailure
@@ -235,3 +235,23 @@ def test_escape_closes_the_dialog_and_stops_the_robot(
     assert explorer.cancelled
     window.robots.open_dialog()
     assert [each for each in window.findChildren(RobotDialog) if each.isVisible()]
+
+
+def test_the_list_of_robots_on_show_has_what_the_disk_tells_meanwhile(
+    window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window.robots.choices.renew()
+    console.disk_is_slow = True
+    window.menus.open_window_menu()
+    title = f"Robot: {console.state.link.value.robot}"
+    menus = [menu for menu in window.findChildren(QMenu) if menu.title() == title]
+    menus[-1].popup(QPoint(0, 0))
+    listed = [*console.robots(), RobotChoice("bad", "bad.yaml", "", "line 3: 'limits' must be ...")]
+    monkeypatch.setattr(console, "robots", lambda: listed)
+    try:
+        console.answer_of_disk()
+        assert "bad.yaml · cannot be used" in [action.text() for action in menus[-1].actions()]
+    finally:
+        console.disk_is_slow = False
+        for menu in window.findChildren(QMenu):
+            menu.close()
