@@ -213,6 +213,7 @@ class RobotService(Service):
             self._settling.cancel()
             self._settling = None
         self._forget_robot()
+        self._told_no_timeout_of = ""  # the alarm of it ends with the robot, and comes again with it
         self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
 
         def wait() -> None:

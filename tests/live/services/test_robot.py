@@ -219,6 +219,14 @@ def test_that_a_robot_may_not_stop_by_itself_is_told_once(bench: Bench) -> None:
     assert len(bench.problems) == 1
 
 
+def test_that_a_robot_may_not_stop_by_itself_is_told_again_when_it_comes_back_after_another(bench: Bench) -> None:
+    profile = RobotProfile("r", "R")
+    bench.connect(profile)
+    bench.robot.leave_for(RobotConnection("O", "ws://o:9090", RobotProfile("o", "O"), bench.control.body, None))()
+    bench.connect(profile)
+    assert ["half speed" in problem for problem in bench.problems] == [True, True]
+
+
 def test_the_emergency_stop_outlives_the_link_process_and_the_robot(bench: Bench, qtbot: QtBot) -> None:
     bench.connect()
     assert not bench.asked(commands.SetEmergencyStop)
