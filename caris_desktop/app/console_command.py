@@ -269,7 +269,8 @@ class ConsoleRun:
                 self.settings.setValue(_OWN_ROBOT_KEY, "yes" if own else "")
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
-        if scenario.path is not None:
+        practising = self.console.state.practice.value.state in ("preparing", "running")
+        if scenario.path is not None and not practising:
             self._keep_scenario(scenario.path)
 
     def _keep_scenario(self, path: Path) -> None:

@@ -227,8 +227,7 @@ class PracticeStepStatus:
 @dataclass(frozen=True, slots=True)
 class PracticeStatus:
     """The guided exercise. ``since_ns`` is when the present step began; once it has ``ended``, ``minutes`` and
-    ``score`` (of 100) are those of ``wizard``.
-    """
+    ``score`` (of 100) are of ``wizard``. ``back_to``: the scenario that comes back."""
 
     state: Literal["", "preparing", "running", "ended"] = ""
     steps: tuple[PracticeStepStatus, ...] = ()
@@ -237,6 +236,7 @@ class PracticeStatus:
     score: int = 0
     since_ns: int = 0
     wizard: str = ""
+    back_to: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,6 +115,8 @@ class KeptChoices(QObject):
     # Keeping
 
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
+        if self._console.state.practice.value.state in ("preparing", "running"):
+            return  # the robot to practise on was not chosen
         if robot is not None and robot.name:
             self._wizards.set_value(self._place("robot"), json.dumps(robot.name))
 

@@ -10,10 +10,12 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.app import saved_layouts
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.domain import intents
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.live.status import PracticeStatus
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.layout import layout_text
 from caris_desktop.scenario.library import user_scenarios_dir
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode
+from caris_desktop.scenario.model import LayoutNode, PanelLeaf, Scenario, SplitNode
 from caris_desktop.ui.layout.tree import panels_in
 
 ARRANGED: LayoutNode = SplitNode("horizontal", (PanelLeaf("video"), PanelLeaf("speak")), (0.7, 0.3))
@@ -60,6 +62,19 @@ def test_an_arrangement_that_is_saved_while_the_window_closes_is_there_the_next_
     own = user_scenarios_dir() / "tour-guide.yaml"
     assert load_scenario(own).layout == ARRANGED
     assert settings.value("scenario/last") == str(own)
+
+
+def test_the_scenario_to_practise_in_is_not_that_of_the_next_start(run: ConsoleRun, qtbot: QtBot) -> None:
+    practice = layouts_dir() / "practice.yaml"
+    run.console.state.practice.set(PracticeStatus("preparing"))
+    told: list[Scenario] = []
+    run.console.state.scenario.changed.connect(told.append)  # after the console's own, which keeps it
+    run.console.do(intents.OpenScenario(practice))
+    qtbot.waitUntil(lambda: bool(told) and told[-1].path == practice, timeout=20_000)
+    assert run.settings.value("scenario/last") != str(practice)
+    run.console.state.practice.set(PracticeStatus())
+    run.console.do(intents.OpenScenario(layouts_dir() / "blank.yaml"))
+    qtbot.waitUntil(lambda: run.settings.value("scenario/last") == str(layouts_dir() / "blank.yaml"), timeout=20_000)
 
 
 def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun, qtbot: QtBot) -> None:

@@ -9,7 +9,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
-from caris_desktop.live.status import AssistantSetup, LevelsStatus, ModelChoice
+from caris_desktop.live.status import AssistantSetup, LevelsStatus, ModelChoice, PracticeStatus
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.assistant import NamedText
 from caris_desktop.scenario.panel_settings import MapSettings, PanelSettings
@@ -100,6 +100,18 @@ def test_what_was_chosen_is_there_again(qtbot: QtBot, start: Start, settings: Me
     window.close()
     again, console = start()
     assert chosen(again, console) == wanted
+
+
+def test_the_robot_that_somebody_practises_on_was_not_chosen(start: Start) -> None:
+    window, console = start()
+    console.state.robot.set(load_profile("pepper"))
+    console.state.practice.set(PracticeStatus("preparing"))
+    console.state.robot.set(load_profile("simulated"))
+    assert window.kept_choices.robot_of_last_time == "pepper"
+    console.state.practice.set(PracticeStatus("ended"))
+    console.state.robot.set(load_profile("nao"))
+    assert window.kept_choices.robot_of_last_time == "nao"
+    console.state.practice.set(PracticeStatus())
 
 
 def test_each_scenario_has_its_own_and_another_one_s_own_settings_are_no_choice(

@@ -42,6 +42,17 @@ def test_it_leads_from_step_to_step_with_the_key_that_does_it(
     assert console.calls[-2][0] == "SkipPracticeStep" and console.calls[-1][0] == "EndPractice"
 
 
+def test_what_comes_back_is_on_the_button(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+    ended = replace(_status(10), state="ended", done=10, score=99, minutes=2.1, back_to="Reception")
+    console.state.practice.set(ended)
+    assert find(window, "practice_end").accessibleName() == "Back to Reception"
+    console.state.practice.set(replace(ended, back_to=""))
+    assert find(window, "practice_end").accessibleName() == "Close"
+    click(qtbot, find(window, "practice_end"))
+    assert console.calls[-1][0] == "EndPractice"
+    console.state.practice.set(PracticeStatus())
+
+
 def test_the_result_is_kept_once_for_the_wizard(window: MainWindow, console: FakeConsole) -> None:
     window.wizards.choose("Ana")
     for score in (70, 82):

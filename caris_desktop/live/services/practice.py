@@ -32,8 +32,10 @@ from caris_desktop.live.practice import STEPS, EndedStep, Practice
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import IN_SESSION, PracticeStatus, PracticeStepStatus, RecordingStatus
+from caris_desktop.scenario.model import Scenario
 
 PURPOSE = "practice"
+_SIMULATED = "simulated"
 LINK_IS_CUT_S = 4.0
 _ASKED = "Could you tell me something about this place?"
 _ASKED_AGAIN_MS = 20_000
@@ -74,6 +76,8 @@ class PracticeService(Service):
         self._do = do
         self._practice: Practice | None = None
         self._wizard = ""
+        self._scenario_before: Scenario | None = None
+        self._robot_before = ""
         self._asked = 0
         self._ask_again = QTimer(self, interval=_ASKED_AGAIN_MS)
         self._ask_again.timeout.connect(self._ask_once_more)
@@ -107,21 +111,44 @@ class PracticeService(Service):
                 tr("It goes on."),
                 tr("Stop the recording first."),
             )
+        scenario, robot = self._state.scenario.value, self._state.robot.value
         self._parts.robot(asked.actor)
-        scenario = self._state.scenario.value
-        if scenario is None or scenario.path is None or scenario.path.absolute() != self._parts.scenario.absolute():
-            self._do(intents.OpenScenario(self._parts.scenario, actor=asked.actor))
         self._wizard = asked.wizard
         self._practice = None
+        again = self._state.practice.value.state == "ended"
+        # Before anything is opened: what is open and connected from here on is nobody's choice for the next start.
         self._state.practice.set(PracticeStatus("preparing"))
+        if not self._is_stage(scenario):
+            self._scenario_before = scenario
+            self._do(intents.OpenScenario(self._parts.scenario, actor=asked.actor))
+        elif not again:
+            self._scenario_before = None
+        if robot is not None and robot.name != _SIMULATED:
+            self._robot_before = robot.name
+        elif not again:
+            self._robot_before = ""
         self._stage.start()
+
+    def _is_stage(self, scenario: Scenario | None) -> bool:
+        if scenario is None or scenario.path is None:
+            return False
+        return scenario.path.absolute() == self._parts.scenario.absolute()
+
+    def _go_back(self, actor: Actor) -> None:
+        """To the scenario and the robot from before, as nobody else knows which they were."""
+        before, self._scenario_before = self._scenario_before, None
+        robot, self._robot_before = self._robot_before, ""
+        if before is not None and before.path is not None and self._is_stage(self._state.scenario.value):
+            self._do(intents.OpenScenario(before.path, actor=actor))
+        present, on_its_way = self._state.robot.value, self._state.practice.value.state == "preparing"
+        if robot and (on_its_way or (present is not None and present.name == _SIMULATED)):
+            self._do(intents.UseRobot(robot, actor=actor))
 
     def _begin_when_ready(self) -> None:
         """The scenario is open, the robot is there, and what is done is recorded."""
         state = self._state
         scenario, recording = state.scenario.value, state.recording.value.state
-        here = scenario is not None and scenario.path is not None
-        if not here or scenario.path.absolute() != self._parts.scenario.absolute() or not state.drive.value.allowed:
+        if not self._is_stage(scenario) or not state.drive.value.allowed:
             return
         if recording in ("idle", "failed"):
             # No trial depends on it: what is not ready is kept with the recording, and keeps nobody from practising.
@@ -137,6 +164,7 @@ class PracticeService(Service):
         self._stage.stop()
         self._ask_again.stop()
         if practice is None:
+            self._go_back(actor)
             self._state.practice.set(PracticeStatus())
             return
         minutes = practice.minutes(self._now_s())
@@ -145,8 +173,11 @@ class PracticeService(Service):
         )
         self._do(intents.StopRecording(actor=CONSOLE))
         self._state.practice.set(
-            PracticeStatus("ended", _steps(practice), practice.done, minutes, practice.score, wizard=self._wizard)
-        )
+            PracticeStatus(
+                "ended", _steps(practice), practice.done, minutes, practice.score, wizard=self._wizard,
+                back_to=self._scenario_before.title if self._scenario_before is not None else "",
+            )
+        )  # fmt: skip
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if self._practice is not None and status.state in ("idle", "failed", "stopping"):

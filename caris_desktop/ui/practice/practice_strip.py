@@ -18,6 +18,7 @@ from caris_desktop.ui.practice.training_record import PracticeRun, keep, practis
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.wizard_profiles import WizardProfiles
+from caris_desktop.ui.words import shortened
 
 _BUTTON_PX = 30
 _DOT_PX, _GAP_PX = 22, 4
@@ -126,7 +127,7 @@ class PracticeStrip(QWidget):
         self._dots.setVisible(bool(status.steps))
         self._skip.setVisible(running)
         self._again.setVisible(ended)
-        self._end.set_label(tr("Close") if ended else tr("End the practice"))
+        self._end.set_label(self._end_words(status))
         if running:
             number = next(n for n, step in enumerate(status.steps) if step.state == "now")
             step = STEPS[number]
@@ -144,6 +145,13 @@ class PracticeStrip(QWidget):
             )
         self._kept = self._kept and ended
         self.setVisible(bool(status.state) and self.parentWidget() is not None)
+
+    def _end_words(self, status: PracticeStatus) -> str:
+        if status.state != "ended":
+            return tr("End the practice")
+        if not status.back_to:
+            return tr("Close")
+        return tr("Back to {scenario}").format(scenario=shortened(status.back_to, 30))
 
     def _how_to(self, step: PracticeStep) -> str:
         return tr(step.how).format(key=self._actions.key_text(step.action_id) if step.action_id else "")

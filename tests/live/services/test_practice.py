@@ -16,6 +16,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.practice import STEPS
 from caris_desktop.live.services.practice import PracticeParts, PracticeService
 from caris_desktop.live.state import LiveState
+from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.library import find_scenario
 from caris_desktop.scenario.model import Scenario
@@ -50,7 +51,7 @@ class Stage:
         elif isinstance(intent, intents.StopRecording):
             recording.set(replace(recording.value, state="idle"))
         elif isinstance(intent, intents.OpenScenario):
-            self.open(self.scenario)
+            self.open(self.scenario if intent.path == self.scenario.path else load_scenario(intent.path))
         return ""
 
     def open(self, scenario: Scenario) -> None:
@@ -149,3 +150,39 @@ def test_whoever_stops_the_recording_ends_the_practice(stage: Stage) -> None:
     stage.begin()
     stage.state.recording.set(replace(stage.state.recording.value, state="stopping"))
     assert stage.state.practice.value.state == "ended" and isinstance(stage.told[-1], PracticeEnded)
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_the_scenario_and_the_robot_from_before_come_back(stage: Stage, again: bool) -> None:
+    study = load_scenario(find_scenario("reception"))
+    stage.open(study)
+    stage.state.robot.set(replace(load_profile("turtlebot4"), name="lab-robot"))
+    stage.begin()
+    assert stage.state.scenario.value == stage.scenario
+    stage.state.robot.set(load_profile("simulated"))
+    for _ in range(2 if again else 1):
+        stage.ask(intents.EndPractice())
+        assert stage.state.practice.value.back_to == study.title
+        if again:
+            stage.begin()
+    if again:
+        stage.ask(intents.EndPractice())
+    stage.asked.clear()
+    stage.ask(intents.EndPractice(actor=OTHER))
+    assert study.path is not None
+    assert stage.asked == [
+        intents.OpenScenario(study.path, actor=OTHER), intents.UseRobot("lab-robot", actor=OTHER)
+    ]  # fmt: skip
+    assert not stage.state.practice.value.state
+
+
+def test_what_was_chosen_after_the_practice_stays(stage: Stage) -> None:
+    stage.open(load_scenario(find_scenario("reception")))
+    stage.state.robot.set(replace(load_profile("turtlebot4"), name="lab-robot"))
+    stage.begin()
+    stage.ask(intents.EndPractice())
+    stage.open(load_scenario(find_scenario("blank")))
+    stage.state.robot.set(load_profile("pepper"))
+    stage.asked.clear()
+    stage.ask(intents.EndPractice())
+    assert stage.asked == []
