@@ -19,7 +19,7 @@ from typing import Protocol, cast
 from urllib.parse import urlsplit
 
 from websockets.client import ClientProtocol
-from websockets.exceptions import InvalidHandshake, InvalidURI, PayloadTooBig
+from websockets.exceptions import InvalidHandshake, InvalidStatus, InvalidURI, PayloadTooBig
 from websockets.frames import Frame, Opcode
 from websockets.http11 import Response
 from websockets.protocol import State
@@ -41,6 +41,8 @@ _TLS_READ_BYTES = 256 * 1024
 _RESET_ON_CLOSE = struct.pack("ii", 1, 0)
 # What a peer that wakes up takes to obey what it had not read yet.
 _OBEYS_WITHIN_S = 1.0
+_NOT_READY = 500
+"""From this HTTP status on it is the server that cannot, and not the question that is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -572,6 +574,10 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
             filled(QT_TR_NOOP("{address} is not an address that can be used: {msg}."), address=address, msg=error.msg),
             QT_TR_NOOP("Correct the robot's address."),
         )
+    if isinstance(error, InvalidStatus) and error.response.status_code >= _NOT_READY:
+        away = QT_TR_NOOP("What answers at {address} lets nobody in at the moment (HTTP {status}).")
+        advice = QT_TR_NOOP("Wait a moment; if it stays so, see that rosbridge runs on the robot.")
+        return filled(away, address=address, status=error.response.status_code), advice
     if isinstance(error, (InvalidHandshake, ConnectionError)):
         return (
             filled(

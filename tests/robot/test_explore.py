@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.http11 import Response
 
 from caris_desktop.domain.pictures import picture_size
 from caris_desktop.domain.translation import Filled
@@ -437,3 +439,20 @@ def test_a_robot_that_wants_a_secret_is_explored_with_it_and_not_without(monkeyp
             asyncio.run(explore_robot(robot.address, security=security, timeout_s=5.0))
     assert "EXPLORE_SECRET" in raised.value.advice
     assert "sesame" not in str(raised.value)
+
+
+def test_a_server_that_is_not_ready_is_waited_for_and_not_taken_for_another_port() -> None:
+    async def refused() -> ExploreError:
+        async with serve(lambda _none: asyncio.sleep(0), "127.0.0.1", 0, process_request=_not_ready) as server:
+            port = next(iter(server.sockets)).getsockname()[1]
+            with pytest.raises(ExploreError) as raised:
+                await explore_robot(f"ws://127.0.0.1:{port}", timeout_s=5.0)
+            return raised.value
+
+    error = asyncio.run(refused())
+    assert "lets nobody in at the moment (HTTP 503)" in error.what
+    assert "Wait a moment" in error.advice and "9090" not in error.advice
+
+
+def _not_ready(connection: ServerConnection, _request: object) -> Response:
+    return connection.respond(503, "not yet")
