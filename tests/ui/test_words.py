@@ -187,7 +187,7 @@ def test_no_word_is_made_small_or_large_after_it_was_translated() -> None:
         "Session", "<<Suggested replies>: <By itself, after a countdown>>"
     )  # fmt: skip
     checked = PreflightChecked(1, "robot", "Robot", "minor", at_start=True)
-    assert preflight_words.log_line(checked) == ("Session", "<Began with: Robot (minor)>")
+    assert preflight_words.log_line(checked) == ("Session", "<Began with: <Robot> (minor)>")
 
 
 @pytest.mark.usefixtures("marked")
