@@ -58,6 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
         own = (
             Path(arguments.model) if arguments.model and not arguments.sha256 and "://" not in arguments.model else None
         )
+        if own is not None and own.suffix.lower() == ".pt":
+            _tell(f"{own.name} may bring code of its maker, which runs here because you name the file.")
         chosen = open_chosen(
             own,
             DetectorSettings(

@@ -26,6 +26,16 @@ def is_loopback(url: str) -> bool:
     return is_loopback_host(urlsplit(url).hostname or "")
 
 
+def is_encrypted_or_local(url: str) -> bool:
+    """Whether ``url`` is `https://` or `wss://`, or names this machine: nobody on the way reads along."""
+    try:
+        parts = urlsplit(url)
+        host = parts.hostname or ""
+    except ValueError:
+        return False
+    return bool(host) and (parts.scheme.rpartition("+")[2] in ("https", "wss", "rtsps") or is_loopback_host(host))
+
+
 def is_loopback_host(host: str) -> bool:
     """Whether ``host``, a name or a number, is this machine."""
     if host == "localhost":

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from caris_desktop.domain.address import is_encrypted_or_local, is_loopback, without_credentials
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
@@ -41,8 +42,18 @@ def sha256_of(*files: Path) -> str:
 
 
 def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
-    """Download to ``target``, which appears only when it is the file with this checksum. Raises NotFetched."""
+    """Download to ``target``, which appears only when it is the file with this checksum. Raises NotFetched.
+
+    Each address on the way, also one that a server redirects to, is `https://`, or on this computer from the start.
+    """
     import httpx
+
+    def check_address(request: httpx.Request) -> None:
+        asked = str(request.url)
+        if not is_encrypted_or_local(asked) or (is_loopback(asked) and not is_loopback(url)):
+            raise NotFetched(
+                filled(QT_TR_NOOP("{address} is not an https:// address"), address=without_credentials(asked))
+            )
 
     def expected(chunks: Iterable[bytes]) -> Iterator[bytes]:
         checksum, arrived_bytes = hashlib.sha256(), 0
@@ -58,7 +69,10 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         timeout = httpx.Timeout(30.0, connect=_CONNECT_TIMEOUT_S)
-        with httpx.stream("GET", url, timeout=timeout, follow_redirects=True) as response:
+        with (
+            httpx.Client(timeout=timeout, follow_redirects=True, event_hooks={"request": [check_address]}) as client,
+            client.stream("GET", url) as response,
+        ):
             response.raise_for_status()
             replace_file(target, expected(response.iter_bytes()), durable=False)
     except httpx.ConnectError as error:

@@ -70,14 +70,15 @@ class Weights:
     """One detector file.
 
     ``input_px`` is the longer side of the network's input where the file leaves that open. ``person_class_names``
-    are the model's classes that mean a person. ``vouched_for``: somebody answers for whatever code a pickle brings.
+    are the model's classes that mean a person. ``may_run_code``: the user named this file on the command line, so a
+    pickle in it is loaded with whatever code it brings. A scenario never grants that.
     """
 
     path: Path
     label: str
     input_px: int
     person_class_names: tuple[str, ...] = ("person",)
-    vouched_for: bool = False
+    may_run_code: bool = False
 
 
 def find_weights(
@@ -188,7 +189,7 @@ def _parts(folder: Path) -> list[Path]:
 def _configured(path: Path) -> Weights:
     path = path.expanduser()
     _check_form(path)
-    return replace(_of_file(path), vouched_for=True)
+    return replace(_of_file(path), may_run_code=True)
 
 
 def _check_form(path: Path) -> None:
@@ -213,7 +214,9 @@ def _check_form(path: Path) -> None:
 
 
 def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download: bool) -> Weights:
-    """What a scenario names. It may come from somebody else, so a pickle needs a checksum that somebody stated."""
+    """The detector that a scenario names. Its checksum comes from the same author, so it grants nothing: a .pt is
+    loaded without code.
+    """
     wanted = choice.sha256.strip().lower()
     if wanted and not _SHA256.fullmatch(wanted):
         raise WeightsError(
@@ -262,7 +265,7 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
                 QT_TR_NOOP("Get the file anew from where the scenario's author has it, or correct perception.sha256")
             ),
         )
-    return replace(_of_file(path), input_px=choice.input_px, vouched_for=bool(wanted))
+    return replace(_of_file(path), input_px=choice.input_px)
 
 
 def _path_of(choice: DetectorChoice, folders: tuple[Path, ...]) -> Path:

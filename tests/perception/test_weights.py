@@ -95,6 +95,11 @@ def server() -> Iterator[tuple[str, dict[str, bytes]]]:
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             body = files.get(self.path)
+            if body is not None and body.startswith(b"Location: "):
+                self.send_response(302)
+                self.send_header("Location", body.removeprefix(b"Location: ").decode())
+                self.end_headers()
+                return
             self.send_response(200 if body is not None else 404)
             self.end_headers()
             self.wfile.write(body or b"")
@@ -203,7 +208,7 @@ def test_what_a_scenario_names_lies_beside_it_or_in_a_models_folder(tmp_path: Pa
     (folders[0] / "other.onnx").write_bytes(b"network")
     choice = DetectorChoice("other.onnx", folder=tmp_path, input_px=640)
     found = find_weights(choice, folders=folders)
-    assert (found.path, found.input_px, found.vouched_for) == (folders[0] / "other.onnx", 640, False)
+    assert (found.path, found.input_px, found.may_run_code) == (folders[0] / "other.onnx", 640, False)
     (tmp_path / "other.onnx").write_bytes(b"network")
     assert find_weights(choice, folders=folders).path == tmp_path / "other.onnx"
     assert (
@@ -219,7 +224,7 @@ def test_without_a_name_the_size_of_a_scenario_counts_all_the_same(folders: tupl
 def test_a_wrong_checksum_is_refused(folders: tuple[Path, Path]) -> None:
     (folders[0] / "other.onnx").write_bytes(b"network")
     right = DetectorChoice("other.onnx", sha256=_sum(b"network").upper())
-    assert find_weights(right, folders=folders).vouched_for
+    assert find_weights(right, folders=folders).path == folders[0] / "other.onnx"
     with pytest.raises(WeightsError, match=r"other\.onnx is not the file that the scenario means") as caught:
         find_weights(DetectorChoice("other.onnx", sha256=_sum(b"another")), folders=folders)
     assert _sum(b"network") in caught.value.searched[0]
@@ -232,7 +237,8 @@ def test_a_pickle_that_a_scenario_names_needs_a_checksum(folders: tuple[Path, Pa
     with pytest.raises(WeightsError, match="can bring code") as caught:
         find_weights(DetectorChoice("other.pt"), folders=folders)
     assert _sum(b"pickle") in caught.value.advice
-    assert find_weights(DetectorChoice("other.pt", _sum(b"pickle")), folders=folders).vouched_for
+    assert not find_weights(DetectorChoice("other.pt", _sum(b"pickle")), folders=folders).may_run_code
+    assert find_weights(folders[0] / "other.pt", folders=folders).may_run_code
 
 
 @pytest.mark.parametrize(
@@ -286,12 +292,16 @@ def test_a_named_address_is_fetched_once(folders: tuple[Path, Path], server: tup
         ("{}/my.zip", _sum(b"network"), "does not end in the name"),
         ("{}/..%2F..%2Fmy.onnx", _sum(b"network"), "does not end in the name|404"),
         ("http://127.0.0.1:1/my.onnx", _sum(b"network"), "offline"),
+        ("http://192.0.2.1/my.onnx", _sum(b"network"), "not an https:// address"),
+        ("HTTP://localhost.example.org/my.onnx", _sum(b"network"), "not an https:// address"),
+        ("{}/away.onnx", _sum(b"network"), "not an https:// address"),
     ],
 )
 def test_an_address_that_gives_no_such_file_is_told(
     folders: tuple[Path, Path], server: tuple[str, dict[str, bytes]], address: str, sha256: str, words: str
 ) -> None:
     server[1]["/my.onnx"] = b"network"
+    server[1]["/away.onnx"] = b"Location: http://192.0.2.1/my.onnx"
     with pytest.raises(WeightsError, match=words):
         find_weights(DetectorChoice(address.format(server[0]), sha256), folders=folders)
     assert [path for folder in folders for path in folder.rglob("*") if path.is_file()] == []

@@ -140,6 +140,8 @@ def _unpack(packed: Path, target: Path) -> None:
     folder = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
         with zipfile.ZipFile(packed) as archive:
+            if sum(entry.file_size for entry in archive.infolist()) > 2 * _AT_MOST_BYTES:
+                raise zipfile.BadZipFile(filled(QT_TR_NOOP("it holds more than a model does")))
             for entry in archive.infolist():
                 name = entry.filename.rsplit("/", maxsplit=1)[-1]
                 if name in _FILES:

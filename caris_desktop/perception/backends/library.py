@@ -60,20 +60,24 @@ _SHOWN = {"cpu": "CPU", "cuda": "CUDA", "mps": "MPS"}
 def load_model(weights: Weights) -> Any:
     """The weights as ultralytics' ``YOLO``; :func:`prepare_ultralytics` comes before it.
 
-    A .pt is a pickle. It is read with none but the classes that such models are made of; only one that somebody
-    vouches for may bring others, as code of its own.
+    A .pt is a pickle. It is read with none but the classes that such models are made of; only one that the user named
+    on the command line may bring others, as code of its own.
     """
     from ultralytics import YOLO
     from ultralytics.nn import tasks
 
-    if weights.path.suffix != ".pt":
+    if weights.path.suffix.lower() != ".pt":
         return YOLO(str(weights.path), task="detect")
+    if not weights.may_run_code and not tasks._SafeLoad.SUPPORTED:
+        raise RuntimeError("this torch cannot load a .pt without running the code in it")
+    # Whoever imported ultralytics first, without its environment variable, left this False.
+    tasks.SAFE_LOAD = True
     try:
         return YOLO(str(weights.path))
     except Exception:
-        if not weights.vouched_for:
+        if not weights.may_run_code:
             raise
-        log.info("%s needs more than the usual classes, and is trusted", weights.path)
+    log.warning("%s brings code of its maker. It is run, because the command line names this file", weights.path)
     tasks.SAFE_LOAD = False
     try:
         return YOLO(str(weights.path))

@@ -1,5 +1,9 @@
 """Files that are no detector of people: a sentence for each, which names the file and what to do."""
 
+import hashlib
+import os
+import pickle
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -58,3 +62,46 @@ def test_the_size_of_a_scenario_is_that_of_a_network_that_takes_any_and_of_no_ot
     assert "416x416 px" in chosen.detector.label
     assert chosen.people == (0,)
     assert chosen.folder == YOLOX_WEIGHTS.parent
+
+
+class _Touch:
+    """Pickled, it runs a command of its author when somebody unpickles it."""
+
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.system, (f"touch {self.marker}",)
+
+
+def _pickled(marker: Path, path: Path, form: str) -> None:
+    content = {"model": _Touch(marker), "ema": None, "train_args": {}}
+    if form == "zip":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("archive/data.pkl", pickle.dumps(content, protocol=2))
+            archive.writestr("archive/version", "3")
+    else:
+        path.write_bytes(pickle.dumps(content, protocol=2))
+
+
+@pytest.mark.logs("could not load")
+@pytest.mark.parametrize("form", ["zip", "old"])
+@pytest.mark.parametrize("name", ["model.pt", "model.PT"])
+def test_a_scenario_that_vouches_for_its_own_pickle_runs_nothing(tmp_path: Path, name: str, form: str) -> None:
+    path, marker = tmp_path / name, tmp_path / "it-ran"
+    _pickled(marker, path, form)
+    choice = DetectorChoice(str(path), hashlib.sha256(path.read_bytes()).hexdigest())
+    with pytest.raises(WeightsError, match="could not be loaded"):
+        open_chosen(None, DetectorSettings(choice), confidence=0.1, threads=1, allow_download=False)
+    assert not marker.exists()
+
+
+@pytest.mark.logs("could not load|brings code of its maker")
+def test_the_user_s_own_file_may_bring_code_and_the_log_says_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path, marker = tmp_path / "own.pt", tmp_path / "it-ran"
+    _pickled(marker, path, "old")
+    refused(path)  # It is no detector, but its code ran.
+    assert marker.exists()
+    assert "the command line names this file" in caplog.text
