@@ -34,7 +34,7 @@ class Turn:
 
     @property
     def said(self) -> bool:
-        """Whether at least a part of it was said."""
+        """Whether at least a part of it was said, as far as is known by now."""
         return self.started_ns is not None and self.state != "failed"
 
     @property

@@ -3,12 +3,14 @@
 import logging
 import pickle
 import threading
+import time
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Gap
+from caris_desktop.domain.events import Gap, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.streams import BY_TYPE, Delivery
 from caris_desktop.domain.translation import QT_TR_NOOP
@@ -18,6 +20,9 @@ _log = logging.getLogger(__name__)
 # Before a pickle, which begins with another byte: eight bytes of the session clock follow.
 ARRIVED = b"T"
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
+VERDICTS_WITHIN_S = 6.0
+"""The longest wait, at the end of a session, for the words of turns that were heard before it: a pass of the recogniser
+on a busy machine takes 2 to 4 s."""
 
 
 class RecorderFeed:
@@ -25,11 +30,27 @@ class RecorderFeed:
 
     When the recorder falls behind by ``max_bytes``, state values and frames are dropped and counted; events are
     queued all the same. The count follows as a ``Gap`` event as soon as there is room.
+
+    A turn that a microphone heard is told when it begins, and only later whose voice it was and what was said. At the
+    end of a recording, and in a pause, those of turns that began before still get through; the end waits for them, for
+    at most ``verdicts_within_s``.
     """
 
-    def __init__(self, recorder: ChildProcess, *, max_bytes: int = MAX_QUEUED_BYTES) -> None:
+    def __init__(
+        self,
+        recorder: ChildProcess,
+        *,
+        max_bytes: int = MAX_QUEUED_BYTES,
+        verdicts_within_s: float = VERDICTS_WITHIN_S,
+    ) -> None:
         self._recorder = recorder
         self._max_bytes = max_bytes
+        self._verdicts_within_s = verdicts_within_s
+        self._open_turns: set[str] = set()
+        self._nothing_since_ns = 0
+        self._stop: Any = None
+        self._stop_ns = 0
+        self._stop_by_s = 0.0
         self._queue: deque[bytes] = deque()
         self._queued_bytes = 0
         self._dropped: dict[str, int] = {}
@@ -46,6 +67,9 @@ class RecorderFeed:
     def put(self, value: Any, raw: bytes | None = None) -> None:
         """``raw`` is ``value`` pickled, where the caller has it already."""
         spec = BY_TYPE[type(value)]
+        if isinstance(value, UtteranceChanged) and value.origin == "heard":
+            self._put_heard(value, raw)
+            return
         if not (self._recording or spec.latched):
             return
         if raw is None:
@@ -60,6 +84,23 @@ class RecorderFeed:
                 self._dropped[name] = self._dropped.get(name, 0) + 1
                 return
             self._append(raw)
+
+    def _put_heard(self, turn: UtteranceChanged, raw: bytes | None) -> None:
+        with self._changed:
+            known = turn.utterance_id in self._open_turns
+            over = turn.state not in ("requested", "started")
+            if self._recording and not self._paused:
+                if not over:
+                    self._open_turns.add(turn.utterance_id)
+            elif not known:
+                return
+            elif turn.stamp_ns > self._nothing_since_ns:
+                turn, raw = replace(turn, stamp_ns=self._nothing_since_ns), None
+            self._append(pickle.dumps(turn, protocol=pickle.HIGHEST_PROTOCOL) if raw is None else raw)
+            if over:
+                self._open_turns.discard(turn.utterance_id)
+                if not self._open_turns:
+                    self._send_stop()
 
     def start(self, message: Any, *events: Any) -> None:
         """Begin: ``message`` first, then the latched values as they stand, then everything that is put."""
@@ -80,6 +121,8 @@ class RecorderFeed:
     def hold(self, *events: Any) -> None:
         """A recording is to begin: from now on what is put is kept for it, behind what stands and ``events``."""
         with self._changed:
+            self._send_stop()
+            self._open_turns.clear()
             self._recording, self._paused = True, False
             self._held, self._held_ns = [], clock.now_ns()
             self._append_all(*events)
@@ -95,6 +138,7 @@ class RecorderFeed:
         """The recording does not begin after all."""
         with self._changed:
             self._recording = False
+            self._open_turns.clear()
             self._queued_bytes -= sum(map(len, self._held or []))
             self._held = None
 
@@ -105,6 +149,7 @@ class RecorderFeed:
                 return
             self._paused = paused
             if paused:
+                self._nothing_since_ns = clock.now_ns()
                 self._append_gaps()
                 self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
             else:
@@ -118,17 +163,33 @@ class RecorderFeed:
             self._latched = {key: raw for key, raw in self._latched.items() if f"/{key.split('/')[1]}" not in gone}
 
     def stop(self, message: Any) -> None:
-        """End: whatever was put before is still written, then ``message``."""
+        """End: whatever was put before is still written, and what is still to come of turns that were heard; then
+        ``message``, as of now.
+        """
         with self._changed:
             if self._recording and not self._paused:
+                self._nothing_since_ns = clock.now_ns()
                 self._append_gaps()
             self._recording = False
-            self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
+            self._stop, self._stop_by_s = message, time.monotonic() + self._verdicts_within_s
+            self._stop_ns = clock.now_ns()
+            if self._open_turns:
+                self._changed.notify()  # the thread waits no longer than that
+            else:
+                self._send_stop()
+
+    def _send_stop(self) -> None:
+        message, self._stop = self._stop, None
+        if message is not None:
+            self._open_turns.clear()
+            self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL), arrived_ns=self._stop_ns)
 
     def end(self) -> None:
         """The recorder has ended the session: what comes from now on is not for it."""
         with self._changed:
             self._recording = False
+            self._stop = None
+            self._open_turns.clear()
 
     def use_recorder(self, recorder: ChildProcess) -> None:
         """Another recorder in place of one that is gone. The session went with that one; what waited is dropped, but
@@ -137,6 +198,7 @@ class RecorderFeed:
         with self._changed:
             self._recorder = recorder
             self._recording = self.holds
+            self._stop = None
             self._forget()
 
     def request(self, message: Any) -> None:
@@ -149,6 +211,7 @@ class RecorderFeed:
     def close(self, *, timeout_s: float = 30.0) -> None:
         """Write out what is queued, which may have piled up before a slow disk, and end the thread."""
         with self._changed:
+            self._send_stop()
             self._ended = True
             self._recording = False
             self._changed.notify()
@@ -177,7 +240,11 @@ class RecorderFeed:
         while True:
             with self._changed:
                 while not self._queue and not self._ended:
-                    self._changed.wait()
+                    left_s = None if self._stop is None else self._stop_by_s - time.monotonic()
+                    if left_s is not None and left_s <= 0:
+                        self._send_stop()
+                    else:
+                        self._changed.wait(left_s)
                 if not self._queue:
                     return
                 recorder = self._recorder

@@ -35,7 +35,9 @@ class ReplayTranscript(QObject):
         self._slow_work.finish(lambda _what, work: work())
 
     def _read_turns(self) -> tuple[Turn, ...]:
-        return turns_of(value for _, value in self._session.values(*UTTERANCE_STREAMS))
+        turns = turns_of(value for _, value in self._session.values(*UTTERANCE_STREAMS))
+        # The record ends, or has a gap, before it was decided whose voice an empty heard turn was: nobody said it.
+        return tuple(turn for turn in turns if turn.text or turn.over or turn.origin != "heard")
 
     def _read_notes(self) -> tuple[FinalMark, ...]:
         return notes_among(final_marks(self._session))

@@ -5,7 +5,7 @@ import threading
 from typing import Any
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Marked
+from caris_desktop.domain.events import Marked, UtteranceChanged
 from caris_desktop.domain.sensing import BatteryState, StatusShown
 from caris_desktop.live.recorder_feed import ARRIVED, RecorderFeed
 from tests.support.polling import wait_for
@@ -192,3 +192,75 @@ def test_what_was_dropped_is_told_before_the_end() -> None:
     feed.close()
     kinds = [type(message).__name__ for message in pipe.messages]
     assert kinds.index("Gap") < pipe.messages.index("end") and kinds[-1] == "str"
+
+
+def _turn(stamp_ns: int, turn_id: str, state: str, text: str = "") -> UtteranceChanged:
+    return UtteranceChanged(stamp_ns, turn_id, "participant", text, "heard", state)  # type: ignore[arg-type] # one of them
+
+
+def test_the_end_waits_for_what_becomes_of_the_turns_that_were_heard_before() -> None:
+    feed, pipe = _fed()
+    feed.start("begin")
+    feed.put(_turn(1, "echo", "started"))
+    feed.put(_turn(2, "question", "started"))
+    before_ns = clock.now_ns()
+    feed.stop("end")
+    asked_ns = clock.now_ns()
+    feed.put(Marked(9, "after the end"))
+    feed.put(_turn(3, "later", "started"))
+    feed.put(_turn(4, "echo", "failed"))
+    feed.put(_turn(5, "later", "finished", "This is nobody's business."))
+    spoken_on = clock.now_ns() + 10**12
+    feed.put(_turn(spoken_on, "question", "finished", "Where is the lab?"))
+    feed.put(_turn(7, "question", "finished", "Once more."))
+    wait_for(lambda: "end" in pipe.messages, "the end")
+    feed.close()
+    assert pipe.messages[-3:-1][0] == _turn(4, "echo", "failed")
+    finished = pipe.messages[-2]
+    assert finished.text == "Where is the lab?"
+    assert before_ns <= finished.stamp_ns <= asked_ns  # a turn ends with the recording at the latest
+    assert pipe.messages == ["begin", _turn(1, "echo", "started"), _turn(2, "question", "started"),
+        _turn(4, "echo", "failed"), finished, "end"]  # fmt: skip
+    # The session ends when that was asked for, and not when the last word was known.
+    assert before_ns <= int.from_bytes(pipe.raw[-1][1:9], "little", signed=True) <= asked_ns
+
+
+def test_the_end_waits_no_longer_than_that() -> None:
+    pipe = Pipe()
+    feed = RecorderFeed(pipe, verdicts_within_s=0.0)  # type: ignore[arg-type] # as above
+    feed.start("begin")
+    feed.put(_turn(1, "open", "started"))
+    feed.stop("end")
+    wait_for(lambda: "end" in pipe.messages, "the end")
+    feed.put(_turn(2, "open", "finished", "Too late."))
+    feed.close()
+    assert pipe.messages == ["begin", _turn(1, "open", "started"), "end"]
+
+
+def test_the_next_session_and_the_end_of_the_program_do_not_wait_for_words() -> None:
+    feed, pipe = _fed()
+    feed.start("begin")
+    feed.put(_turn(1, "open", "started"))
+    feed.stop("end")
+    feed.start("begin 2")
+    feed.put(_turn(2, "open", "finished", "Of the session before."))
+    feed.put(_turn(3, "still open", "started"))
+    feed.stop("end 2")
+    feed.close()
+    kept = [each if isinstance(each, str) else each.utterance_id for each in pipe.messages]
+    assert kept[:4] == ["begin", "open", "end", "begin 2"]
+    assert kept[-2:] == ["still open", "end 2"]
+
+
+def test_a_pause_lets_through_what_was_said_before_it() -> None:
+    feed, pipe = _fed()
+    feed.start("begin")
+    feed.put(_turn(1, "before", "started"))
+    feed.pause("pause", paused=True)
+    feed.put(_turn(2, "within", "started"))
+    feed.put(_turn(3, "before", "finished", "Where is the lab?"))
+    feed.put(_turn(4, "within", "finished", "Secret."))
+    feed.pause("go on", paused=False)
+    feed.close()
+    assert pipe.messages == ["begin", _turn(1, "before", "started"), "pause",
+        _turn(3, "before", "finished", "Where is the lab?"), "go on"]  # fmt: skip

@@ -139,6 +139,13 @@ class Ear:
         for _ in range((until_ns - self._until_ns) // _WINDOW_NS):
             self._hear_window(np.zeros(WINDOW, np.float32), 0.0)
 
+    def end_turn(self) -> None:
+        """A recording ends or pauses: its turn is over here, and what is said from now on is another one."""
+        if self._turn is not None:
+            turn = self._turn
+            self._turns.end()
+            self._end(turn)
+
     def another_spoke(self) -> None:
         """The robot begins to say something."""
         self._robot_speaks = True

@@ -104,7 +104,10 @@ class HeardTurn:
     @property
     def known_whole(self) -> bool:
         """Whether all that was said so far has been listened to, to its end."""
-        return self._known_until_ns >= self.voice_ended_ns + _WHOLE_NS
+        wanted_ns = self.voice_ended_ns + _WHOLE_NS
+        if self.over:  # one that was ended in mid-voice has no silence behind it
+            wanted_ns = min(wanted_ns, self._sound_from_ns + round(self._seconds * 1e9))
+        return self._known_until_ns >= wanted_ns
 
     @property
     def texts(self) -> tuple[str, str]:

@@ -40,6 +40,11 @@ class UseSilence:
 
 
 @dataclass(frozen=True, slots=True)
+class EndTurns:
+    """To the process: a recording ends or pauses. Turns under way are over; what is said later is not part of them."""
+
+
+@dataclass(frozen=True, slots=True)
 class RecogniserReady:
     """It listens: sound that is sent from now on is turned into text.
 

@@ -14,6 +14,7 @@ from caris_desktop.conversation.listening.echo import EchoCanceller
 from caris_desktop.conversation.listening.engine import NoEngine
 from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
 from caris_desktop.conversation.listening.messages import (
+    EndTurns,
     RecogniserAway,
     RecogniserFailed,
     RecogniserReady,
@@ -116,6 +117,10 @@ class _Recogniser:
                     ear.look_back()
             case SpokenBy(utterance_id, person_id):
                 self._silence.spoken_by(utterance_id, person_id)
+            case EndTurns():
+                for source, ear in self._ears.items():
+                    if source != WIZARD_MICROPHONE:
+                        ear.end_turn()
             case UseSilence(at_least_s, at_most_s):
                 self._bounds = SilenceBounds(at_least_s, at_most_s)
                 for turns in self._turns:

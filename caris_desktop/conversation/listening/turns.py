@@ -77,6 +77,12 @@ class TurnTaking:
         """How likely the turn is over at this pause. Until then it lasts as long as a pause of this person may."""
         self._turn_over = turn_over
 
+    def end(self) -> None:
+        """The turn under way is over here, however it would go on: nothing of its length is learnt."""
+        self.under_way = self.speaking = self.voiced = False
+        self._voiced_ns = 0
+        self._last_turn = ""
+
     def another_spoke(self) -> None:
         """The robot has answered: a silence after the last turn was no pause in it."""
         self._last_turn = ""

@@ -9,6 +9,7 @@ from typing import Any
 from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.conversation.listening.messages import (
+    EndTurns,
     RecogniserAway,
     RecogniserFailed,
     RecogniserReady,
@@ -30,7 +31,7 @@ from caris_desktop.live.children import Children, told_here
 from caris_desktop.live.listening_feed import ListeningFeed
 from caris_desktop.live.service import Follows, Restarts, Service
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import ListeningStatus, SoundStatus
+from caris_desktop.live.status import ListeningStatus, RecordingStatus, SoundStatus
 from caris_desktop.scenario.model import Scenario
 
 _GRACE_S = 1.0
@@ -75,6 +76,8 @@ class ListeningService(Service):
         for microphone in (state.microphone, state.wizard_microphone):
             microphone.changed.connect(self._on_microphone_changed)
         state.sound.changed.connect(self._on_sound_status_changed)
+        self._records = False
+        state.recording.changed.connect(self._on_recording_changed)
 
     def follows(self) -> Follows:
         return {UtteranceCorrected: self._on_corrected}
@@ -137,6 +140,12 @@ class ListeningService(Service):
 
     def _on_sound_status_changed(self, status: SoundStatus) -> None:
         self._to_dictate = status.talking != "robot"
+
+    def _on_recording_changed(self, status: RecordingStatus) -> None:
+        records = status.state in ("starting", "recording")
+        if self._records and not records:
+            self._pass_on(EndTurns(), None)
+        self._records = records
 
     def _begin(self) -> None:
         """Start the recogniser, once there is something to hear: it takes hundreds of megabytes."""

@@ -95,7 +95,7 @@ class _Recorder:
             while not self._terminated and self._serve_one():
                 pass
         finally:
-            self._stop("console_closed", CONSOLE)
+            self._stop("console_closed", CONSOLE, clock.now_ns())
             self._offer_markers(offered=False, words=False)
             self._finish_all()
 
@@ -142,10 +142,10 @@ class _Recorder:
     def _handle(self, message: Any, arrived_ns: int) -> None:
         match message:
             case StartRecording():
-                self._stop("wizard", message.actor)
+                self._stop("wizard", message.actor, arrived_ns)
                 self._start(message, arrived_ns)
             case StopRecording():
-                self._stop(message.reason, message.actor)
+                self._stop(message.reason, message.actor, arrived_ns)
             case PauseRecording():
                 if self._session is not None:
                     self._session.pause(paused=message.paused, at_ns=arrived_ns, actor=message.actor)
@@ -226,11 +226,11 @@ class _Recorder:
         self._tell_outlet(unavailable)
         self._send_report(session.status())
 
-    def _stop(self, reason: str, actor: Actor) -> None:
+    def _stop(self, reason: str, actor: Actor, at_ns: int) -> None:
         session, self._session = self._session, None
         if session is None:
             return
-        session.end(reason, actor)
+        session.end(reason, actor, at_ns)
         self._send_report(replace(session.status(), state="idle"))
         self._finish(session)
 

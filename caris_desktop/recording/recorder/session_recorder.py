@@ -29,6 +29,7 @@ from caris_desktop.domain.events import (
     SessionEnded,
     SessionStarted,
     Severity,
+    UtteranceChanged,
 )
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.ports import FrameReader
@@ -183,8 +184,8 @@ class SessionRecorder:
 
     def write(self, value: Any, arrived_ns: int | None = None) -> None:
         """Record one value of the stream table. ``arrived_ns`` is when the console got it; None: just now."""
-        if self.paused:
-            return
+        if self.paused and not isinstance(value, UtteranceChanged):
+            return  # what was said before the pause may be made out in it; the console lets nothing else of it through
         now_ns = clock.now_ns()
         arrived_ns = now_ns if arrived_ns is None else arrived_ns
         # What came between the wish for a recording and its folder could not be written sooner.
@@ -359,8 +360,10 @@ class SessionRecorder:
         self.end(reason, actor)
         self.finish()
 
-    def end(self, reason: str, actor: Actor) -> None:
-        """End the session. Does what can be done; what cannot is logged. :meth:`finish` must follow."""
+    def end(self, reason: str, actor: Actor, at_ns: int | None = None) -> None:
+        """End the session as of ``at_ns``, or as of when its media are closed. Does what can be done; what cannot is
+        logged. :meth:`finish` must follow.
+        """
         self._let_go_of_pictures()
         self._put_held()
         # Media first: their indexes need room, and the reserve is for the events that come after them.
@@ -376,8 +379,9 @@ class SessionRecorder:
         self._reserve.release()
         self._closing_room.release()
         self._tell_missed()
-        self._ended_ns, self._reason = clock.now_ns(), reason
-        self._record(SessionEnded(self._ended_ns, self.folder.name, reason, actor), arrived_ns=self._ended_ns)
+        now_ns = clock.now_ns()
+        self._ended_ns, self._reason = now_ns if at_ns is None else at_ns, reason
+        self._record(SessionEnded(self._ended_ns, self.folder.name, reason, actor), arrived_ns=now_ns)
         for step in (self._log.close, self._plain.close, self._write_last_header):
             try:
                 step()

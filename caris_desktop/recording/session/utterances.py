@@ -62,6 +62,8 @@ class SpokenUtterance:
         """Whether anybody heard at least a part of it."""
         if self.start_ns is None or (self.origin == "heard" and self.state == "failed"):
             return False  # what was taken for a voice was none, or the robot's
+        if self.origin == "heard" and self.state == "started" and not self.text:
+            return False  # a turn is heard before it is decided whose voice it was: the verdict is not in the record
         cut_short = self.state in ("interrupted", "failed") and self.end_ns is not None
         return not cut_short or (self.end_ns or 0) - self.start_ns >= HEARD_FROM_NS
 

@@ -131,6 +131,17 @@ def test_a_turn_is_told_with_the_moments_of_its_voice() -> None:
     assert bench.hearings[-1].utterance_id == ""
 
 
+def test_a_turn_that_is_ended_has_what_was_said_until_then() -> None:
+    bench = Bench().hear(1).say(2.2)
+    bench.ear.end_turn()
+    bench.say(3.0).hear(1.5)
+    assert [each.state for each in bench.utterances] == ["started", "finished"] * 2
+    assert bench.utterances[1].utterance_id == bench.utterances[0].utterance_id != bench.utterances[2].utterance_id
+    assert bench.utterances[1].stamp_ns / 1e9 == pytest.approx(13.2, abs=0.1)
+    assert bench.utterances[1].text == "w0 w1 w2 w3"
+    assert bench.utterances[2].stamp_ns >= bench.utterances[1].stamp_ns
+
+
 def test_words_are_committed_while_somebody_speaks_and_stay() -> None:
     bench = Bench().hear(1).say(6).hear(1.5)
     shown = [each.committed for each in bench.hearings if each.utterance_id]

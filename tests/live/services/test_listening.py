@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.listening.messages import (
+    EndTurns,
     RecogniserAway,
     RecogniserFailed,
     RecogniserReady,
@@ -27,7 +28,7 @@ from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.listening_feed import STREAM, ListeningFeed
 from caris_desktop.live.services.listening import ListeningService
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import ListeningStatus, MicrophoneStatus, SoundStatus
+from caris_desktop.live.status import ListeningStatus, MicrophoneStatus, RecordingStatus, SoundStatus
 from caris_desktop.scenario.listening import ListeningSettings
 from caris_desktop.scenario.model import PanelLeaf, Permissions, Scenario
 from tests.live.bodies import echo
@@ -180,6 +181,15 @@ def test_it_is_told_who_it_was_that_spoke(bench: Bench, qtbot: QtBot) -> None:
     bench.service.follows()[UtteranceCorrected](UtteranceCorrected(7, "h-1", person_id="p-2"))
     qtbot.waitUntil(lambda: bool(child.got))
     assert child.got == [SpokenBy("h-1", "p-2")]
+
+
+def test_turns_end_with_the_recording_and_with_a_pause_of_it(bench: Bench, qtbot: QtBot) -> None:
+    child = _listening(bench)
+    for state in ("starting", "recording", "paused", "recording", "stopping", "idle"):
+        bench.state.recording.set(RecordingStatus(state))
+    bench.bus.publish(sound())
+    qtbot.waitUntil(lambda: bool(child.got) and isinstance(child.got[-1], AudioChunk))
+    assert child.got[:-1] == [EndTurns(), EndTurns()]
 
 
 def test_a_recogniser_that_does_not_read_holds_nobody_up_and_what_is_left_out_is_told(

@@ -8,7 +8,7 @@ import subprocess
 import time
 import wave
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import pytest
 from mcap.reader import make_reader
 
 from caris_desktop.domain import clock, streams
-from caris_desktop.domain.events import Gap, Problem, RecordingPaused
+from caris_desktop.domain.events import Gap, Problem, RecordingPaused, SessionEnded, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk, BatteryState, StatusShown
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.frame_ring import FrameRing
@@ -29,14 +29,16 @@ from caris_desktop.recording.recorder.messages import (
     RecorderReport,
     SetRecordingPermissions,
     StartRecording,
+    StopRecording,
     TakePhoto,
 )
 from caris_desktop.recording.session.folder_lock import is_held
 from caris_desktop.recording.session.gap_words import read_reason
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session.utterances import spoken
 from tests.recording import driving
-from tests.recording.driving import RecorderUnderTest, command, feed_frames, header, mark, picture, pose, scan
+from tests.recording.driving import RecorderUnderTest, command, feed_frames, header, mark, picture, pose, scan, start
 from tests.recording.recorder.test_recorder_process import video_times_s
 from tests.support.polling import wait_for
 
@@ -293,3 +295,25 @@ def test_sound_of_a_pause_that_comes_after_it_is_cut_off(tmp_path: Path) -> None
     private = round((resumed.stamp_ns - private_ns) * RATE_HZ / 1e9)
     assert int((kept == 7000).sum()) == pytest.approx(RATE_HZ - private, abs=2)
     assert private > 0
+
+
+def test_what_was_said_before_a_pause_is_recorded_in_it_and_a_session_ends_when_that_was_asked_for(
+    tmp_path: Path,
+) -> None:
+    recorder = RecorderUnderTest(in_thread=True)
+    recorder.send(start(tmp_path / "s"))
+    begun = UtteranceChanged(clock.now_ns(), "h-1", "participant", "", "heard", "started")
+    recorder.send(begun, PauseRecording(paused=True))
+    recorder.wait_for(RecorderReport, state="paused")
+    recorder.send(replace(begun, text="Where is the lab?", state="finished"), mark("within"))
+    recorder.send(PauseRecording(paused=False))
+    asked_ns = clock.now_ns()
+    raw = pickle.dumps(StopRecording())
+    recorder.connection.send_bytes(ARRIVED + (asked_ns - 2 * 10**9).to_bytes(8, "little", signed=True) + raw)
+    recorder.wait_for(SessionEnded, stamp_ns=asked_ns - 2 * 10**9)
+    recorder.wait_for(RecorderReport, state="idle")
+    recorder.close()
+    session = open_session(tmp_path / "s")
+    assert [(one.text, one.said) for one in spoken(session)] == [("Where is the lab?", True)]
+    assert not list(session.values("event/marked"))
+    assert session.ended_ns == asked_ns - 2 * 10**9

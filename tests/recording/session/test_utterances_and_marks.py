@@ -4,7 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Marked, RecordingPaused, UtteranceChanged, UtteranceState
+from caris_desktop.domain.events import (
+    Marked,
+    RecordingPaused,
+    UtteranceChanged,
+    UtteranceCorrected,
+    UtteranceState,
+)
 from caris_desktop.recording.session.marks import FinalMark, final_marks, final_marks_of
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.utterances import spoken, spoken_of
@@ -77,6 +83,21 @@ def test_an_end_that_was_not_recorded_is_when_the_record_breaks_off_or_the_speak
 def test_what_was_heard_may_come_in_one_piece() -> None:
     heard = said(30, "h", "finished", speaker="participant", origin="heard")
     assert times([heard]) == [("h", None, 30, 30, "finished")]
+
+
+def test_a_heard_turn_whose_verdict_is_not_in_the_record_was_not_said() -> None:
+    begun = replace(said(900, "echo", "started", speaker="participant", origin="heard"), text="")
+    before = said(100, "p", "started", speaker="participant", origin="heard", text="")
+    spoken_before = [before, replace(before, stamp_ns=200, state="finished", text="Where is the lab?")]
+    lost_inside = replace(begun, stamp_ns=300, utterance_id="lost")
+    told = [*spoken_before, lost_inside, begun]
+    assert [one.utterance_id for one in spoken_of(told, ended_ns=1000) if one.said] == ["p"]
+    # Somebody who listened to it wrote down what was said.
+    corrected = UtteranceCorrected(950, "lost", text="Hello.")
+    assert [one.utterance_id for one in spoken_of([*told, corrected], ended_ns=1000) if one.said] == ["p", "lost"]
+    # A robot or a wizard that was still speaking did say it.
+    own = said(950, "own", "started", speaker="wizard", origin="own_voice", text="")
+    assert [one.utterance_id for one in spoken_of([own], ended_ns=1000) if one.said] == ["own"]
 
 
 def test_the_newest_of_a_mark_counts_and_withdrawn_ones_are_gone() -> None:
