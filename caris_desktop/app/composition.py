@@ -5,10 +5,12 @@ import functools
 import hashlib
 import logging
 import platform
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields, replace
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import platformdirs
 
@@ -64,6 +66,7 @@ from caris_desktop.scenario.model import Scenario
 from caris_desktop.study.folder import (
     StudyFolder,
     StudyFolderError,
+    default_study_path,
     free_bytes,
     load_last_details,
     new_session_folder,
@@ -71,6 +74,9 @@ from caris_desktop.study.folder import (
     save_last_details,
 )
 from caris_desktop.study.trial import following, with_recording_number
+
+if TYPE_CHECKING:
+    from caris_desktop.recording.forgetting.own_files import OwnFiles
 
 _log = logging.getLogger(__name__)
 
@@ -206,8 +212,32 @@ def _forgetting(study: StudyFolder, person_id: str) -> ProcessBody:
     """Forgets the person in the whole study."""
     from caris_desktop.live.forgetting import ForgettingAsked
 
-    asked = ForgettingAsked(study.path, study.people_database, person_id, unknown=True)
+    asked = ForgettingAsked(study.path, study.people_database, person_id, unknown=True, own_files=own_files(study.path))
     return ProcessBody("forgetting", bodies.forgetting, (asked,))
+
+
+def own_files(study: Path) -> "OwnFiles":
+    """What the program keeps for this user outside of the study that may name a person of it."""
+    from caris_desktop.conversation.voices.engine_process import VOICE_FOLDER
+    from caris_desktop.live.logs import log_file
+    from caris_desktop.recording.forgetting.own_files import OwnFiles
+
+    state = Path(platformdirs.user_state_dir("caris-desktop", appauthor=False))
+    data = Path(platformdirs.user_data_dir("caris-desktop", appauthor=False))
+    settings = Path(platformdirs.user_config_dir("CARIS", appauthor=False))
+    folders = (
+        state, data, settings,
+        Path(platformdirs.user_config_dir("caris-desktop", appauthor=False)),
+        Path(platformdirs.user_cache_dir("caris-desktop", appauthor=False)),
+    )  # fmt: skip
+    return OwnFiles(
+        said_before_file(study).parent,
+        log_file().parent,
+        tuple(Path(tempfile.gettempdir()).glob(f"{VOICE_FOLDER}*")),
+        folders,
+        # Studies, of which others may know another person of that name, and weights, which know nobody.
+        (default_study_path().parent, study, data / "models"),
+    )
 
 
 def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -> WantedCameras:

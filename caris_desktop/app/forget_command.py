@@ -52,6 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Exit status: 0 when nothing of them is left, 1 when something is (the words say what), 130 when cancelled."""
+    from caris_desktop.app.composition import own_files  # with all that the console consists of
+
     if not arguments.study.is_dir():
         print(f"{arguments.study} is no folder. Nothing was changed.", file=sys.stderr)
         return 1
@@ -65,6 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         texts="" if arguments.text == "list" else arguments.text,
         review=None if arguments.review is None else arguments.review.absolute(),
         keep_exports=arguments.keep_exports,
+        own_files=own_files(study),
     )
     try:
         person, _, _ = person_of(asked)
@@ -97,7 +100,11 @@ def _agreed(asked: ForgettingAsked, names: tuple[str, ...]) -> bool:
 
 
 def _tell(outcome: Forgotten, study: Path, person_id: str) -> None:
+    if not outcome.complete:
+        print("Incomplete: the person may still be named, shown or heard.", file=sys.stderr)
     print(receipt_words(outcome.receipt))
+    for file in outcome.unexamined:
+        print(f"Nothing looked for people in {file}: it may show or hold them.", file=sys.stderr)
     for problem in outcome.problems:
         print(problem, file=sys.stderr)
     for what in outcome.closed:
@@ -107,7 +114,7 @@ def _tell(outcome: Forgotten, study: Path, person_id: str) -> None:
     if outcome.review is not None:
         places = "1 place" if outcome.waiting == 1 else f"{outcome.waiting} places"
         print(
-            f"{places} of text may name them and wait for you. Decide on each in {outcome.review}, then run:\n"
+            f"{places} may name or show them and wait for you. Decide on each in {outcome.review}, then run:\n"
             f"  caris-desktop forget {study} {person_id} --review {outcome.review}",
             file=sys.stderr,
         )

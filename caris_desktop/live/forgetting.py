@@ -16,6 +16,7 @@ from caris_desktop.domain.value_class import dataclass
 
 if TYPE_CHECKING:
     from caris_desktop.people.forgetting import PersonToForget
+    from caris_desktop.recording.forgetting.own_files import OwnFiles
     from caris_desktop.recording.forgetting.review import Review
     from caris_desktop.recording.forgetting.study import Forgotten
     from caris_desktop.recording.forgetting.texts import Decision
@@ -31,6 +32,7 @@ class ForgettingAsked:
 
     ``texts``: what becomes of free text that names them, unless ``review``, a list that somebody decided in, says
     otherwise; empty to have that list written. ``unknown``: also somebody whom the database does not know, by id.
+    ``own_files`` are this user's outside of the study.
     """
 
     study: Path
@@ -42,6 +44,7 @@ class ForgettingAsked:
     review: Path | None = None
     keep_exports: bool = False
     unknown: bool = False
+    own_files: OwnFiles | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +94,7 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
 def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lambda _f, _w: None) -> Forgotten:
     """Forget somebody, or go on with it. Takes as long as the study's films take to be encoded. Raises ToldFailure."""
     from caris_desktop.people.forgetting import erase, rewrite_texts
+    from caris_desktop.recording.forgetting.own_files import OwnFiles
     from caris_desktop.recording.forgetting.study import ForgetRequest, forget_person
 
     person, review, known = person_of(asked)
@@ -106,6 +110,7 @@ def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lamb
         keep_exports=asked.keep_exports,
         only_texts=review is not None and not known,
         texts_of_people=partial(rewrite_texts, asked.database),
+        own_files=asked.own_files or OwnFiles(),
     )
     told = -1.0
 

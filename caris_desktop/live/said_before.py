@@ -19,7 +19,8 @@ AT_MOST = 500
 class SaidBefore:
     """Keeps ``state.said_before``, oldest first and each sentence once, and the file ``path`` beside it.
 
-    In the file stands no sentence with a name that the study knows: it is there as long as this run only.
+    The file has no sentence with a name that the study knows or knew during this run: such a sentence is there as long
+    as this run only, and no longer than anybody is forgotten.
     """
 
     def __init__(self, state: LiveState, path: Path, slow_work: SlowWork, names: Callable[[], Iterable[str]]) -> None:
@@ -27,6 +28,8 @@ class SaidBefore:
         self._path = path
         self._slow_work = slow_work
         self._names = names
+        self._name_parts: set[str] = set()
+        state.everybody.changed.connect(self._on_everybody_changed)
 
     def read(self) -> None:
         """Bring in what the sessions before have left."""
@@ -40,17 +43,35 @@ class SaidBefore:
         """Once more, as the study may know another name by now."""
         text = "".join(
             f"{json.dumps(sentence, ensure_ascii=False)}\n"
-            for sentence in without_names(self._state.said_before.value, self._names())
+            for sentence in self._nameless(self._state.said_before.value)
         )
         self._slow_work.do(lambda: _write(self._path, text), lambda _done: None, _tell)
+
+    def forget(self) -> None:
+        """Drop each sentence with a name. Whose it is nobody can tell once the study has forgotten the person."""
+        self._state.said_before.set(self._nameless(self._state.said_before.value))
+        self.write()
+
+    def _nameless(self, sentences: Iterable[str]) -> tuple[str, ...]:
+        # A name that was forgotten meanwhile must not come back with the next sentence.
+        self._name_parts |= parts_of(self._names())
+        return without_names(sentences, self._name_parts)
+
+    def _on_everybody_changed(self, _everybody: object) -> None:
+        self._name_parts |= parts_of(self._names())
 
     def _on_read(self, sentences: tuple[str, ...]) -> None:
         self._state.said_before.set(_newest((*sentences, *self._state.said_before.value)))
 
 
+def parts_of(names: Iterable[str]) -> set[str]:
+    """The words of which names consist, folded."""
+    return {part for name in names for part in re.findall(r"\w{2,}", name.casefold())}
+
+
 def without_names(sentences: Iterable[str], names: Iterable[str]) -> tuple[str, ...]:
     """The sentences that hold none of the names, nor a part of one."""
-    parts = {part for name in names for part in re.findall(r"\w{2,}", name.casefold())}
+    parts = parts_of(names)
     return tuple(sentence for sentence in sentences if not parts.intersection(re.findall(r"\w+", sentence.casefold())))
 
 

@@ -1,6 +1,7 @@
 """``caris-desktop forget`` on a study with its people's database."""
 
 import argparse
+import re
 import shutil
 from collections.abc import Sequence
 from contextlib import closing
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.app import forget_command
+from caris_desktop.app.composition import said_before_file
 from caris_desktop.people.store import About, PeopleStore, StoredLooks
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.canaries import all_of
@@ -65,12 +67,11 @@ def test_one_of_fifty_is_forgotten_and_the_others_are_as_they_were(
             for looks in [store.looks(person_id=each.person_id)]
         }
     assert len(others) == PEOPLE - 1
-    (study / "torn.zip").write_bytes(b"PK\x03\x04 torn")
     # The folder of its sessions stands for the study, too.
     assert run(study / "sessions", NAME, "--text", "redact", "--yes") == 0
     assert found_in(study) == []
     told, noted = capsys.readouterr()
-    assert "could not be unpacked: torn.zip" in noted
+    assert "Incomplete" not in noted
     assert "1 film changed" in told
     assert "found 0 times" in told
     with closing(PeopleStore(study / "people.sqlite")) as store:
@@ -79,6 +80,32 @@ def test_one_of_fifty_is_forgotten_and_the_others_are_as_they_were(
             for each in store.everybody()
             for looks in [store.looks(person_id=each.person_id)]
         } == others
+
+
+def test_what_could_not_be_looked_into_makes_it_incomplete(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (study / "torn.zip").write_bytes(b"PK\x03\x04 torn")
+    (study / "interview.mp3").write_bytes(b"ID3")
+    assert run(study, NAME, "--text", "redact", "--yes") == 1
+    noted = capsys.readouterr().err
+    assert noted.startswith("Incomplete: ")
+    assert "could not be unpacked: torn.zip" in noted
+    assert "Nothing looked for people in interview.mp3" in noted
+    (review,) = (study / "forgotten").glob("review-*.txt")
+    text = review.read_text(encoding="utf-8")
+    review.write_text(re.sub(r"^\?", "keep", text, flags=re.MULTILINE), encoding="utf-8")
+    assert run(study, PERSON, "--yes", "--review", str(review)) == 0
+    assert "Incomplete" not in capsys.readouterr().err
+
+
+def test_the_typed_sentences_of_the_study_are_cleaned_too(study: Path) -> None:
+    history = said_before_file(study)
+    history.parent.mkdir(parents=True, exist_ok=True)
+    history.write_text(f'"Fine."\n"Hello, {NAME}."\n', encoding="utf-8")
+    try:
+        assert run(study, NAME, "--text", "redact", "--yes") == 0
+        assert history.read_text(encoding="utf-8") == '"Fine."\n'
+    finally:
+        history.unlink()
 
 
 def test_texts_are_decided_on_in_a_list_and_handed_back(study: Path, capsys: pytest.CaptureFixture[str]) -> None:

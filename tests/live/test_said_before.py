@@ -75,3 +75,43 @@ def test_a_broken_file_costs_nothing_else(tmp_path: Path, slow_work: SlowWork, q
     path.write_bytes(b"\xff no json")
     assert run(path, slow_work, qtbot, "new") == ["new"]
     assert path.read_text() == '"new"\n'
+
+
+def test_a_forgotten_name_is_not_written_by_the_next_sentence(
+    tmp_path: Path, slow_work: SlowWork, qtbot: QtBot
+) -> None:
+    path = tmp_path / "a.jsonl"
+    known = ["Zoë Quillfeather", "Basil"]
+    state = LiveState()
+    said = SaidBefore(state, path, slow_work, lambda: known)
+    for sentence in ("Hello, Zoë.", "Fine."):
+        said.add(sentence)
+    known.remove("Zoë Quillfeather")
+    said.add("And now the arm.")
+    settle(slow_work, qtbot)
+    assert path.read_text(encoding="utf-8").splitlines() == ['"Fine."', '"And now the arm."']
+    said.forget()
+    assert state.said_before.value == ("Fine.", "And now the arm.")
+    # Typed once more in the same run.
+    said.add("Quillfeather was here.")
+    settle(slow_work, qtbot)
+    assert "Quillfeather" not in path.read_text(encoding="utf-8")
+    state.deleteLater()
+    QCoreApplication.processEvents()
+
+
+def test_a_name_that_was_known_before_anything_was_said_is_not_written_after_it_was_forgotten(
+    tmp_path: Path, slow_work: SlowWork, qtbot: QtBot
+) -> None:
+    path = tmp_path / "a.jsonl"
+    known = ["Zoë"]
+    state = LiveState()
+    said = SaidBefore(state, path, slow_work, lambda: known)
+    state.everybody.set(("a row",))
+    known.clear()
+    state.everybody.set(())
+    said.add("Zoë was here.")
+    settle(slow_work, qtbot)
+    assert path.read_text(encoding="utf-8") == ""
+    state.deleteLater()
+    QCoreApplication.processEvents()

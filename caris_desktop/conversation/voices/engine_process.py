@@ -19,6 +19,8 @@ from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 _log = logging.getLogger(__name__)
 _PACKAGE_PARENT = Path(__file__).resolve().parents[3]
 
+VOICE_FOLDER = "caris-voice-"
+"""How the names of temporary folders begin in which a voice renders sound."""
 EngineInbox = queue.SimpleQueue[tuple[int, Any]]
 
 
@@ -29,7 +31,7 @@ class VoiceEngine:
         search_path = [str(_PACKAGE_PARENT), *filter(None, [os.environ.get("PYTHONPATH")])]
         self.number = number
         self._inbox = inbox
-        self._folder = tempfile.mkdtemp(prefix="caris-voice-")
+        self._folder = tempfile.mkdtemp(prefix=VOICE_FOLDER)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "caris_desktop.conversation.voice_engine"],
             stdin=subprocess.PIPE,

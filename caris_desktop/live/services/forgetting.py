@@ -143,8 +143,10 @@ class ForgettingService(Service):
             places = tr("1 place") if outcome.waiting == 1 else tr("%n places", "", outcome.waiting)
             self._bus.problem(
                 "warning",
-                tr("The person is forgotten but for {places} of text that may name them.").format(places=places),
-                tr("Only somebody who reads them can say whether they do."),
+                tr(
+                    "Forgetting is incomplete: the person is forgotten but for {places} that may name or show them."
+                ).format(places=places),
+                tr("Only somebody who reads or watches them can say whether they do."),
                 tr(
                     "Decide on each in {review}, then run: caris-desktop forget {study} {person} --review {review}"
                 ).format(review=outcome.review, study=outcome.receipt.parent.parent, person=self._asked.person_id),
@@ -158,7 +160,7 @@ class ForgettingService(Service):
         if outcome.complete:
             self._bus.problem(
                 "info",
-                tr("The person is forgotten: nothing of them is found in the study any more."),
+                tr("The person is forgotten: nothing of them is found any more in the study or in your own files."),
                 tr("Recordings in which they were seen or named were changed, and say so."),
                 tr("The receipt is {receipt}.").format(receipt=outcome.receipt),
                 cause=ANSWER,

@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject
 from caris_desktop.conversation.placeholders import NAME, Words, filled, missing
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD, Actor
-from caris_desktop.domain.events import PersonRenamed, UtteranceChanged
+from caris_desktop.domain.events import PersonForgotten, PersonRenamed, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sound import PlayedSound
@@ -68,7 +68,11 @@ class SpeakingService(Service):
         }
 
     def follows(self) -> Follows:
-        return {UtteranceChanged: self._on_utterance, PersonRenamed: lambda _event: self._said_before.write()}
+        return {
+            UtteranceChanged: self._on_utterance,
+            PersonRenamed: lambda _event: self._said_before.write(),
+            PersonForgotten: lambda _event: self._said_before.forget(),
+        }
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._naming = scenario.permissions.naming_people

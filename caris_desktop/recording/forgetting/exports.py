@@ -52,12 +52,12 @@ class Exports:
             export = self.of(path)
             if export is None or export in found:
                 continue
-            shows = path.suffix.lower() in _SHOWS and bool(self._shown_in(export) & frozenset(seen_in))
+            shows = path.suffix.lower() in _SHOWS and bool(self.shown_in(export) & frozenset(seen_in))
             if path in named or shows:
                 found[export] = None
         return list(found)
 
-    def _shown_in(self, export: Path) -> frozenset[str]:
+    def shown_in(self, export: Path) -> frozenset[str]:
         """Which sessions it may show: its own where its place is named after one, else any."""
         parts = export.relative_to(self._study).parts
         return frozenset(parts) & self._sessions or self._sessions

@@ -18,11 +18,13 @@ PART = ".forgetting.part"
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What became of one file: ``after`` is empty where it was removed. Checksums are SHA-256."""
+    """What became of one file. ``after`` is the SHA-256 of what it holds now, empty where it was removed.
+
+    There is none of what it held: a name could be guessed from that, one name after the other.
+    """
 
     file: str
     what: str
-    before: str
     after: str
     count: int = 0
 
@@ -83,11 +85,9 @@ class Journal:
         part.unlink(missing_ok=True)
         try:
             count = make(part)
-            before, after = digest_of(path), digest_of(part)
-            if before != after:
-                bring_to_disk(part)
+            bring_to_disk(part)
             part.chmod(path.stat().st_mode & 0o7777)
-            self.note(file=self.name_of(path), what=what, before=before, after=after, count=count)
+            self.note(file=self.name_of(path), what=what, after=digest_of(part), count=count)
             part.replace(path)
         except BaseException:
             part.unlink(missing_ok=True)
@@ -95,11 +95,15 @@ class Journal:
         bring_to_disk(path.parent)
 
     def remove(self, path: Path, what: str) -> None:
-        self.note(file=self.name_of(path), what=what, before=digest_of(path), after="", count=1)
+        self.note(file=self.name_of(path), what=what, after="", count=1)
         path.unlink()
 
     def name_of(self, path: Path) -> str:
-        return self._without_names(path.relative_to(self._study).as_posix())
+        """The file's path in the study; of the user's other files that below their home folder."""
+        if path.is_relative_to(self._study):
+            return self._without_names(path.relative_to(self._study).as_posix())
+        home = Path.home()
+        return self._without_names(f"~/{path.relative_to(home).as_posix()}" if path.is_relative_to(home) else str(path))
 
     def end(self) -> None:
         self.path.unlink(missing_ok=True)
@@ -108,6 +112,7 @@ class Journal:
     def _remember(self, entry: dict[str, Any]) -> None:
         self._lines.append(entry)
         if "file" in entry:
+            entry = {key: value for key, value in entry.items() if key != "before"}  # of versions that had it
             change = Change(**entry)
             self._changes[change.file, change.what] = change
             self._left.add(change.after)

@@ -12,10 +12,10 @@ from caris_desktop.recording.forgetting.canaries import ForgettingStopped
 from caris_desktop.recording.forgetting.texts import Decision, Passage
 
 _HEAD = """\
-# Texts that may name the person who is being forgotten. Write what is to become of each in place of the ?:
+# Texts and files that may name or show the person who is being forgotten. Write in place of each ? what becomes of it:
 #   redact   the name is replaced by [forgotten], and the sound in which it was spoken is silenced
 #   keep     it stays, since it names somebody else, or nobody
-#   remove   the whole file goes; for files that cannot be changed inside
+#   remove   the whole file goes; for files that cannot be changed inside, or that nothing could look into
 # Then run the same command again with --review THIS_FILE. The file holds the name: it is deleted once all is decided.
 """
 _PERSON, _NAMES = "# person: ", "# names: "
@@ -43,7 +43,7 @@ def write_review(path: Path, person_id: str, names: Iterable[str], places: Itera
             lines.append(f"\n# {_plain(file)}\n")
         often = f" ({place.count} times)" if place.count > 1 else ""
         words = f"{_plain(place.before)}»{_plain(place.name)}«{_plain(place.behind)}"
-        allowed = "  [the whole file: keep or remove]" if place.kind == "file" else ""
+        allowed = "  [the whole file: keep or remove]" if place.kind in ("file", "unexamined") else ""
         lines.append(f"?  {place.key}  {place.where}{often}: {words}{allowed}\n")
     replace_file(path, "".join(lines).encode("utf-8", "replace"), durable=True)
 

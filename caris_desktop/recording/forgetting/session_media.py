@@ -195,6 +195,42 @@ class SessionMedia:
         return frozenset(found)
 
 
+def examined_media(session: Session, seen: Sightings | None) -> frozenset[Path]:
+    """The files of film, sound and photos of which the record tells whether the person is in them. Raises OSError."""
+    if seen is None or not seen.looks_ns:
+        return frozenset()
+    folder = session.folder
+
+    def of(what: str, *, is_known: Callable[[dict[str, Any]], bool] = lambda _entry: True) -> Iterator[Path]:
+        entries = session.header.get(what)
+        for entry in entries if isinstance(entries, list) else ():
+            if isinstance(entry, dict) and is_known(entry):
+                yield folder / str(entry.get("file_name"))
+
+    def was_looked_at(entry: dict[str, Any]) -> bool:
+        # A camera that nobody looked at is covered whole where somebody was there.
+        return seen.any or bool(seen.looks_ns.get(str(entry.get("camera"))))
+
+    photos = [path for path in folder.rglob("*.png") if names_people(path)]
+    for _, data in messages_of(folder / "events.mcap", lambda topic: topic == _PHOTO):
+        try:
+            photo = json.loads(data)
+            path, camera = folder / str(photo["file_name"]), str(photo["camera"])
+        except (ValueError, KeyError, TypeError):
+            continue
+        if seen.any or seen.looks_ns.get(camera):
+            photos += [path, path.with_name(_ASIDE) / path.name]
+    return frozenset((*of("videos", is_known=was_looked_at), *of("audio"), *photos))
+
+
+def names_people(photo: Path) -> bool:
+    """Whether a photo tells who is in it. Raises OSError."""
+    try:
+        return bool(texts_of(photo.read_bytes()).get(PEOPLE))
+    except PhotoFileError:
+        return False
+
+
 def photos_of(folder: Path, person_ids: frozenset[str]) -> list[Path]:
     """The photos in a folder that say that one of these people is in them. Raises OSError."""
     found = []

@@ -7,9 +7,11 @@ until then it tells what has to go, and with a kill in the middle the same comma
 import contextlib
 import json
 import logging
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, field
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import field
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,21 +24,23 @@ from caris_desktop.recording.forgetting.canaries import ForgettingStopped, Perso
 from caris_desktop.recording.forgetting.exports import Exports
 from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, first_line_of, path_of
 from caris_desktop.recording.forgetting.kept_texts import KeptTexts, Rewrite
+from caris_desktop.recording.forgetting.own_files import OwnFiles, blot_out, without_lines
 from caris_desktop.recording.forgetting.review import write_review
-from caris_desktop.recording.forgetting.session_media import SessionMedia, photos_of
-from caris_desktop.recording.forgetting.sightings import Sightings, everyone_who_is, links_in, sightings_in
+from caris_desktop.recording.forgetting.session_media import SessionMedia, examined_media, names_people, photos_of
+from caris_desktop.recording.forgetting.sightings import Sightings, everyone_who_is, links_in, messages_of, sightings_in
+from caris_desktop.recording.forgetting.study_files import StudyFiles, copies_in, files_of, is_opaque, names_elsewhere
 from caris_desktop.recording.forgetting.texts import Decision, TextWork
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, FolderHeldError, hold, is_held
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, write_manifest
 from caris_desktop.recording.session.session_clock import clock_text
-from caris_desktop.recording.session.session_header import SessionError, is_session, read_header
+from caris_desktop.recording.session.session_header import SessionError, read_header
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.study_index import DATABASE_NAME
 
 _log = logging.getLogger(__name__)
 RECEIPT = "RECEIPT.json"
 _FORMAT, _FORMAT_VERSION = "caris-desktop forgetting", 1
-_PEOPLE = "people.sqlite"
+_PEOPLE, _SCENARIO = "people.sqlite", "/event/scenario_opened"
 # What a kill may have left of files that were being written here; none of them is in the place of its file yet.
 _PARTS = (f".*{PART}", f".{RECEIPT}.*.part", ".review-*.part", f".{MANIFEST_NAME}.*.part")
 _KINDS = (
@@ -45,7 +49,12 @@ _KINDS = (
     ("sound", "sound", "sounds"),
     ("text", "file of text", "files of text"),
     ("export", "file of exports", "files of exports"),
+    ("copy", "copy", "copies"),
+    ("history", "list of typed sentences", "lists of typed sentences"),
+    ("log", "log", "logs"),
 )
+_OF_MEDIA = ("video", "photo", "sound")
+_UNEXAMINED = QT_TR_NOOP("nothing looked for people in it")
 _NOT_CHANGED = QT_TR_NOOP("What was done up to now is kept, and nothing else was changed.")
 _IN_THE_MIDDLE = QT_TR_NOOP(
     "Forgetting stopped in the middle: what was done up to now is kept, and nothing else was changed."
@@ -59,7 +68,8 @@ class ForgetRequest:
     ``recordings``: the person is masked in film and photos, or these are removed. ``decisions`` are those of a review
     by key of place; ``otherwise`` holds for places without one, empty where they are to wait for somebody.
     ``only_texts`` leaves film and photos as they are: the person is forgotten but for texts that waited for decisions.
-    ``texts_of_people`` passes what the database keeps of everybody through a function.
+    ``texts_of_people`` passes what the database keeps of everybody through a function. ``own_files`` are those that
+    the program keeps for its user outside of the study.
     """
 
     study: Path
@@ -73,14 +83,16 @@ class ForgetRequest:
     keep_exports: bool = False
     only_texts: bool = False
     texts_of_people: Callable[[Rewrite], None] = lambda _rewrite: None
+    own_files: OwnFiles = OwnFiles()
 
 
 @dataclass(frozen=True, slots=True)
 class Forgotten:
-    """What came of it. ``review`` lists ``waiting`` places of text that somebody has to decide on.
+    """What came of it. ``review`` lists ``waiting`` places of text, and files, that somebody has to decide on.
 
     ``left`` names files in which the person is found although nobody decided so, ``problems`` what could not be done,
-    and ``closed`` what could not be unpacked, so that only its bytes as they lie were searched.
+    and ``closed`` what could not be unpacked, so that only its bytes as they lie were searched. ``unexamined`` are
+    media in which nothing looked for the person, and that nobody has decided on.
     """
 
     receipt: Path
@@ -89,9 +101,11 @@ class Forgotten:
     left: tuple[str, ...]
     problems: tuple[str, ...]
     closed: tuple[str, ...] = ()
+    unexamined: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:
+        """Whether the person is gone as far as anybody can tell."""
         return not (self.waiting or self.left or self.problems)
 
 
@@ -119,7 +133,7 @@ def forget_person(
         request goes on then.
     """
     with _explained(request.study):
-        recorded = next((folder for folder in _sessions_of(request.study) if is_held(folder)), None)
+        recorded = next((folder for folder in files_of(request.study).sessions if is_held(folder)), None)
         if recorded is not None:
             raise ForgettingStopped(
                 filled(QT_TR_NOOP("{session} is being recorded or repaired at this moment."), session=recorded.name),
@@ -137,13 +151,6 @@ def forget_person(
             ) from error
         with lock:
             return _Forgetting(request, erase, progress).run()
-
-
-def _sessions_of(study: Path) -> list[Path]:
-    sessions = study / "sessions"
-    if not sessions.is_dir():
-        return []
-    return sorted(path for path in sessions.iterdir() if path.is_dir() and not path.is_symlink() and is_session(path))
 
 
 class _Forgetting:
@@ -165,25 +172,41 @@ class _Forgetting:
         self._problems: list[str] = []
         self._exports_named: list[str] = []
         self._seen_in: dict[Path, Sightings] = {}
+        self._examined: set[str] = set()
 
     def run(self) -> Forgotten:
         begun = self._journal.noted("begun")
         if begun is None:
             begun = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
             self._journal.note(person_id=self._request.person_ids[0], begun=begun)
-        for part in (part for pattern in _PARTS for part in self._study.rglob(pattern)):
-            part.unlink()
+        for path in (*files_of(self._study).files, *self._request.own_files.files()):
+            if any(path.match(pattern) for pattern in _PARTS):
+                path.unlink()
         erasing = self._journal.noted("erasing")
         if erasing is not None and not self._words.names:
             # All else was done, and the database has forgotten them or was just doing so.
             return self._finish(begun, erasing, int(self._journal.noted("waiting") or 0))
-        sessions = _sessions_of(self._study)
+        listed = self._listed()
+        exports = Exports(self._study, [folder.name for folder in listed.sessions])
+        sessions = [folder for folder in listed.sessions if exports.of(folder / "events.mcap") is None]
+        self._problems += [
+            filled(
+                QT_TR_NOOP(
+                    "{link} leads out of the study, to {target}. What is there was neither searched nor changed: "
+                    "erase the person there yourself, or move it into the study's folder and ask again."
+                ),
+                link=self._journal.name_of(link),
+                target=self._without_names(str(target)),
+            )
+            for link, target in listed.refused
+        ]
+        self._note_same_bytes(listed.files)
         self._look_for_sightings(sessions)
         self._tell(0.05, QT_TR_NOOP("Searching the study"))
         found = self._found_in(self._files())
         if self._journal.noted("found") is None:
             self._journal.note(found=_counts(found.values()), files=sum(bool(one.hits) for one in found.values()))
-        found = self._without_exports(found, sessions)
+        found = self._without_exports(found, exports)
         for number, folder in enumerate(sessions):
             session = filled(QT_TR_NOOP("Session {number} of {count}"), number=number + 1, count=len(sessions))
             self._tell(0.1 + 0.7 * number / len(sessions), session)
@@ -193,14 +216,25 @@ class _Forgetting:
                 # Taken without a session: nothing tells where in it they are.
                 self._journal.remove(path, "photo")
                 found.pop(path, None)
+        self._treat_copies(found)
+        for folder in sessions:
+            inside = self._journal.name_of(folder) + "/"
+            if any(change.what == "copy" and change.file.startswith(inside) for change in self._journal.changes()):
+                self._seal(folder)
         for path, searched in found.items():
-            if not any(path.is_relative_to(folder) for folder in sessions):
+            if path.exists() and not any(path.is_relative_to(folder) for folder in sessions):
                 self._in_file(path, searched)
+        self._look_at_unexamined(found, sessions, exports)
+        self._in_own_files()
         self._kept_texts().treat()
         self._drop_index()
-        self._rename_files()
+        self._rename_files(self._study.rglob("*"))
+        self._rename_files(self._request.own_files.files())
         self._tell(0.85, QT_TR_NOOP("Searching every byte again"))
         proof = self._proof()
+        proof["not_looked_at"] = sorted(
+            place.file for place in self._texts.places.values() if place.kind == "unexamined"
+        )
         waiting = self._texts.open_places()
         if waiting:
             write_review(self._review, self._request.person_ids[0], self._words.names, waiting)
@@ -222,23 +256,107 @@ class _Forgetting:
             with self._told(folder):
                 self._seen_in[folder] = sightings_in(folder / "events.mcap", self._ids)
 
-    def _files(self) -> Iterator[Path]:
+    def _listed(self) -> StudyFiles:
         """All that is to be searched and changed: not the database, which erases its own, nor the list of texts."""
-        for path in sorted(self._study.rglob("*")):
-            if path.is_symlink() or not path.is_file() or path.name == LOCK_NAME:
-                continue
-            if path.parent == self._study and path.name.startswith(_PEOPLE):
-                continue
-            if path not in (self._review, self._request.review):
-                yield path
+        listed = files_of(self._study)
+        listed.files = [
+            path
+            for path in listed.files
+            if path.name != LOCK_NAME
+            and not (path.parent == self._study and path.name.startswith(_PEOPLE))
+            and path not in (self._review, self._request.review)
+        ]
+        return listed
 
-    def _found_in(self, files: Iterator[Path]) -> dict[Path, Searched]:
+    def _files(self) -> list[Path]:
+        return self._listed().files
+
+    def _found_in(self, files: Iterable[Path]) -> dict[Path, Searched]:
         return {path: self._search.file(path) for path in files}
+
+    # The same bytes under several names
+
+    def _note_same_bytes(self, files: list[Path]) -> None:
+        """Before anything is changed, since nothing tells it afterwards."""
+        if self._journal.noted("copies") is None:
+            names = [[self._journal.name_of(path) for path in same] for same in copies_in(files)]
+            elsewhere = [self._journal.name_of(path) for path in names_elsewhere(files)]
+            self._journal.note(copies=names, elsewhere=elsewhere)
+
+    def _treat_copies(self, found: dict[Path, Searched]) -> None:
+        """Where one of several copies was covered, silenced or removed, the others become the same."""
+        paths = {self._journal.name_of(path): path for path in self._files()}
+        for names in self._journal.noted("copies"):
+            changes = {change.file: change for change in self._journal.changes() if change.file in names}
+            done = next((change for change in changes.values() if change.what in _OF_MEDIA), None)
+            if done is None:
+                continue
+            for path in (paths[name] for name in names if name in paths and name not in changes):
+                if done.after and done.file in paths:
+                    self._journal.replace(path, "copy", partial(_copied, paths[done.file]))
+                    found[path] = self._search.file(path)
+                else:
+                    self._journal.remove(path, "copy")
+                    found.pop(path, None)
+        changed = {change.file for change in self._journal.changes()}
+        self._problems += [
+            filled(
+                QT_TR_NOOP(
+                    "{file} has another name outside of the study, a hard link. Under that it is as it was: delete it "
+                    "there."
+                ),
+                file=name,
+            )
+            for name in self._journal.noted("elsewhere")
+            if name in changed
+        ]
+
+    # What nothing looked at
+
+    def _look_at_unexamined(self, found: dict[Path, Searched], sessions: list[Path], exports: Exports) -> None:
+        """List media that may show the person or sound like them, although nothing tells so, and what is packed."""
+        blind = {folder.name for folder in sessions if not (seen := self._seen_in.get(folder)) or not seen.looks_ns}
+        examined = {change.file for change in self._journal.changes() if change.what == "copy"}
+        for names in self._journal.noted("copies"):
+            if not self._examined.isdisjoint(names):
+                examined.update(names)
+        for path, searched in found.items():
+            if not path.exists() or self._journal.name_of(path) in examined:
+                continue
+            export = exports.of(path)
+            if searched.closed:
+                self._decide_on(path, QT_TR_NOOP("it could not be unpacked"))
+            if any(path.is_relative_to(folder) for folder in sessions) or not is_opaque(path):
+                continue
+            tagged = path.parent == self._study / "photos" and names_people(path)
+            if not tagged if export is None else exports.shown_in(export) & blind:
+                self._decide_on(path, _UNEXAMINED)
+
+    def _decide_on(self, path: Path, why: str) -> None:
+        if path.exists() and self._texts.note_unexamined(self._journal.name_of(path), why) == "remove":
+            self._journal.remove(path, "file")
+
+    # Outside of the study
+
+    def _in_own_files(self) -> None:
+        own = self._request.own_files
+        for path in own.sounds():
+            self._journal.remove(path, "sound")
+        for path, searched in self._found_in(own.files()).items():
+            if not searched.hits:
+                continue
+            if own.is_history(path):
+                self._journal.replace(path, "history", partial(without_lines, path, self._words))
+            elif own.is_log(path):
+                self._journal.note(
+                    file=self._journal.name_of(path), what="log", after="-", count=blot_out(path, self._words)
+                )
+            else:
+                self._in_file(path, searched)
 
     # What was made of the recordings
 
-    def _without_exports(self, found: dict[Path, Searched], sessions: list[Path]) -> dict[Path, Searched]:
-        exports = Exports(self._study, [folder.name for folder in sessions])
+    def _without_exports(self, found: dict[Path, Searched], exports: Exports) -> dict[Path, Searched]:
         named = {path for path, searched in found.items() if searched.hits}
         seen_in = {folder.name for folder, seen in self._seen_in.items() if seen.any}
         concerned = exports.concerned(found, named, seen_in)
@@ -262,7 +380,8 @@ class _Forgetting:
         mine = {path: searched for path, searched in found.items() if path.is_relative_to(folder)}
         named = {path: searched for path, searched in mine.items() if searched.hits}
         seen = self._seen_in.get(folder)
-        if not named and (seen is None or not seen.any) and not self._touched(folder):
+        unexamined = self._unexamined_in(folder, list(mine))
+        if not named and not unexamined and (seen is None or not seen.any) and not self._touched(folder):
             return
         try:
             session = open_session(folder, repair=False)
@@ -291,9 +410,26 @@ class _Forgetting:
             for path, searched in named.items():
                 if path.exists():
                     self._in_file(path, searched, events.get(path))
-            self._rename_files(folder)
+            for path in unexamined:
+                self._decide_on(path, _UNEXAMINED)
+            self._rename_files(folder.rglob("*"))
             if self._touched(folder):
                 self._seal(folder)
+
+    def _unexamined_in(self, folder: Path, files: list[Path]) -> list[Path]:
+        """Media of a session of which nothing tells whether the person is in them."""
+        inside = [path for path in files if is_opaque(path)]
+        try:
+            session = open_session(folder, repair=False)
+        except SessionError:
+            return inside
+        looked_at = examined_media(session, self._seen_in.get(folder))
+        self._examined.update(self._journal.name_of(path) for path in looked_at)
+        return [
+            path
+            for path in inside
+            if path not in looked_at and not path.relative_to(folder).parts[0].startswith("export-")
+        ]
 
     def _touched(self, folder: Path) -> bool:
         inside = self._journal.name_of(folder) + "/"
@@ -332,13 +468,15 @@ class _Forgetting:
             return
         if header.is_file():
             begun = self._journal.noted("begun")
-            removed = {change.file.rpartition("/")[2] for change in self._journal.changes() if not change.after}
+            inside = self._journal.name_of(folder) + "/"
+            changes = [change for change in self._journal.changes() if change.file.startswith(inside)]
+            removed = {change.file.removeprefix(inside) for change in changes if not change.after}
             covered = {
-                change.file.rpartition("/")[2]
-                for change in self._journal.changes()
-                if change.what == "video" and change.after and change.file.startswith(self._journal.name_of(folder))
+                change.file.removeprefix(inside) for change in changes if change.what == "video" and change.after
             }
             data = _sealed(told, folder, begun, removed=removed, covered=covered)
+            if any(change.what == "text" and change.file.endswith(".mcap") for change in changes):
+                _tell_checksum_of_scenario(data, folder)
             content = (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
             if content != header.read_bytes():
                 self._journal.replace(header, "header", lambda part: part.write_bytes(content) and 1)
@@ -355,9 +493,9 @@ class _Forgetting:
         for suffix in ("", "-wal", "-shm", "-journal"):
             (self._study / f"{DATABASE_NAME}{suffix}").unlink(missing_ok=True)
 
-    def _rename_files(self, folder: Path | None = None) -> None:
+    def _rename_files(self, paths: Iterable[Path]) -> None:
         """Files and folders whose names name the person; the deepest first."""
-        for path in sorted((folder or self._study).rglob("*"), key=lambda path: -len(path.parts)):
+        for path in sorted(paths, key=lambda path: -len(path.parts)):
             new = self._without_names(path.name)
             if new == path.name:
                 continue
@@ -374,8 +512,10 @@ class _Forgetting:
     # The end
 
     def _proof(self) -> dict[str, Any]:
-        """Every byte of the study but the database, which is searched once it has erased them."""
-        found = self._found_in(self._files())
+        """Every byte of the study and of the user's own files but the database, which is searched once it has erased
+        them.
+        """
+        found = self._found_in([*self._files(), *self._request.own_files.files()])
         waiting = {place.file for place in self._texts.open_places()}
         left, kept, still = [], 0, 0
         for path, searched in found.items():
@@ -408,42 +548,47 @@ class _Forgetting:
         database = [path for path in self._study.glob(f"{_PEOPLE}*") if path.is_file()]
         in_database = sum(len(self._search.file(path).hits) for path in database) + self._kept_texts().naming()
         left = [*proof["left"], *([_PEOPLE] if in_database else [])]
-        receipt = self._write_receipt(begun, proof, in_database, waiting=waiting)
-        if not waiting:
-            for review in (self._review, self._request.review):
-                # One that lies somewhere else is the researcher's own.
-                if review is not None and review.is_relative_to(self._study):
-                    review.unlink(missing_ok=True)
-        self._journal.end()
-        self._tell(1.0, QT_TR_NOOP("Done"))
-        return Forgotten(
-            receipt,
+        outcome = Forgotten(
+            self._study / FOLDER / RECEIPT,
             self._review if waiting else None,
             waiting,
             tuple(left),
             tuple(dict.fromkeys(self._problems)),
             tuple(proof["not_unpacked"]),
+            tuple(proof.get("not_looked_at", ())) if waiting else (),
         )
+        self._write_receipt(outcome, begun, proof, in_database)
+        if not waiting:
+            # Wherever it is: it says of itself that it goes, since it holds the name.
+            for review in (self._review, self._request.review):
+                if review is not None:
+                    review.unlink(missing_ok=True)
+        self._journal.end()
+        self._tell(1.0, QT_TR_NOOP("Done"))
+        return outcome
 
-    def _write_receipt(self, begun: str, proof: dict[str, Any], in_database: int, *, waiting: int) -> Path:
-        path = self._study / FOLDER / RECEIPT
+    def _write_receipt(self, outcome: Forgotten, begun: str, proof: dict[str, Any], in_database: int) -> None:
+        path = outcome.receipt
         changes = self._journal.changes()
         receipt = {
+            "complete": outcome.complete,
             "begun_utc": begun,
             "ended_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
             "resumed": self._journal.resumed,
             "recordings": self._request.recordings,
             "steps": _steps(changes),
-            "texts_waiting_for_decision": waiting,
+            "waiting_for_decision": outcome.waiting,
             "exports_concerned": self._exports_named,
             "problems": [self._without_names(problem) for problem in self._problems],
             "search_before": self._journal.noted("found"),
             "search_after": {**proof, "in_people_database": in_database},
-            "files": [asdict(change) for change in sorted(changes, key=lambda change: (change.file, change.what))],
+            "files": [
+                {"file": change.file, "what": change.what, "removed": not change.after, "count": change.count}
+                for change in sorted(changes, key=lambda change: (change.file, change.what))
+            ],
         }
         told = {"format": _FORMAT, "format_version": _FORMAT_VERSION, "receipts": [*_receipts_in(path), receipt]}
         replace_file(path, (json.dumps(told, indent=2, ensure_ascii=False) + "\n").encode(), durable=True)
-        return path
 
     _progress_at = 0.0
 
@@ -465,6 +610,11 @@ class _Forgetting:
 
 def _told_of(folder: Path, told: object) -> Filled:
     return filled(QT_TR_NOOP("{name}: {told}"), name=folder.name, told=told)
+
+
+def _copied(source: Path, part: Path) -> int:
+    shutil.copyfile(source, part)
+    return 1
 
 
 def receipt_words(path: Path) -> str:
@@ -517,6 +667,15 @@ def _sealed(
     return data
 
 
+def _tell_checksum_of_scenario(header: dict[str, Any], folder: Path) -> None:
+    """That of the scenario's text as the record has it now."""
+    told = header.get("scenario")
+    opened = [json.loads(data) for _, data in messages_of(folder / "events.mcap", lambda topic: topic == _SCENARIO)]
+    checksums = {str(event.get("file_name")): str(event.get("sha256")) for event in opened}
+    if isinstance(told, dict) and told.get("sha256") not in checksums.values():
+        header["scenario"] = {**told, "sha256": checksums.get(str(told.get("file")), "")}
+
+
 def _steps(changes: list[Change]) -> dict[str, dict[str, int]]:
     """How many files each kind of step changed or removed, and how many places or pictures those were."""
     steps: dict[str, dict[str, int]] = {}
@@ -540,7 +699,14 @@ def _receipts_in(path: Path) -> list[Any]:
     except (ValueError, KeyError, TypeError):
         _log.warning("%s cannot be read and is begun anew", path, exc_info=True)
         return []
-    return told if isinstance(told, list) else []
+    receipts = told if isinstance(told, list) else []
+    for receipt in receipts:
+        for file in receipt.get("files", ()) if isinstance(receipt, dict) else ():
+            # Earlier versions wrote checksums, from which a name can be guessed.
+            if isinstance(file, dict) and "after" in file:
+                file["removed"] = not file.pop("after")
+                file.pop("before", None)
+    return receipts
 
 
 def _remove_empty(folder: Path) -> None:

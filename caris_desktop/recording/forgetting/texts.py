@@ -1,6 +1,7 @@
 """Free text that may name a person: found, listed for somebody to decide on, and replaced."""
 
 import hashlib
+import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, replace
@@ -20,6 +21,7 @@ Decision = Literal["redact", "keep", "remove", ""]
 _AROUND = 48
 _STAMP = re.compile(r'"stamp_ns":\s*(-?\d+)')
 _UTTERANCE = re.compile(r'"utterance_id":\s*"((?:[^"\\]|\\.)*)"')
+_CHECKSUM = re.compile(r'"sha256":\s*"([0-9a-f]{64})"')
 _YAML = (".yaml", ".yml")
 # The texts of scenarios and profiles, as the events that tell of them hold them.
 _YAML_INSIDE = ('"sha256":', '"profile":')
@@ -32,7 +34,8 @@ class Passage:
     """Where the person may be named: the words before, the name as it stands there, and the words behind.
 
     Places with the same words in one file are one, ``count`` times. ``where`` is a line, or a moment of the session.
-    ``kind`` says what can be done: a text can be changed, another file only be removed or kept.
+    ``kind`` says what can be done: a text can be changed, another file only be removed or kept. ``unexamined`` files
+    may show the person or sound like them; nothing tells, so that only somebody who looks can decide.
     """
 
     key: str
@@ -41,7 +44,7 @@ class Passage:
     before: str
     name: str
     behind: str
-    kind: Literal["text", "file", "file name"] = "text"
+    kind: Literal["text", "file", "file name", "unexamined"] = "text"
     count: int = 1
 
 
@@ -55,9 +58,9 @@ class TextWork:
     places: dict[str, Passage] = field(default_factory=dict)
 
     def decided(self, place: Passage) -> Decision:
-        """What nobody can do to a whole file is no decision about it."""
-        decision = self.decisions.get(place.key) or self.otherwise
-        return "" if place.kind == "file" and decision == "redact" else decision
+        """What nobody can do to a whole file is no decision about it, nor is what holds of texts."""
+        decision = self.decisions.get(place.key) or ("" if place.kind == "unexamined" else self.otherwise)
+        return "" if place.kind in ("file", "unexamined") and decision == "redact" else decision
 
     def open_places(self) -> list[Passage]:
         """Those that wait for somebody to decide."""
@@ -84,6 +87,10 @@ class TextWork:
     def note_file(self, file: str, words: str, *, count: int = 1) -> Decision:
         """A file that cannot be changed inside shows or names the person."""
         return self._noted(Passage(_key(file, "", "", ""), file, "in it", "", words.strip(), "", "file", count))
+
+    def note_unexamined(self, file: str, why: str) -> Decision:
+        """Nothing looked for the person in a file, which may show or hold them."""
+        return self._noted(Passage(_key(file, "", "", ""), file, "in it", "", why, "", "unexamined"))
 
     def note_name(self, file: str, name: str) -> Decision:
         """The name of a file names the person."""
@@ -224,7 +231,7 @@ def rewrite_events(work: TextWork, path: Path, file: str, target: Path) -> int:
         yaml = any(key in text for key in _YAML_INSIDE)
         changed, here = redacted(text, quiet.look(text, file, str), yaml=yaml)
         count += here
-        return changed.encode("utf-8", "surrogateescape") if here else data
+        return _with_own_checksum(changed).encode("utf-8", "surrogateescape") if here else data
 
     with path.open("rb") as opened:
         index = mcap_blocks.scan(opened)
@@ -236,6 +243,21 @@ def rewrite_events(work: TextWork, path: Path, file: str, target: Path) -> int:
         finally:
             written.close()
     return count
+
+
+def _with_own_checksum(message: str) -> str:
+    """A message that tells the checksum of its text, with that of the text as it is now: names can be guessed from the
+    one before.
+    """
+    checksum = _CHECKSUM.search(message)
+    if checksum is None:
+        return message
+    try:
+        content = str(json.loads(message)["content"])
+    except (ValueError, KeyError, TypeError):
+        content = ""
+    digest = hashlib.sha256(content.encode("utf-8", "replace")).hexdigest()
+    return message[: checksum.start(1)] + digest + message[checksum.end(1) :]
 
 
 def _with_beside(index: mcap_blocks.BlockIndex, beside: tuple[bytes, ...]) -> mcap_blocks.BlockIndex:

@@ -1,0 +1,258 @@
+"""How far forgetting reaches: checksums, links, copies, media that nothing looked at, the user's own files."""
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import tarfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from caris_desktop.domain.events import ScenarioOpened
+from caris_desktop.recording.forgetting.own_files import OwnFiles
+from caris_desktop.recording.forgetting.review import read_review
+from caris_desktop.recording.forgetting.sightings import messages_of
+from caris_desktop.recording.session.manifest import verify_manifest
+from caris_desktop.recording.session.session_reader import open_session
+from tests.recording.forgetting.named_study import NAME, make_study
+from tests.recording.forgetting.test_study import forget, hits_in, receipt_of, sessions_of
+from tests.support import recorded_session
+from tests.support.recorded_session import SessionPlan, make_session
+
+SCENARIO = "title: Tour\nphrases:\n- Hello {}\n"
+GUESSES = [NAME, *(f"Guess {number}" for number in range(10_000))]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_study(tmp_path_factory.mktemp("made") / "study", sessions=2, seconds=7.0, fps=5.0)
+
+
+@pytest.fixture
+def study(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "study"))
+
+
+def decide(study: Path, review: Path, decision: str, **fields: Any) -> Any:
+    text = review.read_text(encoding="utf-8")
+    review.write_text(re.sub(r"^\?", decision, text, flags=re.MULTILINE), encoding="utf-8")
+    decided = read_review(review)
+    return forget(study, names=decided.names, decisions=decided.decisions, only_texts=True, review=review, **fields)
+
+
+def test_no_checksum_that_is_left_gives_the_name_to_somebody_who_guesses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def told_of(name: str) -> tuple[bytes, ...]:
+        """What is removed, with this name in it."""
+        return f"{name} was early.\n".encode(), SCENARIO.format(name).encode(), name.encode()
+
+    text = SCENARIO.format(NAME)
+    beginning = recorded_session._beginning
+    opened = ScenarioOpened(0, "tour.yaml", "Tour", hashlib.sha256(text.encode()).hexdigest(), text)
+
+    def with_scenario(plan: SessionPlan) -> Any:
+        rows = list(beginning(plan))
+        return iter([*rows, (rows[-1][0], opened)])
+
+    monkeypatch.setattr(recorded_session, "_beginning", with_scenario)
+    study = make_study(tmp_path / "study", seconds=7.0, fps=5.0)
+    (folder,) = sessions_of(study)
+    header = json.loads((folder / "session.json").read_bytes())
+    header["scenario"] = {"title": "Tour", "file": "tour.yaml", "sha256": opened.sha256}
+    (folder / "session.json").write_text(json.dumps(header), encoding="utf-8")
+    (study / "notes.txt").write_bytes(told_of(NAME)[0])
+    before = hashlib.sha256(told_of(NAME)[0]).hexdigest()
+    older = {"files": [{"file": "a.txt", "what": "text", "before": before, "after": "00", "count": 1}]}
+    (study / "forgotten").mkdir()
+    (study / "forgotten" / "RECEIPT.json").write_text(
+        json.dumps({"receipts": [older | {"steps": {}, "search_after": {}}]}), encoding="utf-8"
+    )
+    assert forget(study).complete
+    left = b"\n".join(path.read_bytes() for path in study.rglob("*") if path.is_file())
+    left += b"\n".join(data for _, data in messages_of(folder / "events.mcap", lambda _topic: True))
+    digests = {digest.decode() for digest in re.findall(rb"[0-9a-f]{64}", left)}
+    assert digests  # those of what is there now
+    for name in GUESSES:
+        assert digests.isdisjoint(hashlib.sha256(content).hexdigest() for content in told_of(name)), name
+    now = open_session(folder).header["scenario"]["sha256"]
+    assert now == hashlib.sha256(SCENARIO.format("(forgotten)").encode()).hexdigest()
+    assert receipt_of(study)["complete"] is True
+
+
+def test_a_session_that_a_link_leads_to_is_the_studys(study: Path) -> None:
+    folder = sessions_of(study)[0]
+    elsewhere = study.parent / "big disk" / folder.name
+    elsewhere.parent.mkdir()
+    folder.rename(elsewhere)
+    folder.symlink_to(elsewhere)
+    film = (elsewhere / "video-front.mp4").read_bytes()
+    assert forget(study).complete
+    assert hits_in(elsewhere) == {}
+    assert (elsewhere / "video-front.mp4").read_bytes() != film
+    assert folder.is_symlink()
+    assert verify_manifest(elsewhere) == []
+
+
+def test_all_sessions_behind_a_link_are_the_studys(study: Path) -> None:
+    elsewhere = study.parent / "all of them"
+    (study / "sessions").rename(elsewhere)
+    (study / "sessions").symlink_to(elsewhere)
+    assert forget(study).complete
+    assert hits_in(elsewhere) == {}
+
+
+@pytest.mark.parametrize("kind", ["film", "file", "folder"])
+def test_another_link_out_of_the_study_is_refused_by_name(study: Path, kind: str) -> None:
+    folder = sessions_of(study)[0]
+    elsewhere = study.parent / "elsewhere"
+    elsewhere.mkdir()
+    target = elsewhere / "kept.mp4"
+    if kind == "film":
+        link = folder / "video-front.mp4"
+        link.rename(target)
+    else:
+        link = study / "notes"
+        target.write_text(f"{NAME}\n", encoding="utf-8")
+    link.symlink_to(elsewhere if kind == "folder" else target)
+    before = target.read_bytes()
+    outcome = forget(study)
+    assert not outcome.complete
+    assert any(link.name in problem and "leads out of the study" in problem for problem in outcome.problems)
+    assert link.is_symlink()
+    assert target.read_bytes() == before
+    receipt = receipt_of(study)
+    assert receipt["complete"] is False
+    assert any(link.name in problem for problem in receipt["problems"])
+
+
+def test_links_within_the_study_and_in_circles_hide_nothing(study: Path) -> None:
+    (study / "again").symlink_to(study)
+    (study / "sessions" / "one of them").symlink_to(sessions_of(study)[0])
+    (study / "nowhere").symlink_to(study / "absent")
+    assert forget(study).complete
+    assert hits_in(study) == {}
+
+
+def test_copies_of_film_and_photos_become_as_the_covered_ones(study: Path) -> None:
+    folder = sessions_of(study)[0]
+    (study / "for the talk").mkdir()
+    film, photo = study / "for the talk" / "film.bak", study / "for the talk" / "best photo.png"
+    shutil.copy(folder / "video-front.mp4", film)
+    shutil.copy(folder / "photos" / "0001.png", photo)
+    whole = Path(shutil.copytree(folder, study / "backup" / "a session"))
+    before = film.read_bytes()
+    assert forget(study).complete
+    assert film.read_bytes() != before
+    assert film.read_bytes() == (folder / "video-front.mp4").read_bytes()
+    assert photo.read_bytes() == (folder / "photos" / "0001.png").read_bytes()
+    assert (cv2.imread(str(photo)) == 112).all(axis=2).mean() > 0.05
+    assert (whole / "video-front.mp4").read_bytes() != before
+    assert hits_in(study) == {}
+    assert "for the talk/film.bak" in {file["file"] for file in receipt_of(study)["files"]}
+
+
+def test_copies_of_removed_films_go_with_them(study: Path) -> None:
+    copy = study / "film.mp4"
+    shutil.copy(sessions_of(study)[0] / "video-front.mp4", copy)
+    forget(study, recordings="remove")
+    assert not copy.exists()
+
+
+def test_a_hard_link_from_outside_is_told(study: Path) -> None:
+    outside = study.parent / "film.mp4"
+    os.link(sessions_of(study)[0] / "video-front.mp4", outside)
+    outcome = forget(study)
+    assert not outcome.complete
+    assert any("video-front.mp4 has another name outside" in problem for problem in outcome.problems)
+
+
+def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
+    blind = study / "sessions" / "2026-12-24_10-00-00_P09"
+    nobody = {"people": 0, "people_hz": 0.0, "utterance_every_s": 0.0}
+    make_session(blind, seconds=4.0, cameras=("front",), fps=5.0, photo_every_s=2.0, **nobody)
+    (study / "interviews").mkdir()
+    (study / "interviews" / "first.MP3").write_bytes(b"ID3 of somebody")
+    (study / "photos").mkdir()
+    cv2.imwrite(str(study / "photos" / "untagged.png"), np.zeros((8, 8, 3), np.uint8))
+    (study / "torn.zip").write_bytes(b"PK\x03\x04 torn")
+    (study / "consent.pdf").write_bytes(b"%PDF-1.7 packed")
+    for name, inside in (("films.zip", "a/film.mp4"), ("texts.zip", "a/notes.txt")):
+        with zipfile.ZipFile(study / name, "w") as archive:
+            archive.writestr(inside, b"something")
+    with tarfile.open(study / "photos.tar.gz", "w:gz") as packed:
+        packed.add(study / "photos" / "untagged.png")
+    outcome = forget(study)
+    assert not outcome.complete
+    listed = set(outcome.unexamined)
+    name = f"sessions/{blind.name}"
+    assert {f"{name}/video-front.mp4", f"{name}/audio-microphone.wav", f"{name}/photos/0001.png"} <= listed
+    assert {"interviews/first.MP3", "photos/untagged.png", "torn.zip", "consent.pdf"} <= listed
+    assert {"films.zip", "photos.tar.gz"} <= listed
+    assert "texts.zip" not in listed
+    assert not any(file.startswith(f"sessions/{folder.name}/") for folder in sessions_of(study)[:2] for file in listed)
+    receipt = receipt_of(study)
+    assert receipt["complete"] is False
+    assert set(receipt["search_after"]["not_looked_at"]) == listed
+    assert outcome.review is not None
+    assert decide(study, outcome.review, "keep").complete
+    assert (study / "interviews" / "first.MP3").exists()
+
+
+def test_what_somebody_decided_to_remove_goes(study: Path) -> None:
+    (study / "first.wav").write_bytes(b"RIFF")
+    outcome = forget(study)
+    assert outcome.unexamined == ("first.wav",)
+    assert outcome.review is not None
+    assert decide(study, outcome.review, "remove").complete
+    assert not (study / "first.wav").exists()
+    assert not outcome.review.exists()
+
+
+def test_the_users_own_files_are_searched_and_cleaned(study: Path) -> None:
+    home = study.parent / "home"
+    for folder in ("state/said", "state/log", "config", "voice", "documents"):
+        (home / folder).mkdir(parents=True)
+    history = home / "state" / "said" / "0123.jsonl"
+    history.write_text(f'"Fine."\n"Hello, {NAME}."\n"And you, quillfeather?"\n', encoding="utf-8")
+    log = home / "state" / "log" / "console.log"
+    log.write_text(f"WARNING {NAME} is said\nINFO all else\n", encoding="utf-8")
+    settings = home / "config" / "settings.conf"
+    settings.write_text(f"[wizards]\nlast={NAME}\n", encoding="utf-8")
+    kept = home / "documents" / "other study.txt"
+    kept.write_text(NAME, encoding="utf-8")
+    sound = home / "voice" / "1.wav"
+    sound.write_bytes(b"RIFF of a name")
+    own = OwnFiles(
+        home / "state" / "said", home / "state" / "log", (home / "voice",),
+        (home / "state", home / "config", home / "documents"), (home / "documents",),
+    )  # fmt: skip
+    with log.open("a", encoding="utf-8") as still_open:
+        assert forget(study, own_files=own).complete
+        still_open.write("INFO later\n")
+    assert history.read_text(encoding="utf-8") == '"Fine."\n'
+    lines = log.read_text(encoding="utf-8").splitlines()
+    assert re.fullmatch(r"WARNING -+ is said", lines[0])
+    assert lines[1:] == ["INFO all else", "INFO later"]
+    assert settings.read_text(encoding="utf-8") == "[wizards]\nlast=[forgotten]\n"
+    assert not sound.exists()
+    assert kept.read_text(encoding="utf-8") == NAME
+    assert {"history", "log"} <= set(receipt_of(study)["steps"])
+
+
+def test_texts_of_the_users_own_wait_like_those_of_the_study(study: Path) -> None:
+    note = study.parent / "own" / "scenarios" / "tour.yaml"
+    note.parent.mkdir(parents=True)
+    note.write_text(f"phrases: ['Hello {NAME}']\n", encoding="utf-8")
+    own = OwnFiles(others=(study.parent / "own",))
+    outcome = forget(study, otherwise="", own_files=own)
+    assert outcome.review is not None
+    assert "tour.yaml" in outcome.review.read_text(encoding="utf-8")
+    assert decide(study, outcome.review, "redact", otherwise="", own_files=own).complete
+    assert NAME not in note.read_text(encoding="utf-8")
