@@ -4,10 +4,11 @@ Plain data: ``$value`` in a template stands for what the wizard chose, and nothi
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from typing import Annotated, Any, Literal
 
-from caris_desktop.domain.declared import Elsewhere, Rule, Spread
+from caris_desktop.domain.control_effects import NO_NAMES, ControlClass, RobotInterfaceNames, control_class
+from caris_desktop.domain.declared import Elsewhere, NotInFile, Rule, Spread
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 
@@ -162,11 +163,13 @@ class RobotControl:
     moves: Annotated[
         bool,
         Rule(
-            "`false` for what moves nothing (a light, a volume, a screen): it also works under the emergency stop and "
-            "where driving is not permitted.",
+            "`false` for what moves nothing (a light, a volume, a screen): it also works where driving is not "
+            "permitted, and under the emergency stop if the console knows that kind. What ROS or the profile uses for "
+            "motion stays motion.",
             quiet=True,
         ),
     ] = True
+    decided: Annotated[ControlClass | None, NotInFile()] = field(default=None, compare=False)
 
     @property
     def lowest(self) -> float:
@@ -179,15 +182,50 @@ class RobotControl:
         return self.range[1] if self.range else 1.0
 
     @property
+    def control_class(self) -> ControlClass:
+        """What it does to the robot, as the program decides: with the robot's own names after :func:`decided`."""
+        return self.decided or _class_of(self.effect, NO_NAMES)
+
+    @property
     def is_motion(self) -> bool:
-        """Whether the emergency stop and the permission to drive hold for it; a readout only tells."""
-        return self.moves and self.effect is not None
+        """Whether it needs the permission to drive; a readout only tells."""
+        if self.effect is None or self.control_class == "stop":
+            return False
+        return self.moves or self.control_class in ("motion", "stop_release")
+
+    @property
+    def is_held_by_stop(self) -> bool:
+        """Whether a latched emergency stop holds it: all but a stop and what is known to be harmless."""
+        if self.effect is None or self.control_class == "stop":
+            return False
+        return self.is_motion or self.control_class != "harmless"
+
+    @property
+    def releases_stop(self) -> bool:
+        """Whether it would release the robot's emergency stop, which only the wizard's own release may."""
+        return self.effect is not None and self.control_class == "stop_release"
 
 
 CONTROL = Annotated[
     RobotControl, Rule(noun="control"), Elsewhere("robot-control.schema.json", "robot-profiles.md#the-robot-panel")
 ]
 """One control in a file."""
+
+
+def decided(control: RobotControl, robot: RobotInterfaceNames) -> RobotControl:
+    """The control with what the program decides of it, for a robot with these names."""
+    return control if control.effect is None else replace(control, decided=_class_of(control.effect, robot))
+
+
+def _class_of(effect: ControlEffect | None, robot: RobotInterfaceNames) -> ControlClass:
+    match effect:
+        case PublishMessage(topic=name, type=type_name, message=message):
+            return control_class(name, type_name, message, robot)
+        case CallService(service=name, type=type_name, request=message):
+            return control_class(name, type_name, message, robot)
+        case SendActionGoal(action=name, type=type_name, goal=message):
+            return control_class(name, type_name, message, robot)
+    return "harmless"
 
 
 def is_velocity(topic: str, type_name: str, velocity_topic: str | None) -> bool:

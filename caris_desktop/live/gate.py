@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import MODEL, WIZARD, in_words
+from caris_desktop.domain.controls import RobotControl
 from caris_desktop.domain.events import ProblemEnd, Severity
 from caris_desktop.domain.intents import INTENTS, AsBefore, Intent, IntentSpec, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -99,8 +100,15 @@ class Gate:
                 tr("The program broke off in the midst of this trial, and nothing is kept before that."),
                 tr("Look, and tick it on the card above the panels, or choose Do not go on there."),
             )
-        words, moves = self._of_control(intent, spec)
-        if moves and self._state.drive.value.emergency_stop:
+        words, moves, held = self._of_control(intent, spec)
+        if self._releases_stop(intent):
+            return Refusal(
+                tr("{act} is not possible: it would release the emergency stop.").format(act=words),
+                tr("Nothing was sent to the robot. A control of a file must not end a stop."),
+                tr("Use Release emergency stop, when everybody is clear of the robot."),
+                quiet=spec.quiet,
+            )
+        if held and self._state.drive.value.emergency_stop:
             return Refusal(
                 tr("{act} is not possible: the emergency stop is on.").format(act=words),
                 tr("Nothing was sent to the robot."),
@@ -129,14 +137,22 @@ class Gate:
             )
         return None
 
-    def _of_control(self, intent: Intent, spec: IntentSpec) -> tuple[str, intents.Moves | None]:
-        """Words for it, and what of the robot may move; of a control both are its own."""
+    def _of_control(self, intent: Intent, spec: IntentSpec) -> tuple[str, intents.Moves | None, bool]:
+        """Words for it, what of the robot may move, and whether the emergency stop holds it; of a control its own."""
         if not isinstance(intent, intents.UseControl):
-            return tr(spec.words), spec.moves
-        control = next((one for one in self._state.controls.value if one.id == intent.control), None)
+            return tr(spec.words), spec.moves, spec.moves is not None
+        control = self._control(intent)
         if control is None:
-            return tr(spec.words), "base"
-        return tr("Using “{control}”").format(control=control.title), "base" if control.is_motion else None
+            return tr(spec.words), "base", True
+        words = tr("Using “{control}”").format(control=control.title)
+        return words, "base" if control.is_motion else None, control.is_held_by_stop
+
+    def _releases_stop(self, intent: Intent) -> bool:
+        control = self._control(intent) if isinstance(intent, intents.UseControl) else None
+        return control is not None and control.releases_stop
+
+    def _control(self, asked: intents.UseControl) -> RobotControl | None:
+        return next((one for one in self._state.controls.value if one.id == asked.control), None)
 
 
 def _unfit(intent: Intent, spec: IntentSpec) -> tuple[str, float] | None:

@@ -33,7 +33,7 @@ from caris_desktop.robot.navigation import Navigator
 from caris_desktop.robot.navigation_speed import NavigationSpeed
 from caris_desktop.robot.outbox import Outbox
 from caris_desktop.robot.preflight import missing_from, problem_of_missing, take_inventory
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile import RobotProfile, interface_names
 from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
@@ -119,6 +119,7 @@ class ControlLink:
             self._dialect,
             profile.controls,
             self._watched,
+            robot=interface_names(profile),
             velocity_topic=profile.velocity.topic,
             emit=self._put,
             unusable=self._report_unusable_reading,

@@ -13,6 +13,7 @@ import numpy as np
 from caris_desktop.domain import translation
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import UseControl
+from caris_desktop.domain.control_effects import RobotInterfaceNames
 from caris_desktop.domain.controls import (
     CallService,
     ControlEffect,
@@ -20,6 +21,7 @@ from caris_desktop.domain.controls import (
     PublishMessage,
     RobotControl,
     SendActionGoal,
+    decided,
     filled,
     is_velocity,
 )
@@ -151,6 +153,7 @@ class RobotControls:
         own: tuple[RobotControl, ...],
         watched: WatchedTopics,
         *,
+        robot: RobotInterfaceNames,
         velocity_topic: str,
         emit: Callable[[Any], None],
         unusable: Callable[[str, str], None],
@@ -160,6 +163,7 @@ class RobotControls:
         self._ros = ros
         self._dialect = dialect
         self._own = own
+        self._robot = robot
         self._velocity_topic = velocity_topic
         self._emit = emit
         self._unusable = unusable
@@ -184,7 +188,7 @@ class RobotControls:
         self._driving_permitted = driving_permitted
         if not driving_permitted:
             self.cancel_goals(QT_TR_NOOP("the scenario does not drive"))
-        offered = {control.id: control for control in (*self._own, *controls)}
+        offered = {control.id: decided(control, self._robot) for control in (*self._own, *controls)}
         if offered == self._controls:
             # Who offers the same again has forgotten what it was told.
             self._tell_values_soon()
@@ -287,7 +291,9 @@ class RobotControls:
         """Why this control must send nothing now; empty when it may."""
         if self._sends_velocity(control):
             return QT_TR_NOOP("it publishes velocities, and only driving may send those")
-        if control.is_motion and self._held:
+        if control.releases_stop:
+            return QT_TR_NOOP("it would release the emergency stop, and only the wizard's own release may do that")
+        if control.is_held_by_stop and self._held:
             return QT_TR_NOOP("the emergency stop is set")
         if control.is_motion and not self._driving_permitted:
             return QT_TR_NOOP("the scenario does not permit driving, and this may move the robot")

@@ -37,6 +37,7 @@ from caris_desktop.robot.profile_model import (
     TransformFrames,
     VelocityTopic,
     check_address,
+    interface_names,
 )
 
 # With the parts of a profile, so that whoever has one need not know which file names them.
@@ -63,6 +64,7 @@ __all__ = [
     "TransformFrames",
     "VelocityTopic",
     "check_address",
+    "interface_names",
     "leaves_ros_open",
     "list_profiles",
     "load_profile",

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from caris_desktop.domain.control_effects import moves_or_releases
 from caris_desktop.domain.controls import ROS_NAME, VALUE, control_problems, mentions_value
 from caris_desktop.domain.declared import Form, data_of, replaced, value_from
 from caris_desktop.domain.declared_check import problems
@@ -21,6 +22,7 @@ from caris_desktop.robot.profile_model import (
     RobotProfile,
     area_m2,
     check_address,
+    interface_names,
 )
 
 
@@ -38,10 +40,29 @@ def profile_from(source: ProfileText, name: str) -> RobotProfile:
     data, wrong = _with_absolute_names(source.data)
     source.refuse([*wrong, *_meaning_problems(data, folder)])
     profile: RobotProfile = value_from(RobotProfile, {"title": name, **data})
+    source.refuse(_speech_that_moves(profile))
     ca_file = profile.security.ca_file
     if ca_file is not None:
         profile = replace(profile, security=replace(profile.security, ca_file=str((folder / ca_file).resolve())))
     return replace(profile, name=name)
+
+
+def _speech_that_moves(profile: RobotProfile) -> Iterator[Problem]:
+    """Speech passes the emergency stop, so nothing of it may be what moves the robot."""
+    speech, robot = profile.speech, interface_names(profile)
+    if speech is None:
+        return
+    uses = {
+        ("topic",): (speech.topic, "std_msgs/String"),
+        ("stop",): (speech.stop, "std_msgs/Empty"),
+        ("action",): (speech.action.name, speech.action.type) if speech.action is not None else (None, ""),
+        ("service",): (speech.service.name, speech.service.type) if speech.service is not None else (None, ""),
+        ("service", "stop"): (speech.service.stop if speech.service is not None else None, "std_srvs/Trigger"),
+    }
+    for path, (name, type_name) in uses.items():
+        if name is not None and moves_or_releases(name, type_name, robot):
+            said = tr("{key}: {name} moves the robot or releases its stop, and speech may do neither.")
+            yield ("speech", *path), said.format(key=name_of(("speech", *path)), name=name)
 
 
 def profile_data(profile: RobotProfile, folder: Path) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.camera_keys import CameraModelKeys, Offset, PoseKeys, Radians
+from caris_desktop.domain.control_effects import RobotInterfaceNames, StopField
 from caris_desktop.domain.controls import CONTROL, RosName, RosType
 from caris_desktop.domain.declared import NotInFile, Rule, WrittenAs
 from caris_desktop.domain.geometry import Pose2D
@@ -558,6 +559,31 @@ class ProfileFile(RobotProfile):
     footprint_radius_m: Annotated[
         _Radius, Rule("The same as `footprint: {radius_m: ...}`.", instead_of=("footprint",))
     ] = 0.25
+
+
+def interface_names(profile: RobotProfile) -> RobotInterfaceNames:
+    """The names by which this robot is moved, stopped and released."""
+    limit = profile.navigation.speed_limit if profile.navigation is not None else None
+    motion = (
+        profile.velocity.topic,
+        profile.initial_pose,
+        profile.navigation.name if profile.navigation is not None else None,
+        limit.topic if limit is not None else None,
+        limit.reconfigure if limit is not None else None,
+        profile.head.topic if profile.head is not None else None,
+    )
+    own = profile.emergency_stop or EmergencyStopInterface()
+    fields = (
+        (own.service, own.service_field, own.service_stop_value),
+        (own.command_topic, "data", True),
+        (own.topic, "data", not own.inverted),
+        (own.set_service, "", True),
+    )
+    return RobotInterfaceNames(
+        tuple(name for name in motion if name is not None),
+        tuple(StopField(name, field, stops) for name, field, stops in fields if name is not None),
+        () if own.clear_service is None else (own.clear_service,),
+    )
 
 
 def check_address(address: str) -> str:

@@ -30,7 +30,7 @@ from tests.support.polling import wait_for
 
 HERE = Pose2D(1.0, 2.0, 0.0)
 WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
-LIGHT = replace(WAVE, id="light", title="Light", moves=False)
+LIGHT = RobotControl("light", "Light", "button", CallService("/light", "std_srvs/Trigger", {}), moves=False)
 SAMPLES: tuple[Intent, ...] = (
     intents.Drive(1.0, 0.0, 0.0, "keyboard"),
     intents.ReleaseDrive(),

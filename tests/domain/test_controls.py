@@ -1,5 +1,6 @@
 """Controls as data: templates, their YAML form, and what their declaration cannot say."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -114,7 +115,11 @@ def test_a_control_counts_as_motion_unless_its_file_says_otherwise() -> None:
     wave, *_, heat = CONTROLS
     assert wave.is_motion
     assert not heat.is_motion
-    assert not value_from(RobotControl, {**data_of(RobotControl, wave), "moves": False}).is_motion
+    lamp = RobotControl("lamp", "Lamp", "toggle", PublishMessage("/lamp", "std_msgs/Bool", {"data": "$value"}))
+    assert lamp.is_motion
+    assert not replace(lamp, moves=False).is_motion
+    assert not replace(lamp, moves=False).is_held_by_stop
+    assert replace(wave, moves=False).is_motion  # a gesture, whatever the file says
 
 
 def test_velocities_are_no_matter_of_a_control() -> None:

@@ -20,7 +20,7 @@ from caris_desktop.domain.events import ControlUsed, Problem
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.robot import controls
 from caris_desktop.robot.controls import parse_path, value_at
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile import EmergencyStopInterface, HeadInterface, NavigationServer, RobotProfile
 from caris_desktop.ros.fields import MessageError
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
 
@@ -209,6 +209,52 @@ def test_where_driving_is_not_permitted_no_control_moves_the_robot() -> None:
         await bench.until(lambda: len(bench.bridge.published("/play/goal")) == 2, "a goal again")
 
     with_link(ROBOT, test)
+
+
+@pytest.mark.logs("Emergency stop: /stop/set: there is no such service")
+def test_what_the_robot_moves_by_is_held_whatever_a_scenario_claims_and_a_stop_passes() -> None:
+    stop = EmergencyStopInterface(service="/stop/set")
+    robot = RobotProfile(
+        "test", "Test", initial_pose="/here", emergency_stop=stop,
+        navigation=NavigationServer("move_base", "/move_base"),
+        head=HeadInterface("joint_trajectory", "/neck", "pan", "tilt"),
+    )  # fmt: skip
+    bool_of = {"data": False}
+    effects = {
+        "goal": PublishMessage("/move_base/goal", "move_base_msgs/MoveBaseActionGoal", {}),
+        "action": SendActionGoal("move_base", "move_base_msgs/MoveBaseAction", {}),
+        "here": PublishMessage("/here", "std_msgs/String", {}),
+        "neck": PublishMessage("/neck", "trajectory_msgs/JointTrajectory", {}),
+        "speed": CallService("/dwa/set_parameters", "dynamic_reconfigure/Reconfigure", {}),
+    }
+    unknown = CallService("/quiz/next", "std_srvs/Trigger", {})
+    release = CallService("/stop/set", "std_srvs/SetBool", bool_of)
+    cancel = PublishMessage("/move_base/cancel", "actionlib_msgs/GoalID", {})
+    controls = tuple(
+        RobotControl(name, name, "button", effect, moves=False)
+        for name, effect in {**effects, "unknown": unknown, "release": release, "cancel": cancel}.items()
+    )
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(OfferControls(now_ns(), controls, driving_permitted=False))
+        for name in effects:
+            bench.send(use(name, True, f"driving {name}"))
+            assert "does not permit driving" in (await ended(bench, f"driving {name}")).detail
+        bench.send(OfferControls(now_ns(), controls), SetEmergencyStop(now_ns(), True))
+        for name in (*effects, "unknown"):
+            bench.send(use(name, True, f"held {name}"))
+            assert (await ended(bench, f"held {name}")).detail == "the emergency stop is set"
+        bench.send(use("release", True, "release"), use("cancel", True, "cancel"))
+        assert "only the wizard's own release" in (await ended(bench, "release")).detail
+        assert (await ended(bench, "cancel")).state == "succeeded"
+        sent = [line["topic"] for line in bench.bridge.operations("publish")]
+        assert not {"/move_base/goal", "/here", "/neck"} & set(sent)
+        assert "/move_base/cancel" in sent
+        called = [(line["service"], line.get("args")) for line in bench.bridge.operations("call_service")]
+        assert ("/dwa/set_parameters", {}) not in called
+        assert not [one for one in called if one[0] in ("/quiz/next",) or one == ("/stop/set", bool_of)]
+
+    with_link(robot, test)
 
 
 @pytest.mark.parametrize(

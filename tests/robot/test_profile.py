@@ -247,6 +247,8 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + CAMERA % "fx_px: 9, heading_deg: 1, heading_rad: 1", 6, ["heading_rad", "keep one"]),
         (GOOD + CAMERA % "fx_px: 9, on_head: true", 6, ["no head"]),
         (GOOD + "navigation: {kind: navigate_to_pose, name: /n}\n", 5, ["ros: 1", "move_base"]),
+        (GOOD + "speech: {action: {name: /say, type: nav2_msgs/Spin, goal: {a: $value}}}\n", 5, ["moves the robot"]),
+        (GOOD + "speech: {topic: cmd_vel}\n", 5, ["speech.topic", "moves the robot"]),
         (GOOD + "speech: {speaking: /s}\n", 5, ["speech", "a topic, an action, a service or a web interface"]),
         (GOOD + "speech: {service: {name: /s, type: a/B, request: {text: hi}}}\n", 5, ["service.request", "$value"]),
         (GOOD + "speech: {web: {url: http://robot/say}}\n", 5, ["speech.web.url", "$value"]),

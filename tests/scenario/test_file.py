@@ -505,7 +505,7 @@ def test_a_velocity_in_a_control_is_refused_with_its_line(tmp_path: Path) -> Non
     with pytest.raises(ScenarioError, match="line 7: 'spin' publishes velocities"):
         load_scenario(path)
     path.write_text(text.replace("TYPE", "std_msgs/Bool"), encoding="utf-8")
-    assert [control.is_motion for control in load_scenario(path).controls] == [False, False]
+    assert [control.is_motion for control in load_scenario(path).controls] == [False, True]
     with pytest.raises(ScenarioError, match="line 7: 'spin' publishes velocities"):
         load_scenario(path, {"mine": "base/vel"}.get)
 

@@ -37,7 +37,7 @@ CONTROLS = (
     RobotControl("warmth", "Battery temperature", "readout", reading=TOLD, unit="°C"),
 )
 
-LAMP = RobotControl("lamp", "Lamp", "button", TOPIC, moves=False)
+LAMP = RobotControl("lamp", "Lamp", "button", PublishMessage("/lamp", "std_msgs/Bool", {}), moves=False)
 
 
 @pytest.fixture

@@ -95,7 +95,7 @@ def proposable_here(
 def _can_be_chosen(control: RobotControl) -> bool:
     """A text field has no list and no range, and what asks for itself once more is not for a model."""
     bounded = control.kind in ("button", "toggle", "slider", "choice")
-    return bounded and control.effect is not None and not control.confirm
+    return bounded and control.effect is not None and not control.confirm and not control.releases_stop
 
 
 def _degrees(range_rad: Range | None) -> Range:
@@ -198,7 +198,7 @@ def _use(name: Any, value: Any, offer: Offer) -> Proposed:
             value, words = chosen.value, f"{control.title}: {chosen.title}"
         case _:
             raise NotOfferedError(f"{_told(value)} is nothing that “{control.title}” can be set to")
-    return Proposed(intents.UseControl(control.id, value), words, moves=control.is_motion)
+    return Proposed(intents.UseControl(control.id, value), words, moves=control.is_held_by_stop)
 
 
 def _is_number(value: Any) -> bool:

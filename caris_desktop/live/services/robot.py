@@ -27,7 +27,8 @@ from caris_desktop.domain.commands import (
     SetInitialPose,
     UseControl,
 )
-from caris_desktop.domain.controls import ControlValue, RobotControl
+from caris_desktop.domain.control_effects import NO_NAMES
+from caris_desktop.domain.controls import ControlValue, RobotControl, decided
 from caris_desktop.domain.events import (
     ANSWER,
     ControlUsed,
@@ -55,7 +56,7 @@ from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.link import LinkSettings
-from caris_desktop.robot.profile import CameraTopic, RobotProfile, profile_text
+from caris_desktop.robot.profile import CameraTopic, RobotProfile, interface_names, profile_text
 from caris_desktop.scenario.model import Place, Scenario
 
 _log = logging.getLogger(__name__)
@@ -525,7 +526,11 @@ class RobotService(Service):
         own = self._connection.profile.controls if self._connection is not None else ()
         names = {control.id for control in self._scenario_controls}
         # A scenario may say a control of the profile anew.
-        every = (*(control for control in own if control.id not in names), *self._scenario_controls)
+        robot = interface_names(self._connection.profile) if self._connection is not None else NO_NAMES
+        every = [
+            decided(control, robot)
+            for control in (*(one for one in own if one.id not in names), *self._scenario_controls)
+        ]
         self._state.controls.set(tuple(one for one in every if self._driving_permitted or not one.is_motion))
 
     def _send_or_tell(self, command: RobotCommand, what: str) -> None:

@@ -254,7 +254,7 @@ class PaletteEntries:
         entries = []
         held = self._state.drive.value.emergency_stop
         for control in self._state.controls.value:
-            if held and control.is_motion:
+            if held and control.is_held_by_stop:
                 continue
             if control.kind == "button":
                 uses: list[tuple[str, str, ControlValue]] = [(control.title, control.title, True)]

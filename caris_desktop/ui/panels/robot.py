@@ -166,7 +166,7 @@ class RobotPanel(Panel):
         reason = _NOT_USABLE.get(link.state, "") if self.state.present.live else ""
         held = ""
         for entry in self._entries.values():
-            entry_held = tr(_HELD) if self._held and entry.control.is_motion else ""
+            entry_held = tr(_HELD) if self._held and entry.control.is_held_by_stop else ""
             entry.set_usable(reason or entry_held)
             held = held or entry_held
         again = tr("{reason} These controls work again when it answers.").format(reason=reason)

@@ -218,7 +218,7 @@ TEXTS = (
     QT_TR_NOOP("Confirm"),
     QT_TR_NOOP("The wizard is asked before it is done."),
     QT_TR_NOOP("Moves"),
-    QT_TR_NOOP("`false` for what moves nothing (a light, a volume, a screen): it also works under the emergency stop and where driving is not permitted."),
+    QT_TR_NOOP("`false` for what moves nothing (a light, a volume, a screen): it also works where driving is not permitted, and under the emergency stop if the console knows that kind. What ROS or the profile uses for motion stays motion."),
     QT_TR_NOOP("Publish"),
     QT_TR_NOOP("Publish a message."),
     QT_TR_NOOP("publish message"),

@@ -19,7 +19,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.model import Permissions
 from tests.support.translated_messages import untranslated_part
 
-CALL = CallService("/x", "std_srvs/Trigger", {})
+CALL = CallService("/lights", "std_srvs/Trigger", {})
 CONTROLS = (
     RobotControl("wave", "Wave", "button", CALL),
     RobotControl("light", "Light", "toggle", CALL, moves=False),

@@ -21,7 +21,7 @@ from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.model import Place
 from tests.live.services.suggestions_desk import EVERYTHING, MS, REPLIES, Desk, desk_on_its_own_clock
 
-CALL = CallService("/x", "std_srvs/Trigger", {})
+CALL = CallService("/lights", "std_srvs/Trigger", {})
 WAVE = RobotControl("wave", "Wave", "button", CALL)
 LIGHT = RobotControl("light", "Light", "toggle", CALL, moves=False)
 VOLUME = RobotControl("volume", "Volume", "slider", CALL, range=(0.0, 10.0), moves=False)

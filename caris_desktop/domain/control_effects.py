@@ -1,0 +1,148 @@
+"""The one table that decides what a control does to the robot: by names, types and values, never by a file's claim.
+
+Names come from the profile (its own interfaces) and from what ROS, Nav2, MoveIt and robot drivers use everywhere.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from caris_desktop.domain.value_class import dataclass
+
+ControlClass = Literal["stop", "stop_release", "motion", "unknown", "harmless"]
+"""``stop`` always passes. ``stop_release`` never does: only the wizard's own release of the emergency stop may.
+``motion`` needs the permission to drive. A latched stop holds ``motion`` and ``unknown``; ``harmless`` is a lamp, a
+sound, a display and their kind."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopField:
+    """A topic or service of the robot's emergency stop: ``field`` at ``stops`` stops it, at any other value releases
+    it. Without a field everything that is sent there stops the robot.
+    """
+
+    name: str
+    field: str = ""
+    stops: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class RobotInterfaceNames:
+    """The topics, services and actions of one robot that move it, stop it, and release its stop."""
+
+    motion: tuple[str, ...] = ()
+    stop: tuple[StopField, ...] = ()
+    stop_release: tuple[str, ...] = ()
+
+
+def _words_of(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+NO_NAMES = RobotInterfaceNames()
+"""Of a robot that nobody knows yet: only what ROS uses everywhere counts."""
+_MOTION_PACKAGES = _words_of(
+    "ackermann_msgs control_msgs controller_manager_msgs dynamic_reconfigure geometry_msgs joy mavros_msgs "
+    "move_base_msgs moveit_msgs nav2_msgs nav_msgs play_motion_msgs play_motion2_msgs rcl_interfaces "
+    "trajectory_msgs"
+)
+_MOTION_TYPES = _words_of(
+    # Types whose words alone do not tell: parameters (of the base among them), joysticks, generic joint commands.
+    "BackUp ChangeState DriveOnHeading Float64MultiArray Joy JointState MuxSelect Reconfigure SetParam "
+    "SetParameters SetParametersAtomically SpeedLimit Spin SwitchController"
+)
+_MOTION_WORDS = _words_of(
+    "ackermann actuator animated animation arm arms base behavior bow clap behaviour dance docking dock drive "
+    "driving elevator follow follower following gait gaze gesture gestures goal goals grasp grip gripper hand "
+    "hands head initialpose joint joints joy joystick leg legs lift look move mover movement moves motion motions "
+    "motor motors mux nav navigate navigation navigator neck nod pan park path pick place planner pose poses "
+    "position posture rotate rotation route servo servos setpoint sit spin stand steer steering swerve teleop "
+    "tilt torque torso track tracker tracking trajectory turn twist undock vel velocity wake wakeup walk wave "
+    "waypoint waypoints wheel wheels wrist"
+)
+_HARMLESS_WORDS = _words_of(
+    "audio battery beep blink brightness bulb buzzer caption captions chime color colour display emoji emotion "
+    "expression eye eyes face hmi horn image lamp lamps language led leds light lightring lights loudspeaker "
+    "melody mood music photo picture play_sound projector rgb say screen sound sounds speak speaker speech "
+    "subtitle subtitles tablet text tts utterance voice volume"
+)
+# A topic of words on which something listens for orders, or moves along, is no loudspeaker.
+_NOT_HARMLESS_WORDS = _words_of("command commands enable script tracker recognised recognized recognition")
+_PLAIN_TYPES = _words_of(
+    "Bool ColorRGBA Empty Float32 Float64 Int8 Int16 Int32 Int64 SetBool String Trigger UInt8 UInt16 UInt32 UInt64"
+)
+_STOP_ENDINGS = _words_of(
+    "abort cancel e_stop emergency_stop estop halt quick_stop soft_stop stop stop_all stop_base stop_motion "
+    "stop_motors stop_robot"
+)
+_STOP_TYPES = _words_of("Bool CancelGoal EStop Empty GoalID SetBool Trigger")
+_STOP_WORDS = _words_of("bumper brake brakes emergency estop halt protective runstop safety stop")
+_RELEASE_WORDS = _words_of(
+    "clear continue deactivate disable disengage off override recover release reset restart resume unlatch unlock "
+    "unstop"
+)
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+
+
+def control_class(
+    name: str, type_name: str, message: Mapping[str, Any], robot: RobotInterfaceNames = NO_NAMES
+) -> ControlClass:
+    """The class of what is sent: ``message`` of this type to the topic, service or action of this name."""
+    name = _plain(name)
+    for field in robot.stop:
+        if name == _plain(field.name):
+            stops = not field.field or message.get(field.field, not field.stops) is field.stops
+            return "stop" if stops else "stop_release"
+    if name in map(_plain, robot.stop_release):
+        return "stop_release"
+    base = _package_and_base(type_name)[1]
+    named, typed = _words(name), _words(base)
+    if named & _STOP_WORDS or base == "EStop":
+        flags = [value for value in message.values() if isinstance(value, (bool, str))]
+        flagged = base in ("Bool", "SetBool", "EStop")
+        if named & _RELEASE_WORDS or (flagged and flags != [True] and not named & _HARMLESS_WORDS):
+            return "stop_release"
+    if name.rpartition("/")[2] in _STOP_ENDINGS and base in _STOP_TYPES:
+        return "stop"
+    if _is_own_motion(name, robot) or _has_motion_type(type_name) or (named | typed) & _MOTION_WORDS:
+        return "motion"
+    plain = base in _PLAIN_TYPES or bool(typed & _HARMLESS_WORDS)
+    if plain and (named | typed) & _HARMLESS_WORDS and not (named | typed) & (_NOT_HARMLESS_WORDS | _STOP_WORDS):
+        return "harmless"
+    return "unknown"
+
+
+def moves_or_releases(name: str, type_name: str, robot: RobotInterfaceNames) -> bool:
+    """Whether speech, which is no control, would move the robot or release its stop: by the robot's own names and by
+    the type.
+    """
+    name = _plain(name)
+    if name in map(_plain, (*robot.stop_release, *(field.name for field in robot.stop if field.field))):
+        return True
+    return _is_own_motion(name, robot) or _has_motion_type(type_name)
+
+
+def _is_own_motion(name: str, robot: RobotInterfaceNames) -> bool:
+    return any(name == own or name.startswith(f"{own}/") for own in map(_plain, robot.motion))
+
+
+def _has_motion_type(type_name: str) -> bool:
+    package, base = _package_and_base(type_name)
+    return package in _MOTION_PACKAGES or base in _MOTION_TYPES
+
+
+def _package_and_base(type_name: str) -> tuple[str, str]:
+    package, _, base = re.sub("/(msg|srv|action)/", "/", type_name).rpartition("/")
+    return package, base
+
+
+def _plain(name: str) -> str:
+    return name.strip("/")
+
+
+def _words(name: str) -> set[str]:
+    """The words of a ROS name or type: ``head_controller/Look`` has head, controller and look."""
+    parts = re.split(r"[/_\-]+", name)
+    words = {word.lower().rstrip("0123456789") for part in parts for word in _CAMEL.split(part)}
+    # These are written as one word, too.
+    return words | {"move" for part in parts if re.search(r"cmd_?vel|move_?(base|it)", part, re.IGNORECASE)}
