@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.export import (
     BY_FORMAT,
     FORMATS,
@@ -14,7 +15,7 @@ from caris_desktop.recording.export import (
     export_folders,
     sessions_in,
 )
-from caris_desktop.recording.session.losses import told_losses
+from caris_desktop.recording.session.losses import missing_values, missing_words, told_losses
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_header import SessionError, read_header
 from caris_desktop.recording.session.session_reader import RECOVERED
@@ -117,4 +118,8 @@ def _losses_since_closed(folder: Path) -> tuple[str, ...]:
         header = read_header(folder)
     except SessionError as error:
         return (str(error),)
-    return () if header.get("reason") == RECOVERED else told_losses(header)
+    try:
+        missing = missing_words(header, missing_values(folder, header))
+    except OSError as error:
+        return (filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / "events.mcap", why=error.strerror),)
+    return missing if header.get("reason") == RECOVERED else (*told_losses(header), *missing)

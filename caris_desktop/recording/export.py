@@ -9,6 +9,7 @@ import re
 import shutil
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -20,6 +21,7 @@ from caris_desktop.domain.file_replacement import no_room
 from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.names import Pseudonyms, pseudonymised, pseudonyms_of
+from caris_desktop.recording.session.losses import lost_values, missing_words
 from caris_desktop.recording.session.session_header import is_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 
@@ -230,13 +232,13 @@ def export_all(
         tell(0.0, filled("{session}", session=folder.absolute().name))  # a name, and no text of ours
         try:
             session = _opened(folder, pseudonyms)
-            sentences = dict.fromkeys((*session.notices, *session.losses))
+            damaged = missing_words(session.header, Counter(session.lost) - Counter(lost_values(session.header)))
+            problems += [_told_of(folder.name, loss) for loss in damaged]
+            sentences = [each for each in dict.fromkeys((*session.notices, *session.losses)) if each not in damaged]
             notices += [_told_of(folder.name, sentence) for sentence in sentences]
             sessions.append(session)
             if apart.formats:
                 problems += _export_formats(session, apart, target, tell)
-                found = [loss for loss in session.told_losses() if loss not in session.losses]
-                problems += [_told_of(folder.name, loss) for loss in found]
                 written.append(target)
                 on_written(target)
         except _DiskFullError as error:

@@ -755,6 +755,8 @@ def _transcript(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
 
 def _turns(utterances: Iterable[SpokenUtterance], replies: dict[str, Reply]) -> Iterator[dict[str, Any]]:
     for item in utterances:
+        if not item.said and item.origin == "heard" and not item.text:
+            continue  # nobody's voice
         chips = []
         reply = replies.get(item.utterance_id)
         if reply is not None:

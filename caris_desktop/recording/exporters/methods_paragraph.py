@@ -85,7 +85,7 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
         yield f"{marker} marked no errors of their own."
     lost = sum(sum(one.measures.lost.values()) for one in study.known)
     cut = sum(not one.session.closed_properly for one in study.known)
-    damaged = sum(bool(one.session.told_losses()) and one.session.closed_properly for one in study.known)
+    damaged = sum(bool(one.session.losses) and one.session.closed_properly for one in study.known)
     if lost or cut or damaged:
         parts = [
             f"{lost} values were not recorded" if lost > 1 else "one value was not recorded" if lost else "",

@@ -472,7 +472,7 @@ class _Answers:
         several = len(self._of.known) > 1
         for one in self._of.known:
             name = f"{one.session.folder.name}: " if several else ""
-            losses += [f"{name}{loss}" for loss in one.session.told_losses()]
+            losses += [f"{name}{loss}" for loss in one.session.losses]
         losses = losses or ["No loss is in the record."]
         if self._of.copies:
             losses.append(f"{number_of(self._of.copies, 'copy', 'copies').capitalize()} of sessions did not count.")

@@ -1,23 +1,72 @@
 """What a session lacks of all that was recorded: told by what its head says of the files, wherever it is read."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from caris_desktop.domain.recorded_form import DERIVED_TOPICS
+from caris_desktop.domain.streams import spec_of_topic
 from caris_desktop.domain.translation import filled
+from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session import repair_words as words
+from caris_desktop.recording.session.last_counts import counts_of
 from caris_desktop.recording.session.media_repair import content_of
 
+_EVENTS = "events.mcap"
 _MAX_TOLD = 5
 
 
-def losses_of(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
+def losses_of(folder: Path, header: Mapping[str, Any], missing: Mapping[str, int]) -> tuple[str, ...]:
     """A sentence for each thing that was recorded and is not there any more; empty where nothing is known to be lost.
 
-    Those that a repair wrote down, and files that are missing or shorter than when the session was closed. Other
-    changes to files are a matter of their checksums.
+    Those that a repair wrote down, the values that are :func:`missing <missing_values>`, and files that are missing or
+    shorter than when the session was closed. Other changes to files are a matter of their checksums.
     """
-    return (*told_losses(header), *files_lacking(folder, header))
+    return (*told_losses(header), *missing_words(header, missing), *files_lacking(folder, header))
+
+
+def missing_words(header: Mapping[str, Any], missing: Mapping[str, int]) -> tuple[str, ...]:
+    """How many values are missing, in words for people; empty where none are."""
+    count = sum(missing.values())
+    if not count:
+        return ()
+    recorded = max(count, (counts_of(header.get("counts")) or Counter()).total())
+    return (filled(words.lost_values_words(count, broken=False, early=False), recorded=recorded),)
+
+
+def missing_values(folder: Path, header: Mapping[str, Any]) -> Counter[str]:
+    """How many values of each stream the head of a closed session counts and its record does not hold any more.
+
+    Those that a repair found missing are not among them: it counted what was left. Raises OSError.
+    """
+    expected = counts_of(header.get("counts"))
+    if header.get("ended_ns") is None or expected is None:
+        return Counter()
+    return expected - _values_in(folder / _EVENTS, expected)
+
+
+def _values_in(path: Path, named: Counter[str]) -> Counter[str]:
+    """How many values of each stream can be read; of those that this program does not know, by the ``named`` ones."""
+    index = mcap_blocks.read_index(path)
+    of_channel: Counter[int] = Counter()
+    with path.open("rb") as file:
+        for number in range(index.count):
+            try:
+                of_channel.update(mcap_blocks.channels_in(mcap_blocks.read_block(file, index, number)))
+            except mcap_blocks.DamagedBlockError:
+                continue
+    found: Counter[str] = Counter()
+    for channel, count in of_channel.items():
+        its = index.channels.get(channel)
+        if its is None or its.topic in DERIVED_TOPICS:
+            continue
+        spec = spec_of_topic(its.topic)
+        name = its.topic.removeprefix("/") if spec is None else spec.name
+        if spec is None:
+            name = next((one for one in named if name.startswith(f"{one}/")), name)
+        found[name] += count
+    return found
 
 
 def told_losses(header: Mapping[str, Any]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import json
 import logging
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import field
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -47,7 +47,6 @@ _INDEX_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
 _MAX_BLOCK_BYTES = 1 << 30
 _RUN_BYTES = 1 << 20
 _LONGEST_HEADER_BYTES = 1024
-_INDEXED_MESSAGE_BYTES = 16
 _LARGEST_NS = 2**63 - 1
 # Where a chunk's compression is named, counted from its first byte: how the next one is found behind damage.
 _ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", HEAD.size + CHUNK_BODY.size - 4
@@ -198,24 +197,6 @@ def library_of(path: Path) -> str:
     return body[8 + profile_bytes : 8 + profile_bytes + library_bytes].decode("utf-8", "replace")
 
 
-def listed_messages(file: IO[bytes], index: BlockIndex, number: int, channels: Collection[int]) -> int:
-    """How many messages of these channels a chunk had, as its indexes behind it tell, whatever became of the chunk.
-    Raises OSError.
-    """
-    place, count = int(index.offsets[number] + index.lengths[number]), 0
-    while True:
-        file.seek(place)
-        entry = file.read(HEAD.size + 6)
-        if len(entry) < HEAD.size + 6:
-            return count
-        opcode, length = HEAD.unpack_from(entry)
-        if opcode != MESSAGE_INDEX:
-            return count
-        if int.from_bytes(entry[HEAD.size : HEAD.size + 2], "little") in channels:
-            count += int.from_bytes(entry[HEAD.size + 2 :], "little") // _INDEXED_MESSAGE_BYTES
-        place += HEAD.size + length
-
-
 def messages_of(content: bytes) -> Iterator[Message]:
     """The messages of an unfolded block."""
     at, end = 0, len(content)
@@ -228,6 +209,17 @@ def messages_of(content: bytes) -> Iterator[Message]:
         if opcode == MESSAGE and length >= MESSAGE_BODY.size:
             channel, sequence, log_ns, publish_ns = MESSAGE_BODY.unpack_from(content, body)
             yield Message(channel, sequence, log_ns, publish_ns, body + MESSAGE_BODY.size, at)
+
+
+def channels_in(content: bytes) -> Iterator[int]:
+    """The channel of each message of an unfolded block."""
+    at, end = 0, len(content)
+    while at + HEAD.size <= end:
+        opcode, length = HEAD.unpack_from(content, at)
+        at += HEAD.size
+        if opcode == MESSAGE and length >= MESSAGE_BODY.size and at + length <= end:
+            yield content[at] | content[at + 1] << 8
+        at += length
 
 
 def read_block(file: IO[bytes], index: BlockIndex, number: int) -> bytes:

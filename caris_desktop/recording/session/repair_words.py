@@ -56,13 +56,6 @@ def unread_bytes_words(count: int) -> str:
     )
 
 
-def unread_blocks_words(count: int) -> str:
-    """Which held so many ``{values}``."""
-    if count == 1:
-        return QT_TR_NOOP("1 block of events.mcap cannot be read: {values} values are left out.")
-    return QT_TR_NOOP("%n blocks of events.mcap cannot be read: {values} values are left out.", "", count)
-
-
 def unsaved_pictures_words(count: int) -> str:
     """The last of a ``{camera}``, of so many ``{seconds}``."""
     return QT_TR_NOOP("The last %n pictures of camera {camera} ({seconds} s) were not saved.", "", count)
@@ -86,8 +79,6 @@ FILE_SHORTER = QT_TR_NOOP("{file} has {left} of {all} bytes.")
 LOSSES = (
     *(lost_values_words(2, broken=broken, early=early) for broken, early in product((False, True), repeat=2)),
     unread_bytes_words(2),
-    unread_blocks_words(1),
-    unread_blocks_words(2),
     unsaved_pictures_words(2),
     pictures_left_words(2),
     further_files_words(2),

@@ -2,7 +2,8 @@
 
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,10 +14,9 @@ from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_t
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_blocks
-from caris_desktop.recording.session.losses import losses_of
+from caris_desktop.recording.session.losses import losses_of, lost_values, missing_values
 from caris_desktop.recording.session.mcap_blocks import BlockIndex
 from caris_desktop.recording.session.recovery import repair_session
-from caris_desktop.recording.session.repair_words import unread_blocks_words
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
 
@@ -39,7 +39,7 @@ class Session:
     Where the recorder was killed, ``closed_properly`` is False; ``reason`` is then ``recovered``, or empty as long as
     nobody repaired the session, and ``ended_ns`` is the moment of the last that was saved. ``notices`` says, in words
     for people, what opening it has repaired, or why it could not; ``losses`` what was recorded and is not there any
-    more. ``unreadable_blocks`` fills while the session is read: for each damaged block how many values it held.
+    more, and ``lost`` how many values of each stream that are.
 
     For others to see, ``recording.names`` gives pseudonyms: ``scrub`` is then what the JSON of each value passes
     through, ``wizard_name`` and ``coder_name`` what a wizard and a coder are called.
@@ -53,7 +53,7 @@ class Session:
     reason: str
     notices: tuple[str, ...] = ()
     losses: tuple[str, ...] = ()
-    unreadable_blocks: dict[int, int] = field(default_factory=dict, compare=False)
+    lost: Mapping[str, int] = field(default_factory=dict)
     scrub: Callable[[bytes], bytes] = field(default=_as_it_is, compare=False)
     wizard_name: Callable[[str], str] = field(default=_as_it_is, compare=False)
     coder_name: Callable[[str], str] = field(default=_as_it_is, compare=False)
@@ -85,11 +85,8 @@ class Session:
         return anchor.utc_ns - anchor.monotonic_ns, self.started_ns, *whose
 
     def told_losses(self) -> tuple[str, ...]:
-        """``losses``, and what turned out to be damaged while it was read."""
-        if not self.unreadable_blocks:
-            return self.losses
-        blocks, values = len(self.unreadable_blocks), sum(self.unreadable_blocks.values())
-        return (*self.losses, filled(unread_blocks_words(blocks), values=values))
+        """``losses``, by the name under which scripts of studies ask for them."""
+        return self.losses
 
     def values(self, *streams: str) -> Iterator[tuple[StreamSpec, Any]]:
         """Every value of these streams (all of them when none is named), as recorded, in the order of recording.
@@ -135,7 +132,12 @@ def open_session(folder: Path, *, repair: bool = True) -> Session:
             header = read_header(folder)
             times = times_of(header, folder)
     clock = times.clock
-    session = Session(folder, header, clock, clock.started_ns, False, "", notices, losses_of(folder, header))
+    try:
+        missing = missing_values(folder, header)
+    except OSError as error:
+        raise _unreadable(folder / _EVENTS, error) from error
+    losses, lost = losses_of(folder, header, missing), missing + Counter(lost_values(header))
+    session = Session(folder, header, clock, clock.started_ns, False, "", notices, losses, lost)
     if times.ended_ns is not None:
         return replace(session, ended_ns=times.ended_ns, closed_properly=times.reason != RECOVERED, reason=times.reason)
     for _, end in session.values(BY_TYPE[SessionEnded].name):
@@ -167,9 +169,11 @@ def _index_of(path: Path) -> BlockIndex:
     try:
         return mcap_blocks.read_index(path)
     except OSError as error:
-        raise SessionError(
-            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
-        ) from error
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: OSError) -> SessionError:
+    return SessionError(filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error))
 
 
 def _newest_ns(path: Path, clock: SessionClock) -> int:
@@ -181,18 +185,15 @@ def _newest_ns(path: Path, clock: SessionClock) -> int:
 
 
 def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
-    path, unreadable, scrub = session.folder / _EVENTS, session.unreadable_blocks, session.scrub
+    path, scrub = session.folder / _EVENTS, session.scrub
     index = _index_of(path)
     try:
         file = path.open("rb")
     except OSError as error:
-        raise SessionError(
-            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
-        ) from error
+        raise _unreadable(path, error) from error
     if index.damaged_bytes:
         _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
     topics = {number: its.topic for number, its in index.channels.items() if its.topic not in DERIVED_TOPICS}
-    every = topics
     if wanted:
         specs = {number: spec_of_topic(topic) for number, topic in topics.items()}
         topics = {number: topics[number] for number, spec in specs.items() if spec is not None and spec.name in wanted}
@@ -203,14 +204,10 @@ def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Ite
             try:
                 content = mcap_blocks.read_block(file, index, number)
             except mcap_blocks.DamagedBlockError as error:
-                if number not in unreadable:
-                    _log.warning("%s: the block at byte %d is left out: %s", path, index.offsets[number], error)
-                    unreadable[number] = mcap_blocks.listed_messages(file, index, number, every)
+                _log.info("%s: the block at byte %d is left out: %s", path, index.offsets[number], error)
                 continue
             except OSError as error:
-                raise SessionError(
-                    filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
-                ) from error
+                raise _unreadable(path, error) from error
             for message in mcap_blocks.messages_of(content):
                 topic = topics.get(message.channel)
                 found = None if topic is None else read(topic, scrub(content[message.start : message.end]))

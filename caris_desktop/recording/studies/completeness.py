@@ -3,7 +3,6 @@
 from collections import Counter
 
 from caris_desktop.domain.events import Gap, LinkQuality
-from caris_desktop.recording.session.losses import lost_values
 from caris_desktop.recording.studies.measures import Measures, SessionFacts
 
 _MAX_STREAMS = 8
@@ -25,7 +24,7 @@ def what_is_missing(facts: SessionFacts, measures: Measures) -> tuple[str, ...]:
     sentences = []
     if not session.closed_properly:
         sentences.append("The recording was cut off: what happened after the last saved moment is not in it.")
-    sentences += [*session.repairs, *session.told_losses()]
+    sentences += [*session.repairs, *session.losses]
     sentences += _lost_since(facts)
     if session.reason == "disk_full":
         sentences.append("The recording ended because the disk was full.")
@@ -33,7 +32,7 @@ def what_is_missing(facts: SessionFacts, measures: Measures) -> tuple[str, ...]:
         times = "once" if measures.pauses == 1 else f"{measures.pauses} times"
         sentences.append(f"The recording was paused {times}, for {measures.paused_s:.1f} s in all.")
     sentences += _gaps(facts)
-    if not any(utterance.speaker == "participant" for utterance in facts.utterances):
+    if not any(utterance.said and utterance.speaker == "participant" for utterance in facts.utterances):
         sentences.append("Nothing that participants said is in the record, so there are no response times.")
     if not _kept(facts, "videos", "video-*"):
         sentences.append("There is no video.")
@@ -61,7 +60,7 @@ def stream_words(stream: str) -> str:
 
 
 def _lost_since(facts: SessionFacts) -> list[str]:
-    lost = lost_values(facts.session.header)
+    lost = facts.session.lost
     if not lost:
         return []
     named = [f"{count} {stream_words(stream)}" for stream, count in sorted(lost.items(), key=lambda entry: -entry[1])]

@@ -52,7 +52,6 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.alarms import AlarmRecord, alarms_of
 from caris_desktop.recording.session.answers import answer_uses, questions_of
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
-from caris_desktop.recording.session.losses import lost_values
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.protocol import (
@@ -377,7 +376,7 @@ def measure(facts: SessionFacts) -> Measures:
         errors=dict(Counter(mark.label for mark in facts.marks if mark.kind == "wizard_error")),
         link_trouble_s=sum(stretch.duration_s for stretch in trouble),
         lost=dict(lost),
-        missing=lost_values(session.header),
+        missing=dict(session.lost),
         problems=dict(Counter(problem.severity for problem in facts.of(Problem))),
         alarms=alarms_of(facts.of(AlarmChanged), ended_ns=session.ended_ns, pauses=_spans(facts.pauses)),
         people=most_at_once(seen),
@@ -771,7 +770,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure("link_trouble_s", "s", "Time in which the robot could not be reached.", lambda m: m.link_trouble_s),
     Figure("lost_values", "", "Values that were not recorded.", lambda m: sum(m.lost.values())),
     Figure(
-        "missing_values", "", "Values that were recorded and are lost since, as the repair of a damaged session found.",
+        "missing_values", "", "Values that were recorded, by the counts in session.json, and cannot be read any more.",
         lambda m: sum(m.missing.values()),
     ),
     Figure("problems", "", "Problems told to the wizard.", lambda m: sum(m.problems.values())),

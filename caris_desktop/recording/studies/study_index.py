@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 DATABASE_NAME = "session-index.sqlite"
 _APPLICATION_ID = 0x43415249
-_SCHEMA_VERSION = 2
+_SCHEMA_VERSION = 3
 _BUSY_MS = 2000
 _SNIPPET_CHARACTERS = 160
 _MAX_WORDS = 40
@@ -474,7 +474,7 @@ def _content(folder: Path) -> _Content:
         utterances=sum(item.kind in _UTTERANCES for item in items),
         marks=sum(item.kind in _MARKS for item in items),
         problems=sum(item.kind == "problem" for item in items),
-        losses=tuple(_storable(" ".join(loss.split())) for loss in session.told_losses()),
+        losses=tuple(_storable(" ".join(loss.split())) for loss in session.losses),
         **{
             name: trial.get(name, "")
             for name in ("participant", "condition", "trial", "recording", "wizard", "purpose")

@@ -420,7 +420,29 @@ def test_damaged_values_are_counted_when_they_are_read(finished: Path) -> None:
     session = open_session(finished)
     lost = whole - Counter(spec.name for spec, _ in session.values())
     assert lost.total() > 0
-    assert session.told_losses() == (f"2 blocks of events.mcap cannot be read: {lost.total()} values are left out.",)
+    assert session.lost == lost
+    assert session.losses == (
+        f"{lost.total()} of the {whole.total()} values that were recorded are missing from events.mcap.",
+    )
+
+
+@pytest.mark.logs(r"session\.(session_reader|mcap_blocks|recovery): ")
+@pytest.mark.parametrize("size", [1, 100, 5000])
+@pytest.mark.parametrize("tenths", range(1, 10))
+def test_whatever_is_overwritten_the_values_that_are_gone_are_counted(finished: Path, size: int, tenths: int) -> None:
+    head = json.loads((finished / "session.json").read_text("utf-8"))
+    path = finished / "events.mcap"
+    content = bytearray(path.read_bytes())
+    at = len(content) * tenths // 10
+    content[at : at + size] = b"\xff" * size
+    path.write_bytes(content)
+    session = open_session(finished)
+    left = sum(1 for _ in session.values())
+    assert sum(session.lost.values()) == sum(head["counts"].values()) - left
+    told = [loss for loss in session.losses if "values that were recorded are missing" in loss]
+    assert [int(loss.split()[0]) for loss in told] == [count for count in [sum(session.lost.values())] if count]
+    again = open_session(finished)
+    assert (again.lost, again.losses) == (session.lost, session.losses)
 
 
 @pytest.mark.logs(r"session\.recovery: ")

@@ -1,0 +1,65 @@
+"""A closed session that was damaged since: every place that tells of it gives the same number."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from caris_desktop.recording.command import _verify
+from caris_desktop.recording.export import ExportRequest, export_all
+from caris_desktop.recording.exporters.methods_sheet import methods_sheet
+from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.studies.completeness import what_is_missing
+from caris_desktop.recording.studies.measures import FIGURES, measure, read_facts
+from caris_desktop.recording.studies.study_index import StudyIndex
+from tests.support.recorded_session import MadeSession
+
+_TOLD = re.compile(r"(\d+) of the (\d+) values that were recorded are missing from events\.mcap")
+
+
+@pytest.fixture(scope="module")
+def damaged(whole_session: MadeSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A block and the lists of its messages behind it are overwritten, the index at the end is whole."""
+    folder = tmp_path_factory.mktemp("study") / "sessions" / "s"
+    shutil.copytree(whole_session.folder, folder)
+    path = folder / "events.mcap"
+    index = mcap_blocks.read_index(path)
+    content = bytearray(path.read_bytes())
+    content[int(index.offsets[5]) + 60 : int(index.offsets[6]) + 60] = b"\xff" * int(
+        index.offsets[6] - index.offsets[5]
+    )
+    path.write_bytes(content)
+    return folder
+
+
+def _told(sentences: list[str]) -> list[tuple[str, ...]]:
+    return [match.groups() for sentence in sentences if (match := _TOLD.search(str(sentence)))]
+
+
+@pytest.mark.logs(r"session\.(session_reader|mcap_blocks): ", "export")
+def test_what_is_gone_is_told_alike_wherever_a_session_is_read(damaged: Path, tmp_path: Path) -> None:
+    recorded = sum(json.loads((damaged / "session.json").read_text("utf-8"))["counts"].values())
+    session = open_session(damaged)
+    gone = recorded - sum(1 for _ in session.values())
+    assert gone > 0
+    expected = [(str(gone), str(recorded))]
+    assert _told(list(session.losses)) == expected
+    facts = read_facts(session)
+    measures = measure(facts)
+    assert _told(list(what_is_missing(facts, measures))) == expected  # the report
+    (figure,) = (figure for figure in FIGURES if figure.name == "missing_values")
+    assert figure.of(measures) == gone  # statistics and its tables
+    answers = [item.answer for section in methods_sheet([session]).sections for item in section.items]
+    assert _told(answers) == expected
+    assert "No loss is in the record" not in " ".join(answers)
+    index = StudyIndex(damaged.parent, tmp_path / "index.sqlite")
+    index.update()
+    (entry,) = index.sessions()
+    index.close()
+    assert _told(list(entry.losses)) == expected  # the list of sessions and the command
+    assert _told(_verify([damaged])) == expected
+    told = export_all(ExportRequest((damaged,), ("csv",), tmp_path / "out"))
+    assert _told([*told.notices, *told.problems]) == expected
