@@ -1,4 +1,4 @@
-"""Poses and velocities on the floor plane (REP 103: x forward, y left, counter-clockwise positive)."""
+"""Poses and velocities, on the floor plane and in space (REP 103: x forward, y left, z up)."""
 
 import math
 
@@ -29,6 +29,90 @@ class Pose2D:
             -(-sin * self.x_m + cos * self.y_m),
             wrap_angle(-self.heading_rad),
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Pose3D:
+    """Position and rotation in space; the rotation is a unit quaternion."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    qx: float
+    qy: float
+    qz: float
+    qw: float
+
+    @classmethod
+    def on_floor(cls, pose: Pose2D) -> "Pose3D":
+        """The same pose with the z axis upwards."""
+        half_rad = pose.heading_rad / 2.0
+        return cls(pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half_rad), math.cos(half_rad))
+
+    @property
+    def heading_rad(self) -> float:
+        """The direction of the x axis, seen from above."""
+        x, y, z, w = self.qx, self.qy, self.qz, self.qw
+        return wrap_angle(math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))
+
+    @property
+    def floor(self) -> Pose2D:
+        """The pose seen from above."""
+        return Pose2D(self.x_m, self.y_m, self.heading_rad)
+
+    @property
+    def tilt_rad(self) -> float:
+        """The angle between the z axis and that of the parent: 0 upright, pi upside down."""
+        return 2.0 * math.atan2(math.hypot(self.qx, self.qy), math.hypot(self.qz, self.qw))
+
+    def __matmul__(self, inner: "Pose3D") -> "Pose3D":
+        """Compose, as :meth:`Pose2D.__matmul__` does."""
+        ax, ay, az, aw = self.qx, self.qy, self.qz, self.qw
+        bx, by, bz, bw = inner.qx, inner.qy, inner.qz, inner.qw
+        x_m, y_m, z_m = self.rotated(inner.x_m, inner.y_m, inner.z_m)
+        return Pose3D(
+            self.x_m + x_m,
+            self.y_m + y_m,
+            self.z_m + z_m,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        )
+
+    def inverse(self) -> "Pose3D":
+        back = Pose3D(0.0, 0.0, 0.0, -self.qx, -self.qy, -self.qz, self.qw)
+        x_m, y_m, z_m = back.rotated(-self.x_m, -self.y_m, -self.z_m)
+        return Pose3D(x_m, y_m, z_m, back.qx, back.qy, back.qz, back.qw)
+
+    def towards(self, other: "Pose3D", share: float) -> "Pose3D":
+        """A share of the way to ``other``, as tf2 interpolates: positions linearly, rotations by the shorter arc. Above
+        1 the motion goes on.
+        """
+        dot = self.qx * other.qx + self.qy * other.qy + self.qz * other.qz + self.qw * other.qw
+        sign = -1.0 if dot < 0.0 else 1.0
+        angle_rad = math.acos(min(abs(dot), 1.0))
+        if angle_rad < 1e-6:
+            near, far = 1.0 - share, share * sign
+        else:
+            near = math.sin((1.0 - share) * angle_rad) / math.sin(angle_rad)
+            far = sign * math.sin(share * angle_rad) / math.sin(angle_rad)
+        return Pose3D(
+            self.x_m + share * (other.x_m - self.x_m),
+            self.y_m + share * (other.y_m - self.y_m),
+            self.z_m + share * (other.z_m - self.z_m),
+            near * self.qx + far * other.qx,
+            near * self.qy + far * other.qy,
+            near * self.qz + far * other.qz,
+            near * self.qw + far * other.qw,
+        )
+
+    def rotated(self, x: float, y: float, z: float) -> tuple[float, float, float]:
+        """A direction of this frame in its parent."""
+        qx, qy, qz, qw = self.qx, self.qy, self.qz, self.qw
+        # v + 2 q x (q x v + w v)
+        tx, ty, tz = qy * z - qz * y + qw * x, qz * x - qx * z + qw * y, qx * y - qy * x + qw * z
+        return x + 2.0 * (qy * tz - qz * ty), y + 2.0 * (qz * tx - qx * tz), z + 2.0 * (qx * ty - qy * tx)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,10 @@ from typing import Any, Literal
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.pictures import picture_size
+from caris_desktop.domain.sensing import lidar_mounting
 from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.robot.localization import TransformTree
 from caris_desktop.robot.preflight import (
     LinkProbe,
     NamedTopic,
@@ -240,6 +242,7 @@ async def check_streams(
             )
         offset_ns = await _clock_offset_ns(ros)
         ears = []
+        tree = TransformTree()
         for named in named_in(profile):
             kind = inventory.topics.get(named.topic)
             otherwise = picture_advice(named, inventory)
@@ -251,7 +254,8 @@ async def check_streams(
                 carries = QT_TR_NOOP("It carries {kind}; {expected} was expected.")
                 say(_unfit(named, filled(carries, kind=kind, expected=" / ".join(named.types))))
             elif named.published:
-                ears.append(_Ear(ros, profile, named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
+                kind = kind or in_dialect(Dialect(profile.ros), named.types[0])
+                ears.append(_Ear(ros, profile, named, kind, tree))
             else:
                 say(await _listened_to(ros, named))
         for key, label, service in services_of(profile):
@@ -442,17 +446,19 @@ def _hits(profile: RobotProfile, offer: RobotOffer) -> list[bool]:
 
 
 class _Ear:
-    """Listens to one stream of a profile."""
+    """Listens to one stream of a profile. The transforms that come fill ``tree``."""
 
-    def __init__(self, ros: SafeRos, profile: RobotProfile, named: NamedTopic, kind: str) -> None:
+    def __init__(self, ros: SafeRos, profile: RobotProfile, named: NamedTopic, kind: str, tree: TransformTree) -> None:
         self._named = named
-        self._describe = _description_of(named, profile)
+        self._describe = _description_of(named, profile, tree)
+        self._tree = tree if named.field in ("tf", "tf_static") else None
         self._loop = asyncio.get_running_loop()
         self._count = 0
         self._first_s = self._last_s = 0.0
         self._message: Any = None
         self._heard_ns = 0
-        self._topic = SafeTopic(ros, named.topic, kind, queue_length=1)
+        every = self._tree is not None
+        self._topic = SafeTopic(ros, named.topic, kind, queue_length=20 if every else 1, every_message=every)
         self._topic.subscribe(self._take)
 
     def close(self) -> None:
@@ -464,6 +470,8 @@ class _Ear:
         self._count += 1
         self._message = message
         self._heard_ns = time.time_ns()
+        if self._tree is not None:
+            self._tree.add(messages.decode_tf_message(message), static=self._named.field == "tf_static")
 
     def verdict(self, offset_ns: int | None) -> StreamCheck:
         named = self._named
@@ -557,11 +565,13 @@ def _short(names: Iterable[str]) -> str:
     return filled(QT_TR_NOOP("{names} and {number} more"), names=few, number=len(listed) - 2)
 
 
-def _description_of(named: NamedTopic, profile: RobotProfile) -> Callable[[Any], str]:
+def _description_of(named: NamedTopic, profile: RobotProfile, tree: TransformTree) -> Callable[[Any], str]:
     """What to say of a message; raises MessageError or ValueError where the console could not use it."""
     if named.field == "head.joint_states" and profile.head is not None:
         joints = (profile.head.pan_joint, profile.head.tilt_joint)
         return lambda message: _joints(message, joints)
+    if named.field == "scan":
+        return lambda message: joined((_scan(message), _mounting(message, profile, tree)))
     if named.types == ("sensor_msgs/Image",):
         advice = filled(QT_TR_NOOP("Not compressed: {advice}."), advice=republish_advice(named.topic))
         return lambda message: joined((_raw_picture(message), advice))
@@ -588,6 +598,33 @@ def _scan(message: Any) -> str:
         QT_TR_NOOP("{beams} beams over {angle} degrees, up to {range} m."),
         beams=len(scan.ranges_m), angle=f"{span_deg:.0f}", range=f"{scan.range_max_m:g}",
     )  # fmt: skip
+
+
+def _mounting(message: Any, profile: RobotProfile, tree: TransformTree) -> str:
+    """How the LIDAR is mounted. Raises MessageError where it is tilted."""
+    frame = messages.decode_laser_scan(message, stamp_ns=0).frame_id.lstrip("/")
+    pose = tree.lookup_in_space(profile.frames.base.lstrip("/"), frame)
+    if profile.laser.mounting is not None:
+        upside_down = profile.laser.mounting == "upside_down"
+        return (
+            QT_TR_NOOP("Mounted upside down, as the profile says: its beams are reversed.")
+            if upside_down
+            else QT_TR_NOOP("Mounted upright, as the profile says.")
+        )
+    if pose is None:
+        return filled(
+            QT_TR_NOOP("No transform leads from {base} to {frame}: it is taken to be upright where the profile says."),
+            base=profile.frames.base,
+            frame=repr(frame),
+        )
+    match lidar_mounting(pose):
+        case "upright":
+            return QT_TR_NOOP("Mounted upright.")
+        case "upside_down":
+            return QT_TR_NOOP("Mounted upside down: its beams are reversed.")
+        case "tilted":
+            tilted = QT_TR_NOOP("the LIDAR is tilted by {degrees} degrees, so that it measures floor and ceiling")
+            raise MessageError(filled(tilted, degrees=f"{math.degrees(pose.tilt_rad):.0f}"))
 
 
 def _picture(message: Any) -> str:

@@ -3,7 +3,7 @@
 import bisect
 from collections.abc import Iterable
 
-from caris_desktop.domain.geometry import Pose2D, wrap_angle
+from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.profile import TransformFrames
@@ -19,26 +19,37 @@ _TRANSFORMS_LIVE_NS = 1_000_000_000
 _LEAST_PERIOD_NS = 45_000_000
 
 
+AT_ORIGIN = Pose3D.on_floor(Pose2D(0.0, 0.0, 0.0))
+
+
 class PoseHistory:
     """One moving pose over the last 10 s of the robot's clock, and between its samples."""
 
     def __init__(self) -> None:
+        # The stamp of the sample before, where that came behind the newest.
+        self._behind_ns: int | None = None
         self._stamps_ns: list[int] = []
-        self._poses: list[Pose2D] = []
+        self._poses: list[Pose3D] = []
 
     @property
-    def newest(self) -> Pose2D:
+    def newest(self) -> Pose3D:
         return self._poses[-1]
 
     @property
     def newest_ns(self) -> int:
         return self._stamps_ns[-1]
 
-    def add(self, stamp_ns: int, pose: Pose2D) -> None:
-        if self._stamps_ns and stamp_ns < self._stamps_ns[-1] - HISTORY_NS:
-            # The robot's clock was set back, or its simulation began anew.
-            self._stamps_ns.clear()
-            self._poses.clear()
+    def add(self, stamp_ns: int, pose: Pose3D) -> None:
+        before_ns, self._behind_ns = self._behind_ns, None
+        if self._stamps_ns and stamp_ns < self._stamps_ns[-1]:
+            self._behind_ns = stamp_ns
+            if before_ns is not None and before_ns < stamp_ns:
+                # One that came out of order is not followed by the next: the robot's clock was set back (NTP), its
+                # simulation began again, or a stray stamp was ahead. What is ahead of the present clock is void.
+                ahead = bisect.bisect_right(self._stamps_ns, before_ns)
+                del self._stamps_ns[ahead:]
+                del self._poses[ahead:]
+                self._behind_ns = None
         at = bisect.bisect_left(self._stamps_ns, stamp_ns)
         if at < len(self._stamps_ns) and self._stamps_ns[at] == stamp_ns:
             self._poses[at] = pose
@@ -52,7 +63,7 @@ class PoseHistory:
             del self._stamps_ns[:old]
             del self._poses[:old]
 
-    def at(self, stamp_ns: int, *, goes_on: bool = False) -> Pose2D | None:
+    def at(self, stamp_ns: int, *, goes_on: bool = False) -> Pose3D | None:
         """The pose at a moment, as tf2 interpolates; None before the history.
 
         After its end the newest pose holds, or with ``goes_on`` its motion lasts for another 0.2 s.
@@ -67,16 +78,11 @@ class PoseHistory:
             return self._between(len(stamps) - 1, min(stamp_ns, stamps[-1] + AHEAD_NS))
         return poses[-1]
 
-    def _between(self, after: int, stamp_ns: int) -> Pose2D:
+    def _between(self, after: int, stamp_ns: int) -> Pose3D:
         """On the line through the samples ``after - 1`` and ``after``."""
         begin_ns, end_ns = self._stamps_ns[after - 1], self._stamps_ns[after]
-        begin, end = self._poses[after - 1], self._poses[after]
         share = (stamp_ns - begin_ns) / (end_ns - begin_ns)
-        return Pose2D(
-            begin.x_m + share * (end.x_m - begin.x_m),
-            begin.y_m + share * (end.y_m - begin.y_m),
-            wrap_angle(begin.heading_rad + share * wrap_angle(end.heading_rad - begin.heading_rad)),
-        )
+        return self._poses[after - 1].towards(self._poses[after], share)
 
 
 class _Edge:
@@ -86,12 +92,12 @@ class _Edge:
 
     def __init__(self, parent_frame: str) -> None:
         self.parent_frame = parent_frame
-        self.newest = Pose2D(0.0, 0.0, 0.0)
+        self.newest = AT_ORIGIN
         self.history: PoseHistory | None = None
 
 
 class TransformTree:
-    """The frames of the robot, with their last 10 s; the part of tf2 that a floor plan needs.
+    """The frames of the robot in space, with their last 10 s; the part of tf2 that this program needs.
 
     Frames may hang together in any way: what leads in a circle or nowhere is not found, and that is all.
     """
@@ -116,12 +122,13 @@ class TransformTree:
                 if edge is None and len(self._edges) >= MOST_FRAMES:
                     continue
                 edge = self._edges[child] = _Edge(transform.parent_frame)
-            edge.newest = transform.parent_from_child
+            pose = transform.parent_from_child
+            edge.newest = pose if isinstance(pose, Pose3D) else Pose3D.on_floor(pose)
             if static or transform.robot_stamp_ns is None:
                 edge.history = None
             else:
                 edge.history = edge.history or PoseHistory()
-                edge.history.add(transform.robot_stamp_ns, transform.parent_from_child)
+                edge.history.add(transform.robot_stamp_ns, edge.newest)
                 edge.newest = edge.history.newest
             told.add(child)
         return told
@@ -140,6 +147,13 @@ class TransformTree:
     def lookup(
         self, parent: str, child: str, at_ns: int | None = None, *, goes_on: frozenset[str] = frozenset()
     ) -> Pose2D | None:
+        """:meth:`lookup_in_space` as seen from above."""
+        pose = self.lookup_in_space(parent, child, at_ns, goes_on=goes_on)
+        return None if pose is None else pose.floor
+
+    def lookup_in_space(
+        self, parent: str, child: str, at_ns: int | None = None, *, goes_on: frozenset[str] = frozenset()
+    ) -> Pose3D | None:
         """``parent_from_child``, or None when the frames are not connected, or were not at ``at_ns``.
 
         ``at_ns`` is on the robot's clock, None means the newest. The motion of the frames ``goes_on`` in their parents
@@ -172,11 +186,11 @@ class TransformTree:
             found.append(edge.parent_frame)
         return found
 
-    def _along(self, way: list[str], at_ns: int | None, goes_on: frozenset[str]) -> Pose2D | None:
-        pose = Pose2D(0.0, 0.0, 0.0)
+    def _along(self, way: list[str], at_ns: int | None, goes_on: frozenset[str]) -> Pose3D | None:
+        pose = AT_ORIGIN
         for frame in way:
             edge = self._edges[frame]
-            step: Pose2D | None = edge.newest
+            step: Pose3D | None = edge.newest
             if at_ns is not None and edge.history is not None:
                 step = edge.history.at(at_ns, goes_on=frame in goes_on)
             if step is None:
@@ -221,7 +235,8 @@ class PoseTracker:
             then = None
             if self._poses_in_odom is not None and pose.robot_stamp_ns is not None:
                 then = self._poses_in_odom.at(pose.robot_stamp_ns, goes_on=True)
-            self._map_from_odom = pose.pose_in_map @ (then or self._odometry.pose_in_odom).inverse()
+            odom_from_base = self._odometry.pose_in_odom if then is None else then.floor
+            self._map_from_odom = pose.pose_in_map @ odom_from_base.inverse()
         if self._transforms_are_live(pose.stamp_ns):
             return None
         self._told_ns = pose.stamp_ns
@@ -231,7 +246,7 @@ class PoseTracker:
         self._odometry = odometry
         if odometry.robot_stamp_ns is not None:
             self._poses_in_odom = self._poses_in_odom or PoseHistory()
-            self._poses_in_odom.add(odometry.robot_stamp_ns, odometry.pose_in_odom)
+            self._poses_in_odom.add(odometry.robot_stamp_ns, Pose3D.on_floor(odometry.pose_in_odom))
         if self._map_from_odom is None or self._transforms_are_live(odometry.stamp_ns):
             return None
         if odometry.stamp_ns - self._told_ns < _LEAST_PERIOD_NS:
@@ -250,14 +265,15 @@ class PoseTracker:
             return None
         pose: Pose2D | None = self._odometry.pose_in_odom
         if robot_stamp_ns is not None and self._poses_in_odom is not None:
-            pose = self._poses_in_odom.at(robot_stamp_ns, goes_on=True)
+            then = self._poses_in_odom.at(robot_stamp_ns, goes_on=True)
+            pose = None if then is None else then.floor
         return None if pose is None else self._map_from_odom @ pose
 
-    def base_from(self, frame: str, robot_stamp_ns: int | None) -> Pose2D | None:
+    def base_from(self, frame: str, robot_stamp_ns: int | None) -> Pose3D | None:
         """Where a sensor is mounted, or was at that moment; None where the transforms do not tell."""
-        return self.tree.lookup(self._frames.base, frame.lstrip("/"), robot_stamp_ns) or self.tree.lookup(
-            self._frames.base, frame.lstrip("/")
-        )
+        return self.tree.lookup_in_space(
+            self._frames.base, frame.lstrip("/"), robot_stamp_ns
+        ) or self.tree.lookup_in_space(self._frames.base, frame.lstrip("/"))
 
     def map_from(self, frame: str, robot_stamp_ns: int | None) -> Pose2D | None:
         """A frame in the map at that moment, or else the newest; an empty name means the map itself."""

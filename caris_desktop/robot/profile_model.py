@@ -415,11 +415,15 @@ _AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class LaserMount:
-    """Where the LIDAR is."""
+    """Where the LIDAR is, and which way up."""
 
     robot_from_laser: Annotated[Pose2D, WrittenAs(PoseKeys, PoseKeys.pose, PoseKeys.of), Rule(
-        "Its place in the robot frame.", wanted=True,
+        "Its place in the robot frame, where tf does not tell it.",
     )] = _AT_ORIGIN  # fmt: skip
+    mounting: Annotated[Literal["upright", "upside_down"] | None, Rule(
+        "Which way up it is mounted, where tf does not tell it or is wrong. An `upside_down` LIDAR counts its angles "
+        "clockwise as seen from above.",
+    )] = None  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -498,9 +502,9 @@ class RobotProfile:
     controls: Annotated[tuple[CONTROL, ...], Rule(
         "Buttons, toggles, sliders, choices, text fields and readouts of the Robot panel.", longest=100, quiet=True,
     )] = ()  # fmt: skip
-    robot_from_laser: Annotated[Pose2D, WrittenAs(LaserMount, lambda mount: mount.robot_from_laser, LaserMount), Rule(
-        "Where the LIDAR is, for robots whose tf does not say it.", key="laser", quiet=True,
-    )] = _AT_ORIGIN  # fmt: skip
+    laser: Annotated[
+        LaserMount, Rule("How the LIDAR is mounted, for robots whose tf does not tell it.", quiet=True)
+    ] = field(default_factory=LaserMount)
 
     @property
     def holonomic(self) -> bool:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose
+from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose, lidar_mounting
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import LinkReporter
@@ -70,6 +70,7 @@ class Sensors:
         self._watched = watched
         self._poses = PoseTracker(profile.frames)
         self._transforms_since_ns: int | None = None
+        self._scans_since_ns: int | None = None
         self._told_frames: set[str] = set()
         self._told_lost = False
         self.pose_in_map: Pose2D | None = None
@@ -78,7 +79,7 @@ class Sensors:
     def link_lost(self) -> None:
         """What was known of the robot's place is no longer."""
         self._poses.forget()
-        self._transforms_since_ns = None
+        self._transforms_since_ns = self._scans_since_ns = None
         self._told_frames.clear()
         self._told_lost = False
         self.pose_in_map = None
@@ -133,23 +134,60 @@ class Sensors:
 
     def _take_scan(self, message: Any) -> None:
         scan = decode_laser_scan(message, stamp_ns=self._ros.arrival_ns)
-        mounted = None
-        if scan.frame_id:
-            mounted = self._poses.base_from(scan.frame_id, scan.robot_stamp_ns)
-            if mounted is None:
+        scan = self._mounted(scan)
+        # Where the robot was when it measured, not where it is when that arrives: a turning robot has turned on.
+        map_from_robot = self._poses.map_from_base(robot_stamp_ns=scan.robot_stamp_ns, now_ns=scan.stamp_ns)
+        if map_from_robot is not None and scan.robot_from_laser is not None:
+            scan = replace(scan, map_from_laser=map_from_robot @ scan.robot_from_laser)
+        self._scan_taken(scan)
+        self._put(scan)
+
+    def _mounted(self, scan: LaserScan) -> LaserScan:
+        """The scan with the place of the LIDAR and, from one that hangs upside down, with its beams reversed.
+
+        It has no place, and so is not used, while the transforms may still come and where the LIDAR is tilted.
+        """
+        mount = self._profile.laser
+        robot_from_laser = self._poses.base_from(scan.frame_id, scan.robot_stamp_ns) if scan.frame_id else None
+        if robot_from_laser is None:
+            if scan.frame_id and self._transforms_may_come(scan.stamp_ns):
+                return scan
+            if scan.frame_id:
                 self._complain_of_frame(
                     scan.frame_id, QT_TR_NOOP("The LIDAR is shown where the profile says that it is mounted.")
                 )
-        robot_from_laser = mounted or self._profile.robot_from_laser
-        # Where the robot was when it measured, not where it is when that arrives: a turning robot has turned on.
-        map_from_robot = self._poses.map_from_base(robot_stamp_ns=scan.robot_stamp_ns, now_ns=scan.stamp_ns)
-        scan = replace(
-            scan,
-            robot_from_laser=robot_from_laser,
-            map_from_laser=None if map_from_robot is None else map_from_robot @ robot_from_laser,
+            return scan.mounted(mount.robot_from_laser, upside_down=mount.mounting == "upside_down")
+        mounting = mount.mounting or lidar_mounting(robot_from_laser)
+        if mounting == "tilted":
+            self._complain_of_tilt(scan.frame_id, robot_from_laser.tilt_rad)
+            return scan
+        return scan.mounted(robot_from_laser.floor, upside_down=mounting == "upside_down")
+
+    def _transforms_may_come(self, at_ns: int) -> bool:
+        """Whether the link is so new that the robot may not have told its frames yet."""
+        if self._profile.tf is None and self._profile.tf_static is None:
+            return False
+        self._scans_since_ns = self._scans_since_ns or at_ns
+        return at_ns - self._scans_since_ns < FRAMES_KNOWN_AFTER_NS
+
+    def _complain_of_tilt(self, frame: str, tilt_rad: float) -> None:
+        self._report.problems.count(
+            "tilted lidar",
+            severity="warning",
+            what=filled(
+                QT_TR_NOOP("The LIDAR is tilted by {degrees} degrees (frame {frame} on tf): its scans are not used."),
+                degrees=f"{math.degrees(tilt_rad):.0f}",
+                frame=repr(frame[:100]),
+            ),
+            meaning=QT_TR_NOOP(
+                "A tilted LIDAR measures floor and ceiling. The obstacle guard sees nothing, the robot drives slowly, "
+                "and the map shows no scan."
+            ),
+            advice=QT_TR_NOOP(
+                "Mount it level, or correct its transform. If it is level already, write 'mounting: upright' or "
+                "'mounting: upside_down' under 'laser' in the robot profile."
+            ),
         )
-        self._scan_taken(scan)
-        self._put(scan)
 
     def _take_odometry(self, message: Any) -> None:
         odometry = decode_odometry(message, stamp_ns=self._ros.arrival_ns)

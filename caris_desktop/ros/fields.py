@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.geometry import Pose2D, wrap_angle
+from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
 
 Message = dict[str, Any]
@@ -193,14 +193,20 @@ def encode_heading(heading_rad: float) -> dict[str, float]:
     return {"x": 0.0, "y": 0.0, "z": math.sin(heading_rad / 2.0), "w": math.cos(heading_rad / 2.0)}
 
 
-def decode_heading(quaternion: Message, what: str) -> float:
-    """Heading in radians (-pi, pi] of a quaternion, which need not be normalised."""
+def decode_rotation(quaternion: Message, what: str) -> tuple[float, float, float, float]:
+    """A geometry_msgs/Quaternion, which need not be normalised, as a unit one (x, y, z, w)."""
     x, y, z, w = (number(quaternion, axis, what) for axis in "xyzw")
     longest = max(abs(x), abs(y), abs(z), abs(w))
     if longest < 1e-9:
         raise MessageError(f"{what} is the zero quaternion, which is no rotation")
     x, y, z, w = x / longest, y / longest, z / longest, w / longest
-    return wrap_angle(math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    return x / norm, y / norm, z / norm, w / norm
+
+
+def decode_heading(quaternion: Message, what: str) -> float:
+    """Heading in radians (-pi, pi] of a quaternion, which need not be normalised."""
+    return Pose3D(0.0, 0.0, 0.0, *decode_rotation(quaternion, what)).heading_rad
 
 
 def encode_pose(pose: Pose2D) -> Message:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry, RobotPose
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect
@@ -20,8 +20,8 @@ from caris_desktop.ros.fields import (
     MessageError,
     blob,
     count,
-    decode_heading,
     decode_pose,
+    decode_rotation,
     encode_header,
     encode_heading,
     encode_pose,
@@ -50,11 +50,11 @@ MAX_TRANSFORMS = 1_000
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """The floor part of one geometry_msgs/TransformStamped: where the child frame is in the parent frame."""
+    """One geometry_msgs/TransformStamped: where the child frame is in the parent frame, in space or on the floor."""
 
     parent_frame: str
     child_frame: str
-    parent_from_child: Pose2D
+    parent_from_child: Pose3D | Pose2D
     robot_stamp_ns: int | None
 
 
@@ -271,11 +271,9 @@ def decode_tf_message(message: Any) -> tuple[Transform, ...]:
         what = f"TFMessage.transforms[{index}]"
         transform = part(entry, "transform", what)
         translation = part(transform, "translation", what)
-        pose = Pose2D(
-            number(translation, "x", f"{what}.translation"),
-            number(translation, "y", f"{what}.translation"),
-            decode_heading(part(transform, "rotation", what), f"{what}.rotation"),
-        )
+        x_m, y_m, z_m = (number(translation, axis, f"{what}.translation") for axis in "xyz")
+        rotation = decode_rotation(part(transform, "rotation", what), f"{what}.rotation")
+        pose = Pose3D(x_m, y_m, z_m, *rotation)
         child = text(entry, "child_frame_id", what).lstrip("/")
         transforms.append(Transform(frame_of(entry, what).lstrip("/"), child, pose, stamp_of(entry, what)))
     return tuple(transforms)

@@ -4,12 +4,14 @@ import argparse
 import asyncio
 import contextlib
 import logging
+import math
 import os
 import signal
 import ssl
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.address import before_port
@@ -102,6 +104,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fault-latency-ms", type=float, default=0.0, metavar="MS", help="delay every message by this much"
     )
     parser.add_argument(
+        "--lidar-roll-deg", type=float, default=0.0, metavar="DEG", help="how the LIDAR is rolled; 180: upside down"
+    )
+    parser.add_argument(
+        "--lidar-pitch-deg", type=float, default=0.0, metavar="DEG", help="how the LIDAR is pitched; positive: down"
+    )
+    parser.add_argument(
         "--end-with-stdin", action="store_true", help="end when standard input ends, as it does when its starter dies"
     )
     parser.add_argument("--verbose", action="store_true", help="log what clients do")
@@ -145,9 +153,14 @@ class _ServerSettings:
 
 def _dress_of(args: argparse.Namespace) -> Dress:
     try:
-        return wardrobe.dress_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
+        dress = wardrobe.dress_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
     except wardrobe.NoSuchDress as error:
         raise _CannotStart(str(error)) from error
+    if dress.body.lidar is None:
+        return dress
+    roll_rad, pitch_rad = math.radians(args.lidar_roll_deg), math.radians(args.lidar_pitch_deg)
+    lidar = replace(dress.body.lidar, roll_rad=roll_rad, pitch_rad=pitch_rad)
+    return replace(dress, body=replace(dress.body, lidar=lidar))
 
 
 def _server_of(args: argparse.Namespace) -> _ServerSettings:

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.fields import encode_header
@@ -13,13 +13,21 @@ Message = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where a frame lies in its parent: on the floor, at a height, and tilted (down positive)."""
+    """Where a frame lies in its parent: in space, or on the floor, at a height, and tilted (down positive)."""
 
     parent: str
     child: str
-    pose: Pose2D
+    pose: Pose2D | Pose3D
     z_m: float = 0.0
     tilt_rad: float = 0.0
+
+    @property
+    def in_space(self) -> Pose3D:
+        if isinstance(self.pose, Pose3D):
+            return self.pose
+        half_rad = self.tilt_rad / 2.0
+        tilted = Pose3D(0.0, 0.0, self.z_m, 0.0, math.sin(half_rad), 0.0, math.cos(half_rad))
+        return Pose3D.on_floor(self.pose) @ tilted
 
 
 def transforms(dialect: Dialect, placements: list[Placement], *, stamp_ns: int) -> Message:
@@ -30,11 +38,11 @@ def transforms(dialect: Dialect, placements: list[Placement], *, stamp_ns: int) 
                 "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=placed.parent),
                 "child_frame_id": placed.child,
                 "transform": {
-                    "translation": {"x": placed.pose.x_m, "y": placed.pose.y_m, "z": placed.z_m},
-                    "rotation": _rotation(placed.pose.heading_rad, placed.tilt_rad),
+                    "translation": {"x": pose.x_m, "y": pose.y_m, "z": pose.z_m},
+                    "rotation": {"x": pose.qx, "y": pose.qy, "z": pose.qz, "w": pose.qw},
                 },
             }
-            for placed in placements
+            for placed, pose in ((placed, placed.in_space) for placed in placements)
         ]
     }
 
@@ -59,14 +67,4 @@ def camera_info(
         "binning_x": 0,
         "binning_y": 0,
         "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
-    }
-
-
-def _rotation(heading_rad: float, tilt_rad: float) -> dict[str, float]:
-    half_heading, half_tilt = heading_rad / 2.0, tilt_rad / 2.0
-    return {
-        "x": -math.sin(half_heading) * math.sin(half_tilt),
-        "y": math.cos(half_heading) * math.sin(half_tilt),
-        "z": math.sin(half_heading) * math.cos(half_tilt),
-        "w": math.cos(half_heading) * math.cos(half_tilt),
     }

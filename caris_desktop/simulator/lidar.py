@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.sensing import LaserScan
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator.floor_plan import SOLID
@@ -27,7 +27,7 @@ class LidarModel:
     """What a laser scanner measures, and where it sits.
 
     ``blind`` are beams, first and one past the last, that never measure anything and read ``blind_m``. What is too far
-    reads ``beyond_m``.
+    reads ``beyond_m``. It sits ``height_m`` above the floor, rolled (pi: upside down) and pitched in its place.
     """
 
     beams: int = BEAMS
@@ -36,9 +36,21 @@ class LidarModel:
     range_min_m: float = RANGE_MIN_M
     range_max_m: float = RANGE_MAX_M
     robot_from_laser: Pose2D = ROBOT_FROM_LASER
+    height_m: float = 0.25
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
     blind: tuple[tuple[int, int], ...] = ()
     blind_m: float = -1.0
     beyond_m: float = math.inf
+
+    @property
+    def mount(self) -> Pose3D:
+        """Where it sits on the robot, with its whole rotation: heading, then pitch, then roll (the order of URDF)."""
+        heading_rad, roll, pitch = self.robot_from_laser.heading_rad, self.roll_rad / 2.0, self.pitch_rad / 2.0
+        turned = Pose3D(self.robot_from_laser.x_m, self.robot_from_laser.y_m, self.height_m, 0.0, 0.0,
+                        math.sin(heading_rad / 2.0), math.cos(heading_rad / 2.0))  # fmt: skip
+        pitched = Pose3D(0.0, 0.0, 0.0, 0.0, math.sin(pitch), 0.0, math.cos(pitch))
+        return turned @ pitched @ Pose3D(0.0, 0.0, 0.0, math.sin(roll), 0.0, 0.0, math.cos(roll))
 
 
 ALL_AROUND = LidarModel()
@@ -54,13 +66,20 @@ def scan_from(
     frame_id: str = FRAME_ID,
 ) -> LaserScan:
     """One scan. ``legs`` are circles (x, y, radius) in the map, shape (legs, 3)."""
-    laser = map_from_robot @ model.robot_from_laser
-    angles = model.angle_min_rad + model.angle_increment_rad * np.arange(model.beams) + laser.heading_rad
-    cos, sin = np.cos(angles), np.sin(angles)
+    laser = Pose3D.on_floor(map_from_robot) @ model.mount
+    angles = model.angle_min_rad + model.angle_increment_rad * np.arange(model.beams)
+    # Seen from above, a beam of a tilted scanner goes less far than it measures.
+    ahead, aside = np.array(laser.rotated(1.0, 0.0, 0.0)), np.array(laser.rotated(0.0, 1.0, 0.0))
+    cos, sin, up = np.outer(ahead, np.cos(angles)) + np.outer(aside, np.sin(angles))
+    level = np.maximum(np.hypot(cos, sin), 1e-9)
+    cos, sin = cos / level, sin / level
     entry, _, _ = entry_and_exit(laser.x_m, laser.y_m, cos, sin, _CORNERS)
     ranges = entry.min(axis=0)
     if len(legs):
         ranges = np.minimum(ranges, circle_hits(laser.x_m, laser.y_m, cos, sin, legs).min(axis=0))
+    ranges = ranges / level
+    floor = up < -1e-9
+    ranges[floor] = np.minimum(ranges[floor], model.height_m / -up[floor])
     ranges = ranges + noise.normal(0.0, NOISE_M, model.beams)
     ranges[(ranges > model.range_max_m) | (ranges < model.range_min_m)] = model.beyond_m
     for first, end in model.blind:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
-from caris_desktop.domain.sensing import LaserScan, Odometry
+from caris_desktop.domain.sensing import LaserScan, Odometry, lidar_mounting
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import base, lidar
 from caris_desktop.simulator.base import DIFFERENTIAL, STEP_S, BaseModel, BaseState
@@ -292,7 +292,10 @@ class Robot:
         self._pose_error = self._less_wrong()
         self._believed = self._localised()
         if not self.mapping_paused and _within(self._pose_error, _MAPS_WITHIN_M, _MAPS_WITHIN_RAD):
-            self._mapper.add(scan, self._believed)
+            mount = (self.body.lidar or ALL_AROUND).mount
+            mounting = lidar_mounting(mount)
+            if mounting != "tilted":
+                self._mapper.add(scan.mounted(mount.floor, upside_down=mounting == "upside_down"), self._believed)
         return scan
 
     def odometry(self, *, stamp_ns: int) -> Odometry:

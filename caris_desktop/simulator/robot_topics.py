@@ -239,7 +239,7 @@ class RobotTopics:
         base, lidar = wiring.frame(dress.base_frame), self._robot.body.lidar
         placements = [Placement(base, wiring.frame(name), _AT_BASE) for name in dress.same_as_base]
         if lidar is not None and self._robot.body.laser_frame not in (dress.base_frame, *dress.same_as_base):
-            placements.append(Placement(base, wiring.frame(self._robot.body.laser_frame), lidar.robot_from_laser))
+            placements.append(Placement(base, wiring.frame(self._robot.body.laser_frame), lidar.mount))
         if dress.camera is not None:
             placements.append(self._head.camera_mount(dress.camera.frame))
         message = encoding.transforms(wiring.dialect, placements, stamp_ns=wiring.stamp_ns())

@@ -24,6 +24,7 @@ from caris_desktop.robot.explore import (
 )
 from caris_desktop.robot.profile import (
     AudioInterface,
+    LaserMount,
     ProfileError,
     RobotProfile,
     SecuritySettings,
@@ -366,6 +367,24 @@ def test_a_wrong_profile_is_told_line_by_line(robot: SimulatedRobot, tmp_path: P
     assert in_words(checks["scan"].detail).startswith("<It carries {kind}; {expected} was expected.>")
     unread = in_words(checks["controls.a.shows"].detail)
     assert unread == "<What comes cannot be used: {error}.> error=<the message has no {path}> path=dat"
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "state", "said"),
+    [
+        ("0", "good", "Mounted upright."),
+        ("180", "good", "Mounted upside down"),
+        ("20", "wrong", "tilted by 20 degrees"),
+    ],
+)
+def test_listening_says_how_the_lidar_is_mounted(roll_deg: str, state: str, said: str) -> None:
+    with SimulatedRobot("--empty", "--lidar-roll-deg", roll_deg) as robot:
+        profile = replace(load_profile("simulated"), address=robot.address)
+        [scan] = [check for check in asyncio.run(check_streams(profile, seconds=1.2)) if check.field == "scan"]
+        assert (scan.state, said in scan.detail) == (state, True), scan.detail
+        profile = replace(profile, laser=LaserMount(mounting="upright"))
+        [scan] = [check for check in asyncio.run(check_streams(profile, seconds=1.2)) if check.field == "scan"]
+        assert "Mounted upright, as the profile says." in scan.detail
 
 
 def test_the_other_ros_is_refused_before_anything_is_subscribed(robot: SimulatedRobot) -> None:

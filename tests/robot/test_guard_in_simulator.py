@@ -13,7 +13,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import Release, SetGuard
 from caris_desktop.domain.events import GuardChanged
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
-from caris_desktop.domain.sensing import LaserScan, Odometry
+from caris_desktop.domain.sensing import LaserScan, Odometry, lidar_mounting
 from caris_desktop.robot.footprint import Footprint, transformed
 from caris_desktop.robot.guard import GuardLimit, ObstacleGuard
 from caris_desktop.robot.lease import MotionLease
@@ -106,7 +106,11 @@ class GuardedRobot:
             scan = lidar.scan_from(
                 self.state.pose_in_map, self.legs(self.now_s), self.noise, stamp_ns=robot_ns, model=self.lidar_model
             )
-            self._late.append((self.now_s + 0.04 + self.delay_s, scan))
+            mount = self.lidar_model.mount
+            mounting = lidar_mounting(mount)
+            if mounting != "tilted":
+                scan = scan.mounted(mount.floor, upside_down=mounting == "upside_down")
+                self._late.append((self.now_s + 0.04 + self.delay_s, scan))
         while self._late and self._late[0][0] <= self.now_s + 1e-9:
             value = replace(self._late.pop(0)[1], stamp_ns=round(self.now_s * 1e9))
             if isinstance(value, Odometry):
@@ -273,6 +277,48 @@ def test_a_network_that_takes_300_ms_each_way_makes_it_slower_and_not_bolder() -
         gaps_m.append(min(robot.gaps_m))
     print(f"600 ms there and back: least gap {min(gaps_m):.3f} m")
     assert min(gaps_m) > 0.03
+
+
+MOUNTED = {
+    "upside down": replace(ALL_AROUND, roll_rad=math.pi),
+    "pitched over": replace(ALL_AROUND, pitch_rad=math.pi),
+    "looking back": replace(ALL_AROUND, robot_from_laser=Pose2D(-0.15, 0.0, math.pi)),
+    "upside down, looking back": replace(ALL_AROUND, robot_from_laser=Pose2D(-0.15, 0.05, math.pi), roll_rad=math.pi),
+    "aside": replace(ALL_AROUND, robot_from_laser=Pose2D(0.05, -0.15, 0.8)),
+    "upside down, aside": replace(ALL_AROUND, robot_from_laser=Pose2D(0.05, 0.15, -0.8), roll_rad=math.pi),
+    "a little tilted": replace(ALL_AROUND, pitch_rad=math.radians(3.0), roll_rad=math.radians(-3.0)),
+    "upside down, a little tilted": replace(ALL_AROUND, pitch_rad=math.radians(3.0), roll_rad=math.radians(183.0)),
+}
+
+
+@pytest.mark.parametrize("model", MOUNTED.values(), ids=MOUNTED)
+@pytest.mark.parametrize(
+    ("post", "twist"),
+    [
+        ((10.3, 5.15), Twist2D(0.5)),  # ahead, a little to the left
+        ((7.9, 4.85), Twist2D(-0.3)),
+        ((9.9, 5.75), Twist2D(0.5, 0.0, 0.9)),  # on an arc to the left
+        ((9.15, 5.45), Twist2D(0.0, 0.0, 1.0)),  # a corner of the footprint turns into it
+    ],
+    ids=["ahead", "back", "arc", "turn"],
+)
+def test_however_the_lidar_is_mounted_the_robot_stops_at_the_same_distance(
+    model: LidarModel, post: tuple[float, float], twist: Twist2D, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lidar, "NOISE_M", 0.0)  # noise alone makes 2 cm from run to run
+    profile = replace(PROFILE, footprint=FloorOutline(polygon_m=((0.4, 0.2), (-0.4, 0.2), (-0.4, -0.2), (0.4, -0.2))))
+    legs = np.array([[*post, 0.05]])
+
+    def gap_m(lidar_model: LidarModel) -> float:
+        robot = GuardedRobot(Pose2D(9.0, 5.0, 0.0), profile=profile, lidar_model=lidar_model, legs=lambda _s: legs)
+        robot.wait(0.3).push(twist, 6.0, until_still=True)
+        assert robot.limits[-1].state == "blocked"
+        return float(Footprint.of(profile).gap_m(transformed(robot.state.pose_in_map.inverse(), legs[:, :2]))[0]) - 0.05
+
+    upright_m, mounted_m = gap_m(ALL_AROUND), gap_m(model)
+    print(f"{twist}: upright {upright_m:.3f} m, mounted so {mounted_m:.3f} m")
+    assert upright_m > 0.01
+    assert mounted_m == pytest.approx(upright_m, abs=0.02)
 
 
 def test_somebody_who_steps_into_the_way_is_not_run_into() -> None:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.robot.localization import MOST_FRAMES, PoseHistory, PoseTracker, TransformTree
 from caris_desktop.robot.profile import TransformFrames
@@ -156,3 +156,33 @@ def test_names_of_frames_may_have_an_old_leading_slash() -> None:
     assert told is not None
     assert tracker.base_from("/nowhere", None) is None
     assert "'nowhere'" in tracker.unknown_frame("/nowhere")
+
+
+@pytest.mark.parametrize("step_s", [0.3, 1.0, 9.0, 11.0, 3600.0])
+def test_the_pose_goes_on_when_the_robot_s_clock_is_set_back(step_s: float) -> None:
+    """As ``cases/clock_jump``: 20 transforms a second at 0.3 m/s, and NTP sets the clock back after 10 s."""
+    tracker = PoseTracker(TransformFrames("map", "odom", "base_link"))
+    shown_m: dict[int, float] = {}
+    scanned_m: dict[int, float] = {}
+    for step in range(400):
+        stamp_ns = round((4000.0 + step / 20 - (step_s if step > 200 else 0.0)) * 1e9)
+        told = [
+            Transform("map", "odom", Pose2D(0.0, 0.0, 0.0), stamp_ns),
+            Transform("odom", "base_link", Pose2D(0.015 * step, 0.0, 0.0), stamp_ns),
+        ]
+        pose = tracker.take_transforms(told, stamp_ns=step * STEP_NS, static=False)
+        shown_m[step] = pose.pose_in_map.x_m if pose else math.nan
+        scanned = tracker.map_from_base(robot_stamp_ns=stamp_ns, now_ns=step * STEP_NS)
+        scanned_m[step] = scanned.x_m if scanned else math.nan
+    for step in (200, *range(203, 400)):
+        assert (shown_m[step], scanned_m[step]) == pytest.approx((0.015 * step, 0.015 * step), abs=1e-6), step
+
+
+def test_one_that_comes_out_of_order_or_with_a_stray_stamp_costs_nothing() -> None:
+    history = PoseHistory()
+    for stamp in (1, 2, 4, 3, 5, 900, 6, 7):
+        history.add(stamp * STEP_NS, Pose3D.on_floor(Pose2D(float(stamp), 0.0, 0.0)))
+    assert history.newest_ns == 7 * STEP_NS
+    before = history.at(2 * STEP_NS + STEP_NS // 2)
+    assert before is not None
+    assert before.x_m == pytest.approx(2.5)

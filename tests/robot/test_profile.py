@@ -637,7 +637,7 @@ map_updates: {topic: map_updates}
 path: {topic: plan}
 battery: {topic: battery}
 frames: {map: a, odom: b, base: c}
-laser: {robot_from_laser: {x_m: 0.1, y_m: 0.2, heading_deg: 30}}
+laser: {robot_from_laser: {x_m: 0.1, y_m: 0.2, heading_deg: 30}, mounting: upside_down}
 cameras:
   - {name: front, topic: c, throttle_ms: 33, type: Image, info: c/info,
      model: {width_px: 64, height_px: 48, fx_px: 50, fy_px: 51, cx_px: 30, cy_px: 20, x_m: 0.1, y_m: 0.2, z_m: 1.3,

@@ -3,6 +3,8 @@
 import asyncio
 import math
 from dataclasses import replace
+from functools import reduce
+from operator import matmul
 from typing import Any
 
 import numpy as np
@@ -11,14 +13,22 @@ import pytest
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import CancelGoal, Drive, GoTo
 from caris_desktop.domain.events import GoalChanged, LinkQuality, Problem
-from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.sensing import LaserScan, PlannedPath, RobotPose
 from caris_desktop.robot import sensors
-from caris_desktop.robot.profile import NavigationServer, RobotProfile, TopicSource, TransformFrames, VelocityTopic
+from caris_desktop.robot.profile import (
+    LaserMount,
+    NavigationServer,
+    RobotProfile,
+    TopicSource,
+    TransformFrames,
+    VelocityTopic,
+)
 from caris_desktop.robot.sensors import points_in_parent
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.messages import encode_laser_scan, encode_tf_message
 from caris_desktop.ros.navigation_messages import encode_clock, encode_path
+from caris_desktop.simulator.encoding import Placement, transforms
 from tests.robot.loop_bench import LoopBench, with_link
 
 ROBOT = RobotProfile(
@@ -69,7 +79,8 @@ def test_a_scan_of_a_turning_robot_lies_where_it_was_taken() -> None:
         await bench.bridge.publish("/scan", scan_message(START_NS + 550 * MS), cbor=True)
         past, ahead = await scans(bench, 2)
         for scan, heading_rad in ((past, 0.425), (ahead, 0.55)):
-            assert scan.robot_from_laser == mounted
+            assert scan.robot_from_laser is not None
+            assert (scan.robot_from_laser.x_m, scan.robot_from_laser.heading_rad) == pytest.approx((0.2, math.pi))
             assert scan.map_from_laser is not None
             expected = Pose2D(3.0, 0.0, heading_rad) @ mounted
             assert (scan.map_from_laser.x_m, scan.map_from_laser.y_m) == pytest.approx((expected.x_m, expected.y_m))
@@ -80,9 +91,122 @@ def test_a_scan_of_a_turning_robot_lies_where_it_was_taken() -> None:
     with_link(ROBOT, test)
 
 
+def turned(*, roll: float = 0.0, pitch: float = 0.0, heading: float = 0.0, x_m: float = 0.0) -> Pose3D:
+    """A frame as URDF writes it: heading, then pitch, then roll."""
+    frame = Pose3D(x_m, 0.0, 0.3, 0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2))
+    frame = frame @ Pose3D(0.0, 0.0, 0.0, 0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2))
+    return frame @ Pose3D(0.0, 0.0, 0.0, math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2))
+
+
+UPSIDE_DOWN = {
+    "rolled": (("base_footprint", "laser", turned(roll=math.pi, x_m=0.2)),),
+    "pitched": (("base_footprint", "laser", turned(pitch=math.pi, x_m=0.2)),),
+    "rolled, looking back": (("base_footprint", "laser", turned(roll=math.pi, heading=math.pi, x_m=-0.2)),),
+    "on a mast that hangs": (
+        ("base_footprint", "mast", turned(roll=math.pi, heading=0.4, x_m=0.1)),
+        ("mast", "laser", turned(heading=1.1, x_m=0.1)),
+    ),
+    "two quarter turns": (
+        ("base_footprint", "mast", turned(roll=math.pi / 2, x_m=0.1)),
+        ("mast", "laser", turned(roll=math.pi / 2, x_m=0.1)),
+    ),
+    "nearly": (("base_footprint", "laser", turned(roll=3.1, x_m=0.2)),),
+}
+
+
+async def tell_frames(bench: LoopBench, *frames: tuple[str, str, Pose3D], static: bool = True) -> None:
+    placements = [Placement(parent, child, pose) for parent, child, pose in frames]
+    await bench.bridge.publish(
+        "/tf_static" if static else "/tf", transforms(Dialect.ROS1, placements, stamp_ns=0 if static else START_NS)
+    )
+
+
+@pytest.mark.parametrize("static", [True, False], ids=["tf_static", "tf"])
+@pytest.mark.parametrize("frames", UPSIDE_DOWN.values(), ids=UPSIDE_DOWN)
+def test_the_scan_of_a_lidar_upside_down_lies_where_its_beams_went(
+    frames: tuple[tuple[str, str, Pose3D], ...], static: bool
+) -> None:
+    ranges_m = np.array([1.0, 2.0, 0.0, np.inf, 3.0], np.float32)
+    message = encode_laser_scan(
+        Dialect.ROS1,
+        LaserScan(0, None, "laser", 0.3, 0.5, 0.0, 10.0, ranges_m, None, intensities=np.arange(5, dtype=np.float32)),
+        stamp_ns=START_NS,
+    )
+    base_from_laser = reduce(matmul, (pose for _, _, pose in frames))
+    went = []
+    for beam in (0, 1, 4):
+        angle_rad = 0.3 + 0.5 * beam
+        x, y, _ = base_from_laser.rotated(math.cos(angle_rad), math.sin(angle_rad), 0.0)
+        went.append((base_from_laser.x_m + ranges_m[beam] * x, base_from_laser.y_m + ranges_m[beam] * y))
+
+    async def test(bench: LoopBench) -> None:
+        await tell_frames(bench, *frames, static=static)
+        await bench.bridge.publish("/scan", message)
+        [scan] = await scans(bench, 1)
+        assert scan.robot_from_laser is not None
+        points = scan.points(scan.robot_from_laser)
+        assert np.sort(points, axis=0) == pytest.approx(np.sort(np.array(went), axis=0), abs=0.01)
+        assert scan.intensities.tolist() == [4, 3, 2, 1, 0]
+        # The guard reads the same scan in a way of its own.
+        guard = bench.link._guard
+        assert np.sort(guard._points_in_odom, axis=0) == pytest.approx(np.sort(points, axis=0), abs=1e-5)
+        assert bench.of(Problem) == []
+
+    with_link(ROBOT, test)
+
+
+@pytest.mark.parametrize("tilt_deg", [-30.0, 8.0, 90.0, 150.0, 172.0])
+def test_a_tilted_lidar_is_refused_in_words_and_only_the_profile_can_overrule_that(tilt_deg: float) -> None:
+    frame = ("base_footprint", "laser", turned(pitch=math.radians(tilt_deg), x_m=0.2))
+
+    async def test(bench: LoopBench) -> None:
+        await tell_frames(bench, frame)
+        await bench.bridge.publish("/scan", scan_message(START_NS))
+        [scan] = await scans(bench, 1)
+        assert (scan.robot_from_laser, scan.map_from_laser) == (None, None)
+        [problem] = bench.of(Problem)
+        assert f"tilted by {abs(tilt_deg):.0f} degrees (frame 'laser'" in problem.what
+        assert bench.link._guard.limit(Twist2D(0.5), now_ns() / 1e9).state == "blind"
+
+    async def overruled(bench: LoopBench) -> None:
+        await tell_frames(bench, frame)
+        await bench.bridge.publish("/scan", scan_message(START_NS))
+        [scan] = await scans(bench, 1)
+        assert scan.robot_from_laser is not None
+        assert scan.angle_min_rad == pytest.approx(-0.2), "reversed"
+        assert bench.of(Problem) == []
+
+    with_link(ROBOT, test)
+    with_link(replace(ROBOT, laser=LaserMount(mounting="upside_down")), overruled)
+
+
+def test_where_tf_does_not_tell_the_mounting_the_profile_does() -> None:
+    robot = replace(ROBOT, tf=None, tf_static=None, laser=LaserMount(Pose2D(0.1, 0.0, 0.5), "upside_down"))
+
+    async def test(bench: LoopBench) -> None:
+        await bench.bridge.publish("/scan", scan_message(START_NS))
+        [scan] = await scans(bench, 1)
+        assert (scan.robot_from_laser, scan.angle_min_rad) == (Pose2D(0.1, 0.0, 0.5), pytest.approx(-0.2))
+
+    with_link(robot, test)
+
+
+def test_until_the_transforms_come_a_scan_has_no_place() -> None:
+    async def test(bench: LoopBench) -> None:
+        await bench.bridge.publish("/scan", scan_message(START_NS))
+        await scans(bench, 1)
+        await tell_frames(bench, ("base_footprint", "laser", turned(roll=math.pi)))
+        await bench.bridge.publish("/scan", scan_message(START_NS))
+        before, after = await scans(bench, 2)
+        assert before.robot_from_laser is None
+        assert after.angle_min_rad == pytest.approx(-0.2)
+
+    with_link(ROBOT, test)
+
+
 def test_a_wrong_frame_is_one_problem_and_the_scan_is_shown_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensors, "FRAMES_KNOWN_AFTER_NS", 0)
-    robot = replace(ROBOT, robot_from_laser=Pose2D(0.3, 0.0, 0.0))
+    robot = replace(ROBOT, laser=LaserMount(Pose2D(0.3, 0.0, 0.0)))
 
     async def test(bench: LoopBench) -> None:
         await tell_transforms(

@@ -101,3 +101,14 @@ def test_the_video_says_so(window: MainWindow, console: FakeConsole) -> None:
 def test_a_guard_that_does_not_see_says_why() -> None:
     blind = DriveStatus(True, "", guard="blind", guard_detail="the LIDAR does not see there")
     assert guard_chip(blind) == ("The guard lets it crawl only: the LIDAR does not see there", "warning")
+
+
+@pytest.mark.parametrize("nothing_m", [0.0, -0.0, 1e-45])
+def test_a_beam_without_an_answer_is_no_obstacle_where_the_driver_writes_zero(nothing_m: float) -> None:
+    """As ``cases/messages``: range_min is 0, and two of three beams read 0."""
+    ranges_m = np.full(SCAN.ranges_m.size, 2.0, np.float32)
+    ranges_m[::3] = ranges_m[1::3] = nothing_m
+    scan = dataclasses.replace(SCAN, range_min_m=0.0, ranges_m=ranges_m)
+    assert scan.robot_from_laser is not None
+    assert ahead_of(scan).distance_m == pytest.approx(2.0 + scan.robot_from_laser.x_m)
+    assert len(scan.points(scan.robot_from_laser)) == np.count_nonzero(ranges_m > 1.0)

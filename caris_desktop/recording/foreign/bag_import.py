@@ -2,6 +2,7 @@
 
 import json
 import logging
+import math
 import shutil
 import tempfile
 from collections import Counter
@@ -400,6 +401,11 @@ def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: ValueMaker, surv
     for frame in sorted(maker.lasers_without_place):
         notes.add(
             f"Where the laser '{frame}' sits on the robot is not told: its scans are kept and exported, but not drawn."
+        )
+    for frame, tilt_rad in sorted(maker.tilted_lasers.items()):
+        notes.add(
+            f"The laser '{frame}' is tilted by {math.degrees(tilt_rad):.0f} degrees: its scans are kept and exported, "
+            "but not drawn."
         )
     for camera, why in writer.without_video.items():
         notes.add(f"The video of the camera {camera} ended early: {why}.")

@@ -22,10 +22,18 @@ from caris_desktop.domain.events import (
     Speaker,
     UtteranceChanged,
 )
-from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.pictures import picture_size
 from caris_desktop.domain.schema import from_jsonable
-from caris_desktop.domain.sensing import AudioBlock, CameraLens, LaserScan, OccupancyGrid, PlannedPath, RobotPose
+from caris_desktop.domain.sensing import (
+    AudioBlock,
+    CameraLens,
+    LaserScan,
+    OccupancyGrid,
+    PlannedPath,
+    RobotPose,
+    lidar_mounting,
+)
 from caris_desktop.domain.streams import BY_NAME
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.foreign.bag_files import BagChannel
@@ -264,13 +272,15 @@ def camera_name(topic: str) -> str:
 
 @dataclass(slots=True)
 class FrameTree:
-    """Frames of reference on the floor plane: of each, its parent and its newest place in it."""
+    """Frames of reference: of each, its parent and its newest place in it."""
 
-    parents: dict[str, tuple[str, Pose2D]] = field(default_factory=dict)
+    parents: dict[str, tuple[str, Pose3D]] = field(default_factory=dict)
 
     def put(self, transform: messages.Transform) -> None:
         if len(self.parents) < _MAX_FRAMES or transform.child_frame in self.parents:
-            self.parents[transform.child_frame] = (transform.parent_frame, transform.parent_from_child)
+            pose = transform.parent_from_child
+            pose = pose if isinstance(pose, Pose3D) else Pose3D.on_floor(pose)
+            self.parents[transform.child_frame] = (transform.parent_frame, pose)
 
     def chain(self, frame: str) -> list[str]:
         """``frame`` and all above it."""
@@ -279,12 +289,12 @@ class FrameTree:
             names.append(self.parents[names[-1]][0])
         return names
 
-    def pose_in(self, above: str, frame: str) -> Pose2D | None:
+    def pose_in(self, above: str, frame: str) -> Pose3D | None:
         """Where ``frame`` is in ``above``, one of the frames it hangs from; None where it does not hang from it."""
         names = self.chain(frame)
         if above not in names:
             return None
-        pose = Pose2D(0.0, 0.0, 0.0)
+        pose = Pose3D.on_floor(Pose2D(0.0, 0.0, 0.0))
         for name in names[: names.index(above)]:
             pose = self.parents[name][1] @ pose
         return pose
@@ -308,6 +318,7 @@ class ValueMaker:
         self._lenses: dict[str, CameraModel] = {}
         self._decoders: dict[str, Any] = {}
         self.lasers_without_place: set[str] = set()
+        self.tilted_lasers: dict[str, float] = {}
         self._makers: dict[str, Callable[[Message, int, BagChannel], Iterator[Any]]] = {
             "scan": self._scan,
             "odometry": lambda message, at_ns, _: iter([messages.decode_odometry(message, stamp_ns=at_ns)]),
@@ -358,9 +369,16 @@ class ValueMaker:
         place = None if base is None else self._tree.pose_in(base, frame)
         if place is None:
             self.lasers_without_place.add(frame)
+            yield scan
+            return
+        self.lasers_without_place.discard(frame)
+        mounting = lidar_mounting(place)
+        if mounting == "tilted":
+            self.tilted_lasers[frame] = place.tilt_rad
+            yield scan
         else:
-            self.lasers_without_place.discard(frame)
-        yield replace(scan, robot_from_laser=place)
+            self.tilted_lasers.pop(frame, None)
+            yield scan.mounted(place.floor, upside_down=mounting == "upside_down")
 
     def _map(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[OccupancyGrid]:
         yield messages.decode_occupancy_grid(message, stamp_ns=at_ns)
@@ -403,7 +421,7 @@ class ValueMaker:
             pose = self._tree.pose_in(MAP_FRAME, base)
             if pose is not None:
                 self._tf_pose_ns = at_ns
-                yield RobotPose(at_ns, moved[-1].robot_stamp_ns, pose)
+                yield RobotPose(at_ns, moved[-1].robot_stamp_ns, pose.floor)
 
     def _command(self, twist: Any, at_ns: int) -> Iterator[CommandSent]:
         self._commands += 1
@@ -470,7 +488,7 @@ class ValueMaker:
         place = self._tree.pose_in(MAP_FRAME, frame)
         if place is None:
             raise MessageError(f"it is told in the frame '{frame}', whose place in the map is not known")
-        return place
+        return place.floor
 
 
 def _unfolded_image(content: bytes) -> NDArray[np.uint8]:

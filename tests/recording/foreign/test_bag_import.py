@@ -3,6 +3,7 @@
 import bz2
 import io
 import json
+import math
 import shutil
 import struct
 from collections.abc import Callable, Iterator
@@ -22,7 +23,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
 from caris_desktop.domain.events import CommandSent, GoalChanged, InitialPoseSet, UtteranceChanged
-from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
     BatteryState,
@@ -46,6 +47,7 @@ from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.ros import messages, navigation_messages
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.fields import Message, encode_header
+from caris_desktop.simulator.encoding import Placement, transforms
 from tests.recording.driving import scan
 from tests.support.recorded_session import MadeSession, make_session, number_in, picture_of
 
@@ -254,6 +256,25 @@ def test_how_a_laser_is_mounted_holds_before_it_is_told(tmp_path: Path) -> None:
     scans = values(open_session(report.folder), LaserScan)
     assert [found.robot_from_laser for found in scans] == [Near(Pose2D(0.2, 0.0, 3.1))] * 5
     assert not any("sits" in note for note in report.notes)
+
+
+@pytest.mark.parametrize(("roll_deg", "upside_down"), [(0, False), (180, True), (178, True), (30, None)])
+def test_a_laser_that_hangs_is_not_mirrored_and_a_tilted_one_is_not_drawn(
+    tmp_path: Path, roll_deg: float, upside_down: bool | None
+) -> None:
+    half_rad = math.radians(roll_deg) / 2
+    mount = Placement("base_link", "laser_link", Pose3D(0.2, 0, 0.3, math.sin(half_rad), 0, 0, math.cos(half_rad)))
+    rows = [
+        (*row[:3], transforms(ROS2, [mount], stamp_ns=1)) if row[0] == "/tf_static" else row
+        for row in scans_before_the_mount(mounted_ms=0)
+    ]
+    report = import_bag(write_ros1(tmp_path / "r.bag", iter(rows)), tmp_path / "s")
+    found = values(open_session(report.folder), LaserScan)
+    told = scan(30, stamp_ns=0)
+    ranges_m = told.ranges_m[::-1] if upside_down else told.ranges_m
+    assert [one.ranges_m.tolist() for one in found] == [ranges_m.tolist()] * 5
+    assert {one.robot_from_laser is None for one in found} == {upside_down is None}
+    assert any("tilted by 30 degrees" in note for note in report.notes) == (upside_down is None)
 
 
 def test_a_laser_that_is_nobody_knows_where_gets_no_place(tmp_path: Path) -> None:
