@@ -1,5 +1,6 @@
 """How the connection did in the last minute: round trip, age of video and of LIDAR, as curves."""
 
+import html
 import time
 from collections import deque
 from typing import Any
@@ -128,8 +129,9 @@ class ConnectionCard(Overlay):
         self._plot.setMenuEnabled(False)
         self._plot.hideButtons()
         self._plot.setXRange(-SPAN_S, 0, padding=0)
-        self._plot.setLabel("bottom", tr("seconds ago"))
-        self._plot.setLabel("left", tr("milliseconds"))
+        # pyqtgraph reads the words of an axis as HTML.
+        self._plot.setLabel("bottom", html.escape(tr("seconds ago")))
+        self._plot.setLabel("left", html.escape(tr("milliseconds")))
         self._plot.showGrid(x=False, y=True, alpha=0.25)
         for name, *_ in _CURVES:
             self._curves[name] = self._plot.plot([], [], connect="finite")

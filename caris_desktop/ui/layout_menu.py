@@ -10,6 +10,7 @@ from caris_desktop.ui.layout_keeper import LayoutKeeper
 from caris_desktop.ui.panel_board import PanelBoard
 from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.words import in_menu
 
 _LONGEST_TITLE = 80
 _UNDO_AND_REDO = 2
@@ -46,7 +47,7 @@ class LayoutMenu:
             if number == _UNDO_AND_REDO:
                 menu.addSeparator()
             key = self._actions.key_text(command.action) if command.action else ""
-            action = menu.addAction("\t".join(part for part in (command.text.replace("&", "&&"), key) if part))
+            action = menu.addAction("\t".join(part for part in (in_menu(command.text), key) if part))
             action.setEnabled(command.possible)
             action.triggered.connect(keeper.soon(command.do))
         menu.addSeparator()

@@ -19,11 +19,11 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.layout.card_place import card_place, in_the_corner
 from caris_desktop.ui.layout.dock_area import DockArea
 from caris_desktop.ui.layout.rect import Rect
-from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.status_button import StatusButton
 from caris_desktop.ui.window_above import windows_above
+from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 SHOWN_AT_ONCE = 3
 _GOES_AWAY_AFTER_MS = {"info": 8_000, "warning": 20_000}
@@ -211,7 +211,7 @@ class ProblemLine(StatusButton):
         self.show_words(text, icon, role, spoken=spoken)
         said = " ".join(part for part in (one.meaning, one.advice) if part)
         self.setAccessibleDescription(said)
-        self.setToolTip(wrapped_tip(one.what) + wrapped_tip(said) + wrapped_tip(tr("Click to open or to shut it.")))
+        self.setToolTip(wrapped_tip(one.what, said, tr("Click to open or to shut it.")))
 
 
 class ProblemCard(QWidget):

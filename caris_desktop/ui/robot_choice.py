@@ -16,7 +16,7 @@ from caris_desktop.live.wizard_console import RobotChoice, WizardConsole
 from caris_desktop.ui.bands import QuestionBand
 from caris_desktop.ui.read_aside import Remembered
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.words import UNDER_WAY, shortened
+from caris_desktop.ui.words import UNDER_WAY, in_menu, shortened
 
 if TYPE_CHECKING:  # imported when it is first opened
     from caris_desktop.ui.robot_dialog import RobotDialog, RobotExplorer
@@ -89,9 +89,8 @@ class RobotChooser(QObject):
         menu.setToolTipsVisible(True)
         group = QActionGroup(menu)
         for choice in self.choices.now():
-            action = menu.addAction(
-                tr("{robot} · cannot be used").format(robot=choice.title) if choice.problem else choice.title
-            )
+            title = tr("{robot} · cannot be used").format(robot=choice.title) if choice.problem else choice.title
+            action = menu.addAction(in_menu(title))
             action.setCheckable(True)
             action.setChecked(self._is_current(choice))
             action.setActionGroup(group)

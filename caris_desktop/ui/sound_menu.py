@@ -87,7 +87,7 @@ class SoundMenu:
             part = menu.addMenu(title)
             group = QActionGroup(part)
             for choice in of_title:
-                action = part.addAction(choice.text)
+                action = part.addAction(words.in_menu(choice.text))
                 action.setCheckable(True)
                 action.setChecked(choice.chosen)
                 action.setActionGroup(group)

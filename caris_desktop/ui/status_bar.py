@@ -1,6 +1,5 @@
 """The status bar: link, age of each stream, battery, recording, models. Words first, colour second."""
 
-import html
 import math
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
@@ -109,7 +108,7 @@ class StatusItem(QWidget):
 
     def _show_tip(self) -> None:
         lines = ([self._text] if self.minimumWidth() < self._full_px else []) + self._tip.splitlines()
-        self.setToolTip("<br>".join(html.escape(line) for line in lines))
+        self.setToolTip("\n".join(lines))
         self.setAccessibleDescription(" ".join(self._tip.splitlines()))
 
     def leave_out(self, left_out: bool) -> None:
@@ -304,7 +303,7 @@ class StatusBar(QWidget):
                 missing_px -= told[name].full_px + _GAP_PX
                 gone.append(told[name].text)
             self.items[name].leave_out(left_out)
-        self.setToolTip("<br>".join(html.escape(text) for text in gone))
+        self.setToolTip("\n".join(gone))
         self.setAccessibleDescription(", ".join(gone))
         if self._news.isHidden():
             self.items["video"].leave_out(False)

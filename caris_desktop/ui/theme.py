@@ -163,6 +163,10 @@ def make_style_sheet(colors: Colors) -> str:
     """What the palette cannot say: corners, borders, spacing."""
     radius, status = tokens.CONTROL_RADIUS_PX, tokens.STATUS_PX
     return f"""
+/* Qt takes what looks like HTML in a label or a tooltip for HTML, and reads the files that it names. Names, answers of
+models and errors of servers are shown there: they stay words, but where the program writes the HTML itself. */
+QLabel, QToolTip {{ qproperty-textFormat: PlainText; }}
+QLabel#known_names {{ qproperty-textFormat: RichText; }}
 QWidget#split_handle {{ background: transparent; }}
 QWidget#split_handle:hover:enabled {{ background: {colors.line_strong}; }}
 QPushButton#more_tabs {{ background: transparent; color: {colors.dim}; border: 0; border-radius: {radius}px; }}

@@ -13,10 +13,10 @@ from caris_desktop.live.status import IN_SESSION, DriveStatus, LiveRobotsStatus,
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.replay.plain_tip import set_wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.wrapped_tip import set_wrapped_tip
 
 HEIGHT_PX = 56
 ROOMY_PX = 1500

@@ -15,6 +15,7 @@ from caris_desktop.ui.sound_menu import SoundMenu
 from caris_desktop.ui.theme import CHOICES, SCALES, ThemeChoice
 from caris_desktop.ui.top_bar import TopBar, as_menu
 from caris_desktop.ui.window_parts import THEME_WORDS, WindowParts
+from caris_desktop.ui.words import in_menu
 
 
 class WindowMenus:
@@ -46,7 +47,7 @@ class WindowMenus:
         group = QActionGroup(menu)
         current = parts.console.scenario
         for choice in parts.scenarios.now():
-            action = menu.addAction(choice.title)
+            action = menu.addAction(in_menu(choice.title))
             action.setCheckable(True)
             action.setChecked(current.path is not None and choice.path.absolute() == current.path.absolute())
             action.setActionGroup(group)
@@ -83,7 +84,7 @@ class WindowMenus:
             self._add_sessions(menu)
         menu.addSection(tr("Robot"))
         present = parts.console.state.link.value.robot
-        robots = tr("Robot: {name}").format(name=present) if present else tr("Choose a robot")
+        robots = tr("Robot: {name}").format(name=in_menu(present)) if present else tr("Choose a robot")
         self._robots_submenu = menu.addMenu(robots)
         parts.robots.fill_menu(self._robots_submenu)
         self._sound.fill(menu)
@@ -149,9 +150,11 @@ class WindowMenus:
         wizards = self._parts.wizards
         group = QActionGroup(menu)
         current = wizards.current
-        names = menu.addMenu(tr("Wizard: {name}").format(name=current) if current else tr("Who is the wizard?"))
+        names = menu.addMenu(
+            tr("Wizard: {name}").format(name=in_menu(current)) if current else tr("Who is the wizard?")
+        )
         for name in (*wizards.names, ""):
-            action = names.addAction(name.replace("&", "&&") or tr("Nobody in particular"))
+            action = names.addAction(in_menu(name) or tr("Nobody in particular"))
             action.setCheckable(True)
             action.setChecked(name == current)
             action.setActionGroup(group)

@@ -218,6 +218,11 @@ def mark_sentence(mark: events.Marked) -> str:
     return with_label(what, label) + note
 
 
+def in_menu(text: str) -> str:
+    """``text`` as it is: in a menu Qt takes a "&" for the mark of a key, and what follows a tab for the key."""
+    return text.replace("&", "&&").replace("\t", " ")
+
+
 def shortened(text: str, length: int = 48) -> str:
     text = " ".join(text.split())
     return text if len(text) <= length else text[: length - 1].rstrip() + "…"

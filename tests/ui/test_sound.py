@@ -70,7 +70,7 @@ def test_an_open_microphone_is_told_at_once_and_whose_it_is(window: MainWindow, 
     assert (item.text, item.role) == ("your microphone opens…", "amber")
     console.state.wizard_microphone.set(WIZARD)
     assert (item.text, item.role) == ("the participant hears you", "green")
-    assert item.toolTip() == "The participant is heard by Desk<br>You are heard by Headset"
+    assert item.toolTip() == "The participant is heard by Desk\nYou are heard by Headset"
     console.state.sound.set(SoundStatus())
     console.state.microphone.set(MicrophoneStatus())
     assert item.text == "your microphone is open", "also while nothing of it goes anywhere"

@@ -29,7 +29,6 @@ from caris_desktop.recording.annotation.model import (
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.replay.agreement_dialog import UNIT_MS, AgreementDialog
 from caris_desktop.ui.replay.label_card import LabelCard
-from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.tier_dialog import TierDialog
 from caris_desktop.ui.replay.timeline_acts import NUDGE_MS
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
@@ -607,26 +606,6 @@ def test_agreement_of_a_likely_pair_is_shown_in_words(qtbot: QtBot, coder: Coder
     assert second is not None
     second.setCurrentIndex(0)
     assert find(dialog, "agreement_lines").property("text") == "Choose two different tiers."
-    dialog.reject()
-
-
-def test_texts_from_files_are_shown_letter_by_letter(qtbot: QtBot, theme: Theme, coder: Coder) -> None:
-    markup = "<b>no</b> <img src='/etc/hostname'>"
-    assert plain_tip("a < b") == "a < b"
-    assert "<b>" not in plain_tip(markup) and "&lt;b&gt;" in plain_tip(markup)
-    card = LabelCard(theme, coder.timeline)
-    card.ask(QPointF(10.0, 10.0), "", [VocabularyEntry("value", markup)])
-    assert "<img" not in card.list.item(0).toolTip()
-    card.give_up()
-    click(qtbot, find(coder.timeline, "agreement"))
-    dialog = coder.timeline.findChild(AgreementDialog)
-    assert dialog is not None
-    shown = [
-        find(dialog, "agreement_lines"),
-        find(coder.timeline, "timeline_fact"),
-        find(coder.timeline, "coding_words"),
-    ]
-    assert {label.property("textFormat") for label in shown} == {Qt.TextFormat.PlainText}
     dialog.reject()
 
 

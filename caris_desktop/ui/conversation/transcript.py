@@ -23,11 +23,11 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import tokens
 from caris_desktop.ui.conversation.transcript_painting import SIDE_PX, WORDS_PX, RowLook, RowPainter, words_rect
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
-from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_box import EnterBox
 from caris_desktop.ui.widgets.told_rows import ToldRows, ToldSpot
+from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 RowAct = Literal["text", "who", "tags", "mark"]
 _BUTTON_PX = 24

@@ -217,7 +217,9 @@ class MapPanel(Panel):
         if self.tools.goal_speed():
             menu.addSection(self.tools.goal_speed())
         for number, place in enumerate(self.state.places.value, start=1):
-            action = menu.addAction(f"{place.name}\t{self.table.key_text(f'place_{number}')}".rstrip("\t"))
+            action = menu.addAction(
+                f"{words.in_menu(place.name)}\t{self.table.key_text(f'place_{number}')}".rstrip("\t")
+            )
             action.triggered.connect(lambda _checked=False, name=place.name: self.tools.go_to(name))
         menu.popup(self._go.mapToGlobal(QPoint(0, self._go.height() + 4)))
 

@@ -31,12 +31,12 @@ from caris_desktop.ui import event_words, tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import name_of
-from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.status_bar import ROOM_LOW_S
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.row_list import RowList
+from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 LOG_ROWS = 2000
 LOG_LINE_PX, LOG_LEAST_LINES = 26, 3
@@ -77,7 +77,7 @@ class SessionPanel(Panel):
         self._toggle = ActionButton(self.theme, tr("Start recording"), icon="record", look="primary")
         self._toggle.setObjectName("session_toggle")
         self._toggle.clicked.connect(self._on_toggle)
-        self._what = QLabel()
+        self._what = QLabel(textFormat=Qt.TextFormat.PlainText)
         self._what.setObjectName("session_what")
         self._what.setWordWrap(True)
         self._folder = ActionButton(self.theme, "", icon="folder-open")

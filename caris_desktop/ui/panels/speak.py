@@ -216,7 +216,7 @@ class SpeakPanel(Panel):
         self._voice_menu.popup(self._voice.mapToGlobal(QPoint(0, self._voice.height() + 4)))
 
     def _add_choice(self, menu: QMenu, choice: VoiceLine) -> None:
-        action = menu.addAction(choice.text)
+        action = menu.addAction(words.in_menu(choice.text))
         action.setCheckable(True)
         action.setChecked(choice.chosen)
         action.triggered.connect(lambda: self.console.do(choice.intent))

@@ -23,13 +23,13 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.people.people_model import PERSON_ROLE, Index, PeopleModel
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import SPEAKING, UNCONFIRMED, RowButton, buttons_of
-from caris_desktop.ui.replay.plain_tip import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
 from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 from caris_desktop.ui.widgets.row_list import RowList
 from caris_desktop.ui.widgets.told_rows import ToldSpot
+from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 ROW_PX = 52
 CAPTION_PX = 26

@@ -26,7 +26,7 @@ class PreflightCard(Overlay):
         self._console = console
         self._heading = QLabel(tr("Before a recording"))
         self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._summary = QLabel(wordWrap=True)
+        self._summary = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._summary.setObjectName("preflight_summary")
         self._summary.setFont(theme.font(tokens.STATUS_PX))
         close = ActionButton(theme, tr("Close"), icon="x", key="Esc", look="ghost")

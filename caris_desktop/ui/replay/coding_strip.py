@@ -12,12 +12,12 @@ from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.action_rows import CODE_COUNT
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.panel import show_part
-from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.timeline_model import Row, exact_text
 from caris_desktop.ui.replay.timeline_overlay import OpenStretch
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.words import in_menu
 
 _ACTS = (
     ("annotation_new", "plus", QT_TR_NOOP("New")),
@@ -111,9 +111,7 @@ class CodingStrip(QWidget):
                 open_now = stretch is not None and stretch.value == entry.value
                 button.set_label(tr("End {label}").format(label=entry.value) if open_now else entry.value)
                 button.setChecked(open_now)
-                button.setToolTip(
-                    plain_tip(entry.description) or tr("Starts at the playhead; the second press ends it")
-                )
+                button.setToolTip(entry.description or tr("Starts at the playhead; the second press ends it"))
         self._present = min(len(entries), len(self._labels))
         for button in self._acts:
             show_part(button, own)
@@ -154,7 +152,7 @@ class CodingStrip(QWidget):
         menu.setObjectName("more_codes_menu")
         for number, button in enumerate(self._labels[: self._present]):
             if button.isHidden():
-                text = f"{button.key}  {button.text()}".replace("&", "&&")
+                text = in_menu(f"{button.key}  {button.text()}")
                 menu.addAction(text, self._runner(number + 1))
         menu.aboutToHide.connect(menu.deleteLater)
         menu.popup(self._more.mapToGlobal(QPoint(0, -menu.sizeHint().height())))

@@ -9,7 +9,6 @@ from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import VocabularyEntry
 from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.floating_card import FloatingCard
 
@@ -76,7 +75,7 @@ class LabelCard(FloatingCard):
             meaning = f"  ·  {entry.description}" if entry.description else ""
             row = QListWidgetItem(f"{key}{entry.value}{meaning}")
             row.setData(_VALUE, entry.value)
-            row.setToolTip(plain_tip(entry.description))
+            row.setToolTip(entry.description)
             row.setSizeHint(QSize(200, _ROW_PX))
             self.list.addItem(row)
         values = [entry.value for _, entry in found]

@@ -16,7 +16,6 @@ from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.action_rows import REPLAY_ACTIONS
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.scrubber import Scrubber, moment_words
 from caris_desktop.ui.replay.thumbnails import Thumbnails
 from caris_desktop.ui.theme import Theme
@@ -202,14 +201,14 @@ class ReplayBar(QWidget):
 
     def _say(self, text: str) -> None:
         self._hint.setText(text)
-        self._hint.setToolTip(plain_tip(text))
+        self._hint.setToolTip(text)
         self._use_hint()
         self._hint_end.start()
 
     def _end_hint(self) -> None:
         detail = self._replay.playback.value.detail
         self._hint.setText(detail)
-        self._hint.setToolTip(plain_tip(detail))
+        self._hint.setToolTip(detail)
         self._use_hint()
 
     def _on_seek_wanted(self, at_ns: int) -> None:
@@ -286,7 +285,7 @@ class ReplayTitle(QWidget):
         self.setObjectName("replay_title")
         self.setAccessibleName(tr("Replay of {whom}, recorded {when}").format(whom=participant, when=when))
         tip = tr("A recorded session: {whom}, {when}. Nothing here moves the robot.")
-        self.setToolTip(plain_tip(tip.format(whom=participant, when=when)))
+        self.setToolTip(tip.format(whom=participant, when=when))
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._participant, self._when = participant, when

@@ -24,7 +24,6 @@ from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import Annotation
 from caris_desktop.recording.annotation.overview import SessionOverview
-from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.thumbnails import Thumbnails
 from caris_desktop.ui.replay.timeline_drawing import MENU_PX, NAMES_PX, RULER_PX, Shown, TimelineDrawing
 from caris_desktop.ui.replay.timeline_geometry import Drag, DragKind, Hit, TimelineGeometry
@@ -394,7 +393,7 @@ class TimelineCanvas(QWidget):
         if event.type() == QEvent.Type.ToolTip and isinstance(event, QHelpEvent):
             text = self.places.tip_at(QPointF(event.pos()))
             if text:
-                QToolTip.showText(event.globalPos(), plain_tip(text), self)
+                QToolTip.showText(event.globalPos(), text, self)
             else:
                 QToolTip.hideText()
             return True

@@ -20,6 +20,7 @@ from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
 from caris_desktop.ui.replay.timeline_model import Row, all_rows, arranged, moved_key
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.clear_button import add_clear_button
+from caris_desktop.ui.words import in_menu
 
 
 class TimelineRows(QObject):
@@ -150,7 +151,7 @@ class TimelineRows(QObject):
         """Every row, to show or hide."""
         menu = self._menu("rows_menu")
         for row in arranged(self._every_row(), self._order, (), ""):
-            action = menu.addAction(f"{row.name} · {row.coder}" if row.own else row.name)
+            action = menu.addAction(in_menu(f"{row.name} · {row.coder}" if row.own else row.name))
             action.setCheckable(True)
             action.setChecked(row.key not in self._hidden)
             action.toggled.connect(self._row_shower(row.key))

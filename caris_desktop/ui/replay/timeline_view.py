@@ -21,7 +21,6 @@ from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card, show_part
 from caris_desktop.ui.replay.coding_strip import CodingStrip
-from caris_desktop.ui.replay.plain_tip import plain_tip
 from caris_desktop.ui.replay.thumbnails import Thumbnails
 from caris_desktop.ui.replay.timeline_acts import TimelineActs
 from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
@@ -283,7 +282,7 @@ class TimelineView(QWidget):
         tiers = sum(1 for tier in self.document.tiers if tier.coder)
         self.strip.show_tier(active, vocabulary, stretch, tiers=tiers)
         self._fact.setText(self._fact_text())
-        self._fact.setToolTip(plain_tip(self._fact.text()))
+        self._fact.setToolTip(self._fact.text())
         self._told.changed()
         self.update()
 

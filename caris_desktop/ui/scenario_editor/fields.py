@@ -224,7 +224,6 @@ class TextField(Field):
                 return
             self._known = self._words("")
             self._known.setObjectName("known_names")
-            self._known.setTextFormat(Qt.TextFormat.RichText)
             # Whoever has no mouse types the name: it is heard at the field, and each would be one more stop of Tab.
             self._known.setTextInteractionFlags(Qt.TextInteractionFlag.LinksAccessibleByMouse)
             self._known.linkActivated.connect(self._on_known)

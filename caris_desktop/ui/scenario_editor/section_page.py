@@ -50,7 +50,7 @@ class SectionPage(QScrollArea):
         holder.setObjectName("section_holder")
         column = boxes.column(holder, margins_px=(_SIDE_PX, 16, _SIDE_PX, 24), spacing_px=20)
         self._title = QLabel(tr(self.section.title))
-        self._words = QLabel(tr(self.section.words), wordWrap=True)
+        self._words = QLabel(tr(self.section.words), wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         column.addWidget(self._title)
         if self.section.words:
             column.addWidget(self._words)

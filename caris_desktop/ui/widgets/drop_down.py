@@ -1,6 +1,5 @@
 """A drop-down list that shows its arrow, and that the wheel passes by."""
 
-import html
 import math
 
 from PySide6.QtCore import QEvent, QRectF, Qt
@@ -68,8 +67,8 @@ class DropDown(QComboBox):
 
     def event(self, event: QEvent) -> bool:
         if isinstance(event, QHelpEvent) and event.type() == QEvent.Type.ToolTip and self.lacks_px():
-            lines = [html.escape(self.currentText()), *filter(None, [self.toolTip()])]
-            QToolTip.showText(event.globalPos(), "<br>".join(lines), self)
+            lines = filter(None, [self.currentText(), self.toolTip()])
+            QToolTip.showText(event.globalPos(), "\n".join(lines), self)
             return True
         return super().event(event)
 
