@@ -12,10 +12,11 @@ from caris_desktop.domain.commands import Say
 from caris_desktop.domain.controls import VALUE, filled
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN
 from caris_desktop.robot.profile import SpeechInterface, SpeechService, SpeechWeb
 from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
-from caris_desktop.robot.voice import STARTS_WITHIN_S, tell_utterance
+from caris_desktop.robot.voice import STARTED_UNTOLD_S, STARTS_WITHIN_S, tell_utterance
 from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
 from caris_desktop.ros.messages import decode_bool
 
@@ -33,6 +34,7 @@ class Speaker(Protocol):
     """Asks the robot."""
 
     can_stop: bool
+    needs_link: bool
 
     async def say(self, text: str, *, within_s: float) -> None:
         """Returns when the robot answers. Raises NotSaidError."""
@@ -69,6 +71,9 @@ class AskedVoice:
         self._speaking = asyncio.Event()
         self._quiet = asyncio.Event()
         self._quiet.set()
+        self._start_due: asyncio.Timeout | None = None
+        self._linked = self._stop_due = False
+        self._fate: asyncio.TimerHandle | None = None
         self._follows = speech.speaking is not None
         if speech.speaking is not None:
             kind = type_name(dialect, "std_msgs", "Bool")
@@ -77,27 +82,36 @@ class AskedVoice:
 
     def say(self, command: Say) -> None:
         self._waiting.append(command)
-        if self._worker is None:
-            self._worker = asyncio.get_running_loop().create_task(self._say_all())
+        self._begin()
 
     def silence(self, actor: Actor) -> bool:
-        if self._waiting and not self._speaker.can_stop:
-            return False
+        unheard = self._fate is not None or (not self._linked and (self._follows or self._speaker.needs_link))
         interrupted, self._waiting = list(self._waiting), deque()
-        if interrupted:
+        if interrupted and not unheard and not self._speaker.can_stop:
+            self._waiting.append(interrupted.pop(0))
+        elif interrupted:
             self._give_up()
-            stopping = asyncio.get_running_loop().create_task(self._stop())
-            self._others.add(stopping)
-            stopping.add_done_callback(self._others.discard)
+            self._stop_due = True
+            self._stop_if_due()
+        if interrupted and unheard:
+            tell_utterance(self._emit, interrupted.pop(0), "failed", FATE_UNKNOWN, actor)
         for command in interrupted:
             tell_utterance(self._emit, command, "interrupted", actor=actor)
-        return True
+        return not self._waiting
 
     def link_lost(self) -> None:
-        """Whoever waits for an answer is told that none comes."""
+        """The robot goes on speaking. Where it tells when it has ended, that is waited for no longer than usual."""
+        self._linked = False
+        self._speaking.clear()
+        if self._follows and self._worker is not None:
+            self._wait_for_fate()
 
     def link_connected(self) -> None:
         """Nothing is asked twice."""
+        self._linked = True
+        self._stop_if_due()
+        if self._fate is not None:
+            self._wait_for_fate()
 
     async def close(self) -> None:
         self._give_up()
@@ -105,10 +119,36 @@ class AskedVoice:
             task.cancel()
         await self._speaker.close()
 
+    def _begin(self) -> None:
+        if self._worker is None and self._waiting:
+            self._worker = asyncio.get_running_loop().create_task(self._say_all())
+
     def _give_up(self) -> None:
+        self._forget_fate()
         if self._worker is not None:
             self._worker.cancel()
             self._worker = None
+
+    def _wait_for_fate(self) -> None:
+        self._forget_fate()
+        self._fate = asyncio.get_running_loop().call_later(FATE_TOLD_WITHIN_S, self._on_fate_untold)
+
+    def _forget_fate(self) -> None:
+        if self._fate is not None:
+            self._fate.cancel()
+            self._fate = None
+
+    def _on_fate_untold(self) -> None:
+        self._give_up()
+        tell_utterance(self._emit, self._waiting.popleft(), "failed", FATE_UNKNOWN)
+        self._begin()
+
+    def _stop_if_due(self) -> None:
+        if self._stop_due and (self._linked or not self._speaker.needs_link):
+            self._stop_due = False
+            stopping = asyncio.get_running_loop().create_task(self._stop())
+            self._others.add(stopping)
+            stopping.add_done_callback(self._others.discard)
 
     async def _stop(self) -> None:
         try:
@@ -126,18 +166,20 @@ class AskedVoice:
             except Exception as error:
                 _log.exception("an utterance of the robot failed")
                 tell_utterance(self._emit, command, "failed", str(error))
+            self._forget_fate()
             self._waiting.popleft()
         self._worker = None
 
     async def _say_one(self, command: Say) -> None:
         within_s = LONGEST_UTTERANCE_S if self._answers_at_end else ANSWERS_WITHIN_S
-        self._speaking.clear()
-        if self._follows:
+        if self._follows and not (self._answers_at_end and self._speaking.is_set()):
             answer: asyncio.Future[Any] = asyncio.ensure_future(self._speaker.say(command.text, within_s=within_s))
             try:
                 await self._followed(command, answer)
             finally:
                 answer.cancel()
+                # One that fails while the robot speaks, as with the link, says nothing of what is heard.
+                answer.add_done_callback(lambda done: done.cancelled() or done.exception())
         elif self._answers_at_end:
             tell_utterance(self._emit, command, "started", estimated=True)
             await self._speaker.say(command.text, within_s=within_s)
@@ -149,9 +191,27 @@ class AskedVoice:
             tell_utterance(self._emit, command, "finished", estimated=True)
 
     async def _followed(self, command: Say, answer: "asyncio.Future[Any]") -> None:
+        # It says something already: what it was asked to say follows in the same breath, or behind it.
+        already = self._speaking.is_set()
+        if already:
+            await answer
+        else:
+            await self._begun(answer)
+        tell_utterance(self._emit, command, "started", estimated=already)
+        try:
+            async with asyncio.timeout(LONGEST_UTTERANCE_S):
+                await self._quiet.wait()
+                if already and await self._speaks_again():
+                    already = False
+                    await self._quiet.wait()
+        except TimeoutError:
+            raise NotSaidError("the robot did not report that it finished") from None
+        tell_utterance(self._emit, command, "finished", estimated=already)
+
+    async def _begun(self, answer: "asyncio.Future[Any]") -> None:
         started: asyncio.Future[Any] = asyncio.ensure_future(self._speaking.wait())
         try:
-            async with asyncio.timeout(STARTS_WITHIN_S):
+            async with asyncio.timeout(STARTS_WITHIN_S) as self._start_due:
                 await asyncio.wait({started, answer}, return_when=asyncio.FIRST_COMPLETED)
                 if answer.done():
                     # A refusal, or the answer before the word that it speaks.
@@ -160,25 +220,32 @@ class AskedVoice:
         except TimeoutError:
             raise NotSaidError("the robot did not report that it speaks") from None
         finally:
+            self._start_due = None
             started.cancel()
-        tell_utterance(self._emit, command, "started")
+
+    async def _speaks_again(self) -> bool:
         try:
-            async with asyncio.timeout(LONGEST_UTTERANCE_S):
-                await self._quiet.wait()
+            async with asyncio.timeout(STARTED_UNTOLD_S):
+                return await self._speaking.wait()
         except TimeoutError:
-            raise NotSaidError("the robot did not report that it finished") from None
-        tell_utterance(self._emit, command, "finished")
+            return False
 
     def _take_speaking(self, message: Any) -> None:
         if decode_bool(message):
             self._quiet.clear()
             self._speaking.set()
-        else:
-            self._quiet.set()
+            return
+        self._speaking.clear()
+        self._quiet.set()
+        if self._start_due is not None and self._start_due.when() is not None:
+            # It was speaking when the link came back, which nobody told.
+            self._start_due.reschedule(asyncio.get_running_loop().time() + STARTS_WITHIN_S)
 
 
 class ServiceSpeaker:
     """Asks a service of the robot."""
+
+    needs_link = True
 
     def __init__(self, ros: SafeRos, dialect: Dialect, told: SpeechService) -> None:
         self._ros = ros
@@ -210,6 +277,8 @@ class ServiceSpeaker:
 
 class WebSpeaker:
     """Asks a web interface, at the address of the profile and no other: redirects and proxies are not followed."""
+
+    needs_link = False
 
     def __init__(self, told: SpeechWeb) -> None:
         self._told = told

@@ -202,7 +202,7 @@ class TopicVoice:
         self._timer: asyncio.TimerHandle | None = None
         self._say: SafeTopic | None = None
         self._stop: SafeTopic | None = None
-        self._follows_topic = False
+        self._follows_topic = self._robot_speaks = self._in_one_breath = False
         if speech is None or speech.topic is None:
             return
         self._say = SafeTopic(ros, speech.topic, type_name(dialect, "std_msgs", "String"))
@@ -239,6 +239,7 @@ class TopicVoice:
         return stopped
 
     def link_lost(self) -> None:
+        self._robot_speaks = False
         if self._waiting and self._follows_topic:
             self._adrift = True
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._end_all("failed", FATE_UNKNOWN))
@@ -255,7 +256,7 @@ class TopicVoice:
         self._wait(None, None)
 
     def _take_speaking(self, message: Any) -> None:
-        speaking = decode_bool(message)
+        speaking = self._robot_speaks = decode_bool(message)
         if not self._waiting:
             return
         if speaking and self._adrift and self._waiting[0].started:
@@ -263,11 +264,24 @@ class TopicVoice:
             self._wait(LONGEST_UTTERANCE_S, lambda: self._fail(QT_TR_NOOP("the robot did not report that it finished")))
         elif speaking and not self._waiting[0].started:
             self._start(LONGEST_UTTERANCE_S, QT_TR_NOOP("the robot did not report that it finished"))
+        elif speaking and self._in_one_breath:
+            # What it said before is over, and this is what it was asked to say.
+            self._in_one_breath = False
+            self._wait(LONGEST_UTTERANCE_S, lambda: self._fail(QT_TR_NOOP("the robot did not report that it finished")))
+        elif not speaking and self._in_one_breath:
+            self._wait(STARTED_UNTOLD_S, self._finish)
         elif not speaking and self._waiting[0].started:
             self._finish()
+        elif not speaking:
+            # It was speaking when the link came back, which nobody told.
+            self._expect_start()
 
     def _expect_start(self) -> None:
-        if self._follows_topic:
+        if self._robot_speaks:
+            # What it was asked to say follows in the same breath, or behind it.
+            self._in_one_breath = True
+            self._start(LONGEST_UTTERANCE_S, QT_TR_NOOP("the robot did not report that it finished"))
+        elif self._follows_topic:
             self._wait(STARTS_WITHIN_S, lambda: self._fail(QT_TR_NOOP("the robot did not report that it speaks")))
         else:
             self._start(0.0, "")
@@ -277,25 +291,29 @@ class TopicVoice:
     def _start(self, at_most_s: float, detail: str) -> None:
         head = self._waiting.popleft()
         self._waiting.appendleft(replace(head, started=True))
-        tell_utterance(self._emit, head.asked, "started", "", estimated=not self._follows_topic)
+        tell_utterance(self._emit, head.asked, "started", "", estimated=self._estimates)
         self._wait(at_most_s, lambda: self._fail(detail))
 
     def _finish(self) -> None:
-        tell_utterance(self._emit, self._waiting.popleft().asked, "finished", "", estimated=not self._follows_topic)
+        tell_utterance(self._emit, self._waiting.popleft().asked, "finished", "", estimated=self._estimates)
         self._next()
 
     def _fail(self, detail: str) -> None:
         self._tell(self._waiting.popleft(), "failed", detail)
         self._next()
 
+    @property
+    def _estimates(self) -> bool:
+        return self._in_one_breath or not self._follows_topic
+
     def _next(self) -> None:
-        self._adrift = False
+        self._adrift = self._in_one_breath = False
         self._wait(None, None)
         if self._waiting:
             self._expect_start()
 
     def _end_all(self, state: UtteranceState, detail: str, actor: Actor | None = None) -> None:
-        self._adrift, self._silence_due = False, None
+        self._adrift, self._silence_due, self._in_one_breath = False, None, False
         self._wait(None, None)
         while self._waiting:
             tell_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)

@@ -11,7 +11,8 @@ import pytest
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import Say, Silence
 from caris_desktop.domain.events import Problem, UtteranceChanged
-from caris_desktop.robot import asked_voice, own_speech
+from caris_desktop.robot import asked_voice, own_speech, voice
+from caris_desktop.robot.action_client import FATE_UNKNOWN
 from caris_desktop.robot.profile import RobotProfile, SpeechInterface, SpeechService, SpeechWeb
 from caris_desktop.robot.speaking_time import estimated_duration_s
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
@@ -73,6 +74,92 @@ def test_by_its_speaking_topic_the_times_are_the_robots_own(monkeypatch: pytest.
         bridge.answers["/say"] = {"success": True}
 
     with_link(robot(service=SERVICE, speaking="/speaking"), test, prepare=prepare)
+
+
+@pytest.mark.parametrize("answers_at_end", [True, False])
+@pytest.mark.parametrize("told_again", [True, False])
+def test_a_link_that_is_lost_in_mid_sentence_does_not_hold_the_voice(
+    monkeypatch: pytest.MonkeyPatch, *, answers_at_end: bool, told_again: bool
+) -> None:
+    # Long enough to come back where the robot tells, short where it does not.
+    monkeypatch.setattr(asked_voice, "FATE_TOLD_WITHIN_S", 20.0 if told_again else 0.05)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(Say(now_ns(), "u1", "A long story"))
+        await bench.until(lambda: bench.bridge.operations("call_service", "/say"), "it is asked")
+        await bench.bridge.publish("/speaking", {"data": True})
+        await bench.until(lambda: told(bench), "it speaks")
+        bench.bridge.lines.clear()
+        await bench.bridge.drop()
+        if told_again:
+            await bench.until(lambda: bench.bridge.operations("subscribe", "/speaking"), "the link is back")
+            await bench.bridge.publish("/speaking", {"data": False})
+        end = "finished" if told_again else "failed"
+        await bench.until(lambda: told(bench)[1:] == [("u1", end, False)], "its end is told")
+        assert told_again or bench.of(UtteranceChanged)[-1].detail == FATE_UNKNOWN
+        await bench.until(lambda: bench.state == "connected", "the link is back")
+        bench.send(Say(now_ns(), "u2", "Hello again"))
+        await bench.until(lambda: bench.bridge.operations("call_service", "/say"), "the next is asked for")
+
+    def prepare(bridge: Bridge) -> None:
+        bridge.answers["/say"] = (lambda _: None) if answers_at_end else {"success": True}
+
+    service = replace(SERVICE, answers_at_end=answers_at_end)
+    with_link(robot(service=service, speaking="/speaking"), test, prepare=prepare)
+
+
+@pytest.mark.parametrize("stop", [None, "/hush"])
+def test_silence_is_not_refused_while_the_link_is_lost(stop: str | None) -> None:
+    async def test(bench: LoopBench) -> None:
+        bench.send(Say(now_ns(), "u1", "A long story"))
+        await bench.until(lambda: bench.bridge.operations("call_service", "/say"), "it is asked")
+        await bench.bridge.publish("/speaking", {"data": True})
+        await bench.until(lambda: told(bench), "it speaks")
+        await bench.bridge.close()
+        await bench.until(lambda: bench.state == "lost", "the link is lost")
+        bench.send(Silence(now_ns(), "wizard:b"))
+        await bench.until(lambda: told(bench)[1:] == [("u1", "failed", False)], "it is given up at once")
+        assert bench.of(UtteranceChanged)[-1].detail == FATE_UNKNOWN
+        await bench.bridge.open()
+        await bench.until(lambda: bench.state == "connected", "the link is back")
+        if stop is not None:
+            await bench.until(lambda: bench.bridge.operations("call_service", stop), "the robot is told to be quiet")
+        assert not [problem for problem in bench.of(Problem) if "interrupted" in problem.what]
+
+    def prepare(bridge: Bridge) -> None:
+        bridge.answers |= {"/say": {"success": True}, "/hush": {"success": True}}
+
+    with_link(robot(service=replace(SERVICE, stop=stop), speaking="/speaking"), test, prepare=prepare)
+
+
+@pytest.mark.parametrize("speech", [{"topic": "/say"}, {"service": SERVICE}])
+@pytest.mark.parametrize("begins_again", [True, False])
+def test_a_robot_that_speaks_already_has_not_failed(
+    monkeypatch: pytest.MonkeyPatch, *, speech: dict[str, Any], begins_again: bool
+) -> None:
+    for module in (asked_voice, voice):
+        monkeypatch.setattr(module, "STARTS_WITHIN_S", 0.05)
+        monkeypatch.setattr(module, "STARTED_UNTOLD_S", 20.0 if begins_again else 0.05)
+
+    async def test(bench: LoopBench) -> None:
+        await bench.until(lambda: bench.bridge.operations("subscribe", "/speaking"), "it listens")
+        await bench.bridge.publish("/speaking", {"data": True})
+        await bench.bridge.publish("/says", {"data": "My own words"})
+        await bench.until(lambda: bench.of(UtteranceChanged), "the robot speaks by itself")
+        bench.send(Say(now_ns(), "u1", "Hello"))
+
+        def mine() -> list[tuple[str, str, bool]]:
+            return [one for one in told(bench) if one[0] == "u1"]
+
+        await bench.until(lambda: mine() == [("u1", "started", True)], "it is said in the same breath, or behind it")
+        for speaking in (False, True, False) if begins_again else (False,):
+            await bench.bridge.publish("/speaking", {"data": speaking})
+        await bench.until(lambda: mine()[1:] == [("u1", "finished", not begins_again)], "and ends with it")
+
+    def prepare(bridge: Bridge) -> None:
+        bridge.answers["/say"] = {"success": True}
+
+    with_link(robot(speaking="/speaking", says="/says", **speech), test, prepare=prepare)
 
 
 def test_a_service_is_silenced_where_it_can_be() -> None:
