@@ -15,6 +15,7 @@ FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
     "battery": ("link",),
     "goal": ("link",),
     "robot_sound": ("link",),
+    "utterance": ("link", "voice"),
 }
 """What is no alarm of its own while one of its causes is there."""
 CAUSE_OF_END: Mapping[ProblemEnd, str] = {"connected": "link", "released": "emergency_stop"}

@@ -421,13 +421,19 @@ def _voice(facts: Facts) -> PreflightCheck | None:
         return None
     check = partial(PreflightCheck, "voice", QT_TR_NOOP("Robot can speak"))
     speech, robot = facts.speech, facts.robot
-    if facts.voice.output == "robot":
+    mute = facts.voice.output != "computer" and robot is not None and robot.speech is None
+    if facts.voice.output == "robot" and not mute:
         if robot is None or not facts.connected:
             return _waits_for_robot(check)
-        if robot.speech is not None:
-            return check("passed", QT_TR_NOOP("It speaks with its own voice."))
+        return check("passed", QT_TR_NOOP("It speaks with its own voice."))
     if speech.ready and speech.detail:
         return check("major", speech.detail, QT_TR_NOOP("Check this computer’s sound."))
+    if speech.ready and mute:
+        return check(
+            "minor",
+            QT_TR_NOOP("The robot has no voice of its own: this computer speaks instead."),
+            QT_TR_NOOP("Put a loudspeaker near the robot, or name its speech in its profile."),
+        )
     if speech.ready:
         return check("passed", QT_TR_NOOP("The voice is ready."))
     if speech.detail:

@@ -29,6 +29,7 @@ from tests.ui.samples import TOUR
 
 EVERYTHING = Permissions(audio_recording=True, transcription=True, own_voice=True, face=True)
 ROBOT = replace(load_profile("simulated"), name="tiago")
+MUTE = replace(ROBOT, speech=None)
 STUDY = replace(TOUR, permissions=EVERYTHING, voice="computer")
 LINKED = LinkStatus("connected", "TIAGo", clock_offset_ms=3.0, clock_uncertainty_ms=1.0)
 GOOD = Facts(
@@ -129,6 +130,9 @@ def test_the_record_has_them_in_english_and_the_window_in_the_wizards_language()
         ("voice", "major", {"speech": SpeechStatus(ready=True, detail="no sound device: nobody hears it")}),
         ("voice", "not checked", {"voice": VoiceStatus("robot"), "link": LinkStatus("lost")}),
         ("voice", "passed", {"voice": VoiceStatus("robot"), "speech": SpeechStatus()}),
+        ("voice", "minor", {"voice": VoiceStatus("robot"), "robot": MUTE}),
+        ("voice", "minor", {"voice": VoiceStatus("both"), "robot": MUTE}),
+        ("voice", "major", {"voice": VoiceStatus("robot"), "robot": MUTE, "speech": SpeechStatus(detail="stopped")}),
         ("people", "pending", {"perception": PerceptionStatus("loading")}),
         ("people", "minor", {"perception": PerceptionStatus("failed")}),
         ("people", "major", {"perception": PerceptionStatus("failed"), "scenario": covering(STUDY, "everybody")}),

@@ -14,6 +14,7 @@ ProblemEnd = Literal[
     "picture",
     "recording",
     "voice",
+    "utterance",
     "assistant",
     "people",
     "microphone",

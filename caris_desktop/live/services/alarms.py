@@ -120,6 +120,7 @@ def endings(state: LiveState) -> frozenset[ProblemEnd]:
         # From its start on: what goes wrong while it begins is about it. Going on after a pause is the same recording.
         "recording": state.recording.value.state in ("starting", "recording", "paused"),
         "voice": state.speech.value.ready and not state.speech.value.detail,
+        "utterance": state.speech.value.now is not None and state.speech.value.now.state == "started",
         "assistant": state.assistant.value.state in ("ready", "answering"),
         "people": state.perception.value.state == "ready",
         "microphone": state.microphone.value.state == "on",

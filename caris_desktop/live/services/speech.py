@@ -1,5 +1,7 @@
 """What the robot says: one queue, in front of the robot's own voice or this computer's."""
 
+import re
+import textwrap
 from dataclasses import replace
 from typing import Any
 
@@ -30,6 +32,7 @@ from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Resta
 from caris_desktop.live.speech_queue import SpeechQueue, Voice, VoiceKind
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import VoiceStatus
+from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import sentences
 
@@ -76,7 +79,10 @@ class SpeechService(Service):
         self._body = body
         self._child: ChildProcess | None = None
         self._restarts = Restarts()
+        self._output: VoiceKind = "computer"
         self._settings = SynthesisSettings()
+        self._mute_robot = ""
+        self._begun = ""
         self._held_problem: Problem | None = None
         self._phrases: tuple[str, ...] = ()
         self._suggested: dict[str, str] = {}
@@ -89,6 +95,7 @@ class SpeechService(Service):
         self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
         self._soon.timeout.connect(self._prepare)
         state.speech.changed.connect(self._on_speech_changed)
+        state.robot.changed.connect(self._on_robot_changed)
 
     def handlers(self) -> Handlers:
         return {intents.SetVoice: self._set_voice, intents.DraftSpeech: self._draft}
@@ -96,7 +103,7 @@ class SpeechService(Service):
     def follows(self) -> Follows:
         return {
             LinkChanged: self._on_link_changed,
-            UtteranceChanged: self.queue.on_utterance,
+            UtteranceChanged: self._on_utterance,
             SuggestionChanged: self._on_suggestion,
         }
 
@@ -186,7 +193,9 @@ class SpeechService(Service):
         )
 
     def _use(self, output: VoiceKind, settings: SynthesisSettings, actor: Actor = CONSOLE) -> None:
-        before, self._settings = self._settings, replace(settings, at_hand=output != "robot")
+        before, self._output = self._settings, output
+        output = self._speaking_voice()
+        self._settings = replace(settings, at_hand=output != "robot")
         used = self._state.voice.value.used
         if not self._settings.tunes(before):
             used = ""
@@ -195,7 +204,7 @@ class SpeechService(Service):
         self.queue.use_voice(output)
         self._state.voice.set(
             VoiceStatus(
-                output, settings.voice, settings.language, settings.rate, settings.volume,
+                self._output, settings.voice, settings.language, settings.rate, settings.volume,
                 used, self._state.voice.value.choices,
             )
         )  # fmt: skip
@@ -203,6 +212,42 @@ class SpeechService(Service):
         if self._settings.at_hand and self._held_problem is not None:
             self._bus.publish(replace(self._held_problem, stamp_ns=clock.now_ns()))
             self._held_problem = None
+
+    def _speaking_voice(self) -> VoiceKind:
+        """The voice of the scenario; this computer's where the robot has none, which is said once for each robot."""
+        robot: RobotProfile | None = self._state.robot.value
+        if self._output == "computer" or robot is None or robot.speech is not None:
+            return self._output
+        if self._permitted and self._mute_robot != robot.title:
+            self._mute_robot = robot.title
+            self._bus.publish(
+                Problem(
+                    clock.now_ns(), "info", tr("{robot} has no voice of its own.").format(robot=robot.title),
+                    tr("This computer speaks instead: whoever takes part hears it from here."),
+                    tr("Put a loudspeaker near the robot, or name its speech in its profile (Window menu, Robot)."),
+                )
+            )  # fmt: skip
+        return "computer"
+
+    def _on_robot_changed(self, _robot: RobotProfile | None) -> None:
+        if self._speaking_voice() != self._state.speech.value.voice:
+            self._use(self._output, self._settings)
+
+    def _on_utterance(self, event: UtteranceChanged) -> None:
+        self.queue.on_utterance(event)
+        if event.speaker != "robot" or event.origin == "heard":
+            return
+        if event.state == "started":
+            self._begun = event.utterance_id
+        elif event.state == "failed":
+            self._tell_failed(event, begun=event.utterance_id == self._begun)
+
+    def _tell_failed(self, event: UtteranceChanged, *, begun: bool) -> None:
+        what = tr("“{text}” was perhaps not said to its end.") if begun else tr("“{text}” was not said.")
+        why = tr("The voice gave up: {reason}.") if event.detail else tr("The voice gave up.")
+        what, why = what.format(text=_without_ids(event.text)), why.format(reason=tr(event.detail))
+        advice = tr("Say it again, or choose another voice in the title of Speak.")
+        self._bus.publish(Problem(clock.now_ns(), "warning", what, why, advice, until="utterance"))
 
     def _on_suggestion(self, event: SuggestionChanged) -> None:
         if event.state == "displayed":
@@ -284,6 +329,11 @@ class SpeechService(Service):
         if now is not None:
             self._both.lost(kind, replace(now, stamp_ns=clock.now_ns()), detail)
         self.queue.on_voice_lost(kind, detail)
+
+
+def _without_ids(text: str) -> str:
+    """A few words of what was to be said; ids stand in it where names are said."""
+    return textwrap.shorten(re.sub(r"\{[^{}]*\}", "…", text), 60, placeholder="…")
 
 
 class _Computer:

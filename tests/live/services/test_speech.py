@@ -15,17 +15,26 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.conversation.synthesis_messages import Draft, Prepare
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import RobotCommand
-from caris_desktop.domain.events import LinkChanged, SuggestionChanged, UtteranceChanged, VoiceChanged
+from caris_desktop.domain.events import (
+    LinkChanged,
+    LinkState,
+    Problem,
+    SuggestionChanged,
+    UtteranceChanged,
+    VoiceChanged,
+)
 from caris_desktop.domain.intents import DraftSpeech, SetVoice
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.children import Children
 from caris_desktop.live.recorder_feed import ARRIVED, RecorderFeed
+from caris_desktop.live.services.alarms import AlarmsService
 from caris_desktop.live.services.speech import SpeechService
 from caris_desktop.live.speech_queue import VoiceKind
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
+from caris_desktop.robot.profile import RobotProfile, SpeechInterface
 from caris_desktop.scenario.file import load_scenario
 from tests.live.bodies import voice
 
@@ -93,6 +102,7 @@ class Bench:
         self.speech.end()
         self.link.stop(grace_s=2.0)
         self.feed.close()
+        self.state.close()
 
 
 @pytest.fixture(scope="module")
@@ -249,3 +259,57 @@ def test_where_the_robot_does_not_speak_this_computers_voice_does_not_run(own_be
     qtbot.waitUntil(lambda: not psutil.pid_exists(pid), timeout=20_000)
     bench.speech.use_scenario(speaks)
     assert voices()["speech"] is not child
+
+
+def test_for_a_robot_without_speech_this_computer_speaks_and_says_so_once(own_bench: Bench, qtbot: QtBot) -> None:
+    bench, problems = own_bench, list[Problem]()
+    bench.bus.follow({Problem: problems.append})
+    scenario = replace(load_scenario(layouts_dir() / "tour-guide.yaml"), voice="robot")
+    mute = RobotProfile("generic-ros1", "Robot with ROS 1")
+    bench.state.robot.set(mute)
+    bench.speech.use_scenario(scenario)
+    bench.speech.queue.say("Hello", "phrase")
+    assert bench.recorder.wait_for(lambda: len(bench.recorder.utterances) == 3)
+    assert [(event.state, event.voice) for event in bench.recorder.utterances] == [
+        ("requested", "computer"), ("started", "computer"), ("finished", "computer"),
+    ]  # fmt: skip
+    bench.speech.use_scenario(replace(scenario, voice="both"))
+    bench.state.robot.set(replace(mute, address="ws://192.168.1.20:9090"))
+    qtbot.waitUntil(lambda: bench.state.speech.value.now is None and bool(problems), timeout=20_000)
+    assert ["no voice of its own" in problem.what for problem in problems] == [True]
+    assert problems[0].severity == "info" and "This computer speaks instead" in problems[0].meaning
+    assert bench.state.voice.value.output == "both", "what the scenario asks for stays"
+    bench.state.robot.set(replace(mute, speech=SpeechInterface("/say")))
+    assert bench.state.speech.value.voice == "both"
+    bench.speech.use_scenario(scenario)
+    bench.recorder.utterances.clear()
+    bench.speech.queue.say("Hello again", "phrase")
+    assert bench.recorder.wait_for(lambda: len(bench.recorder.utterances) == 3)
+    assert {event.voice for event in bench.recorder.utterances} == {"robot"}
+
+
+@pytest.mark.parametrize("link", ["lost", "connected"])
+def test_what_nobody_speaks_is_an_alarm_until_something_is_said(
+    own_bench: Bench, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, link: LinkState
+) -> None:
+    bench = own_bench
+    monkeypatch.setattr(bench, "send", lambda _command: False)
+    alarms = AlarmsService(bench.state, bench.bus.publish, bench.owner)
+    bench.bus.follow(alarms.follows())
+    bench.speech.use_scenario(replace(load_scenario(layouts_dir() / "tour-guide.yaml"), voice="robot"))
+    bench.state.robot.set(RobotProfile("mine", "Mine", speech=SpeechInterface("/say")))
+    bench.state.link.set(LinkStatus(state=link))
+    bench.speech.queue.say("Hello Ada and welcome", "phrase", recorded="Hello {p-1f} and welcome")
+    qtbot.waitUntil(lambda: bool(bench.state.alarms.value), timeout=20_000)
+
+    def told() -> str:
+        return " ".join((*(alarm.what for alarm in bench.state.alarms.value),
+                         *(line for alarm in bench.state.alarms.value for line in alarm.folded)))  # fmt: skip
+
+    qtbot.waitUntil(lambda: "“Hello … and welcome” was not said." in told(), timeout=20_000)
+    if link == "lost":
+        assert [alarm.cause for alarm in bench.state.alarms.value] == ["link"], "one alarm says why"
+        return
+    monkeypatch.undo()
+    bench.speech.queue.say("Hello again", "phrase")
+    qtbot.waitUntil(lambda: bench.state.alarms.value == (), timeout=20_000)
