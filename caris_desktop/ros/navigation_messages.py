@@ -67,9 +67,7 @@ def decode_path(message: Any, *, most_points: int = MAX_PATH_POSES) -> Path:
     poses = field(path, "poses", "Path")
     if not isinstance(poses, list) or len(poses) > MAX_PATH_POSES:
         raise MessageError(f"Path.poses must be a list of at most {MAX_PATH_POSES} poses")
-    chosen = range(len(poses))
-    if len(poses) > most_points:
-        chosen = np.linspace(0, len(poses) - 1, most_points).round().astype(int).tolist()
+    chosen = np.linspace(0, len(poses) - 1, min(len(poses), most_points)).round().astype(int).tolist()
     points = np.empty((len(chosen), 2), dtype=np.float32)
     with np.errstate(over="ignore"):
         for row, index in enumerate(chosen):

@@ -118,5 +118,5 @@ class RoomFilter:
     def _beyond(self, played: NDArray[np.complex64]) -> NDArray[np.float32]:
         """What a room holds of the robot for longer than the filter does."""
         last = np.abs(self._weights[:, -_LAST:] * played[:, -_LAST:]) ** 2
-        self._tail = _TAIL_LASTS * (self._tail + last.mean(axis=1))
+        self._tail = _TAIL_LASTS * (self._tail + last.mean(axis=1, dtype=np.float32))
         return _TAIL_MARGIN * self._tail

@@ -33,7 +33,7 @@ class JitterBuffer:
     def push(self, samples: NDArray[np.int16]) -> None:
         """What comes next, shape (n,)."""
         self._ending = False
-        if self._waiting > 2 * self._ahead and max(samples.max(initial=0), -int(samples.min(initial=0))) < _QUIET:
+        if self._waiting > 2 * self._ahead and max(int(samples.max(initial=0)), -int(samples.min(initial=0))) < _QUIET:
             self.dropped += 1
             return
         self._pieces.append(samples)
