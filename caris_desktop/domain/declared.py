@@ -12,13 +12,13 @@ takes them, but its imports and schemas cost the first window 0.3 to 0.45 s on t
 
 import functools
 import math
-import types
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.domain.value_class import dataclass
 
 Known = Literal["gestures", "expressions", "robots", "faces"]
@@ -138,14 +138,12 @@ def form_of(hint: Any) -> Form:
 
 @functools.cache
 def _form_of(hint: Any) -> Form:
+    hint = without_alias(hint)
     if get_origin(hint) is Annotated:
         inner, *marks = get_args(hint)
         return functools.reduce(_with_mark, marks, form_of(inner))
-    if get_origin(hint) in (typing.Union, types.UnionType):
-        members = [member for member in get_args(hint) if member is not type(None)]
-        if len(members) == 1:
-            return form_of(members[0])
-    return Form(hint)
+    members = [member for member in union_members(hint) if member is not type(None)]
+    return form_of(members[0]) if len(members) == 1 else Form(hint)
 
 
 def _with_mark(form: Form, mark: Any) -> Form:
@@ -179,7 +177,7 @@ def is_group(kind: Any) -> bool:
 
 def groups_of(kind: Any) -> tuple[Group, ...]:
     """The groups that may stand at one place, alone or in place of :func:`text_of`; none where there is no choice."""
-    members = [form_of(member).kind for member in _members(kind)]
+    members = [form_of(member).kind for member in union_members(kind)]
     groups = tuple(member for member in members if is_group(member))
     return groups if len(groups) == len([member for member in members if member is not str]) else ()
 
@@ -188,11 +186,7 @@ def text_of(kind: Any) -> Form | None:
     """What the text is that may stand in place of groups; None where it is only one of both."""
     if not groups_of(kind):
         return None
-    return next((form for member in _members(kind) if (form := form_of(member)).kind is str), None)
-
-
-def _members(kind: Any) -> tuple[Any, ...]:
-    return get_args(kind) if get_origin(kind) in (typing.Union, types.UnionType) else ()
+    return next((form for member in union_members(kind) if (form := form_of(member)).kind is str), None)
 
 
 def choices_of(kind: Any) -> tuple[Any, ...]:
@@ -202,7 +196,7 @@ def choices_of(kind: Any) -> tuple[Any, ...]:
 
 def scalars_of(kind: Any) -> tuple[Any, ...]:
     """What a single value may be, the most particular first; none where it is a list or a group."""
-    members = _members(kind) or (kind,)
+    members = union_members(kind) or (kind,)
     return members if all(member in (bool, int, float, str) for member in members) else ()
 
 
@@ -223,6 +217,14 @@ def size_of(form: Form) -> tuple[int, int | None]:
     return form.rule.shortest, form.rule.longest
 
 
+def _is_known(form: Form) -> bool:
+    """Whether what stands there can be checked, read and written."""
+    if (item := item_of(form.kind)) is not None:
+        return len(set(get_args(form.kind)) - {...}) == 1 and _is_known(item)
+    known = (choices_of, scalars_of, is_free, is_group, groups_of)
+    return any(question(form.kind) for question in known)
+
+
 @functools.cache
 def _attributes(group: Group) -> tuple[Key, ...]:
     """The attributes of a declaration that files know, in the order in which they are written."""
@@ -232,6 +234,8 @@ def _attributes(group: Group) -> tuple[Key, ...]:
         form = form_of(hints[each.name])
         default = each.default if each.default_factory is MISSING else each.default_factory()
         if form.in_file:
+            if form.spread is None and not _is_known(form):
+                raise TypeError(f"{group.__name__}.{each.name}: no form is known in which {form.kind} is in a file")
             found.append(Key(form.rule.key or each.name, each.name, form, default))
     return tuple(sorted(found, key=lambda attribute: attribute.form.rule.order))
 

@@ -6,15 +6,17 @@ columns of a schema; one that is missing reads as None.
 
 import dataclasses
 import functools
-import types
 import typing
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from caris_desktop.domain.foxglove import FrameTransforms, Time, time_of, transforms_of
-from caris_desktop.domain.schema import from_jsonable, json_schema, shape_schema, to_jsonable
+from caris_desktop.domain.schema import from_jsonable, json_schema, require_recordable, shape_schema, to_jsonable
 from caris_desktop.domain.sensing import CameraLens, RobotPose
-from caris_desktop.domain.streams import StreamSpec, spec_of_topic
+from caris_desktop.domain.streams import STREAMS, StreamSpec, spec_of_topic
+from caris_desktop.domain.type_hints import union_members
 from caris_desktop.domain.value_class import dataclass
 
 
@@ -41,18 +43,24 @@ DERIVED_TOPICS = frozenset(channel.topic for channel in DERIVED)
 def to_message(spec: StreamSpec, value: Any, *, at_utc_ns: int) -> dict[str, Any]:
     """What is written of a value that was measured, or happened, at that moment.
 
-    Raises TypeError or ValueError for what is no value of the stream.
+    Raises TypeError or ValueError for what is no value of the stream, and for what would not be read as one.
     """
     known, fields = spec.well_known, _fields_of(spec)
-    if known is None:
-        message: dict[str, Any] = to_jsonable(value)
-    else:
-        own = {name: to_jsonable(getattr(value, name)) for name in fields.beside}
-        message = {**known.fill(value, time_of(at_utc_ns)), **own}
+    message: dict[str, Any] = {name: to_jsonable(getattr(value, name)) for name in fields.beside}
+    _require_readable(spec, value, message)
+    if known is not None:
+        message = {**known.fill(value, time_of(at_utc_ns)), **message}
     for name in fields.left_out:
         if name in message and message[name] is None:
             del message[name]
     return message
+
+
+def _require_readable(spec: StreamSpec, value: Any, own: dict[str, Any]) -> None:
+    """Arrays are looked at as they are: a map of a building would take 0.2 s to unfold."""
+    arrays = {name: held for name in _fields_of(spec).every if isinstance(held := getattr(value, name), np.ndarray)}
+    beside = {name: to_jsonable(getattr(value, name)) for name in _fields_of(spec).every if name not in own | arrays}
+    from_jsonable(spec.value_type, own | beside | arrays)
 
 
 def from_message(spec: StreamSpec, message: Any) -> Any:
@@ -122,10 +130,11 @@ def _has_one_type(schema: dict[str, Any]) -> bool:
 
 
 class _Fields(NamedTuple):
-    """Fields of ours: those ``beside`` what a well-known schema holds, those ``left_out`` where they are None, and of
-    these the ones without a default, which are ``needed`` to make a value.
+    """Fields of ours: ``every`` one, those ``beside`` what a well-known schema holds, those ``left_out`` where they are
+    None, and of these the ones without a default, which are ``needed`` to make a value.
     """
 
+    every: tuple[str, ...]
     beside: tuple[str, ...]
     left_out: tuple[str, ...]
     needed: tuple[str, ...]
@@ -146,13 +155,18 @@ def _found_fields(kind: Any, held: frozenset[str]) -> _Fields:
         for field in fields
         if _may_be_none(hints[field.name]) and (field.default is None or field.name in needed)
     ]
+    every = tuple(field.name for field in fields)
     return _Fields(
-        tuple(field.name for field in fields if field.name not in held),
+        every,
+        tuple(name for name in every if name not in held),
         tuple(left_out),
         tuple(name for name in left_out if name in needed),
     )
 
 
 def _may_be_none(kind: Any) -> bool:
-    union = typing.get_origin(kind) in (types.UnionType, typing.Union)
-    return kind is Any or (union and type(None) in typing.get_args(kind))
+    return kind is Any or type(None) in union_members(kind)
+
+
+# At the start and not at the first value: a library may declare its types in another way than when this was written.
+require_recordable(*(spec.value_type for spec in STREAMS))

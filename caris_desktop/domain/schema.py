@@ -14,16 +14,17 @@ import binascii
 import dataclasses
 import functools
 import math
-import types
 import typing
 import zlib
 from collections.abc import Callable
 from enum import Enum
+from pathlib import Path
 from typing import Any, Literal, NewType, TypeVar, get_args, get_origin
 
 import numpy as np
 
 from caris_desktop.domain.translation import Filled
+from caris_desktop.domain.type_hints import union_members, without_alias
 
 T = TypeVar("T")
 _NAN = "nan"
@@ -52,6 +53,8 @@ def to_jsonable(value: Any) -> Any:
         return {str(key): to_jsonable(item) for key, item in value.items()}
     if isinstance(value, Enum):
         return value.value
+    if isinstance(value, Path):
+        return str(value)
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
@@ -70,12 +73,21 @@ def from_jsonable(value_type: type[T], data: Any) -> T:
     ------
     ValueError
         If the data cannot be a ``value_type``.
+    TypeError
+        If no recorded form is known for ``value_type``.
     """
     kind: Any = value_type
+    build = _builder(kind)
     try:
-        return typing.cast(T, _builder(kind)(data))
+        return typing.cast(T, build(data))
     except (TypeError, KeyError, AttributeError, OverflowError) as error:
         raise ValueError(f"not a {getattr(value_type, '__name__', value_type)}: {error}") from error
+
+
+def require_recordable(*value_types: Any) -> None:
+    """Raise TypeError for a type of which no recorded form is known, with the place within it."""
+    for value_type in value_types:
+        _builder(value_type)
 
 
 def json_schema(value_type: type[Any]) -> dict[str, Any]:
@@ -98,37 +110,71 @@ def _as_it_is(data: Any) -> Any:
 
 @functools.cache
 def _builder(kind: Any) -> Callable[[Any], Any]:
-    """Makes values of ``kind``. What a type is made of is found out once: that takes longer than building a value."""
-    origin = get_origin(kind)
-    if origin is Literal:
-        return functools.partial(_one_of, get_args(kind))
-    if origin in (types.UnionType, typing.Union):
-        members = [member for member in get_args(kind) if member is not type(None)]
-        if len(members) == 1:
-            member = _builder(members[0])
-        elif set(members) <= set(_PRIMITIVES):
-            member = functools.partial(_plain_of_several, tuple(members))
-        else:
-            return _as_it_is
-        return member if type(None) not in get_args(kind) else lambda data: None if data is None else member(data)
-    if origin is tuple:
-        item = _builder(get_args(kind)[0])
-        return lambda data: tuple(map(item, _items(data)))
-    if origin is list:
-        item = _builder(get_args(kind)[0])
-        return lambda data: list(map(item, _items(data)))
-    if origin is dict:
-        item = _builder(get_args(kind)[1])
-        return lambda data: {key: item(value) for key, value in _object(data).items()}
-    if origin is np.ndarray:
-        return functools.partial(_array, np.dtype(get_args(get_args(kind)[1])[0]))
-    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
-        return functools.partial(_record, kind)
+    """Makes values of ``kind``. What a type is made of is found out once: that takes longer than building a value.
+
+    Raises TypeError for a type that no record has: what is taken as it comes may be something else.
+    """
+    kind = without_alias(kind)
+    origin, arguments = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return _as_it_is
     if kind is float:
         return _number
     if kind in (int, str, bool):
         return functools.partial(_plain, kind)
-    return _as_it_is
+    if kind is Path:
+        return lambda data: Path(_plain(str, data))
+    if origin is Literal:
+        return functools.partial(_one_of, arguments)
+    if origin in (tuple, list):
+        make, item = origin, _builder(_only_item(kind))
+        return lambda data: make(map(item, _items(data)))
+    if origin is dict and arguments[0] is str:
+        item = _builder(arguments[1])
+        return lambda data: {key: item(value) for key, value in _object(data).items()}
+    if dtype := array_dtype(kind):
+        return functools.partial(_array, dtype)
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+        return functools.partial(_record, kind, _field_builders(kind))
+    if members := union_members(kind):
+        some = [member for member in members if member is not type(None)]
+        if len(some) == 1:
+            build = _builder(some[0])
+        elif set(some) <= set(_PRIMITIVES):
+            build = functools.partial(_plain_of_several, tuple(some))
+        else:
+            raise TypeError(f"which member of {kind} a recorded value is could not be told")
+        return build if len(some) == len(members) else lambda data: None if data is None else build(data)
+    raise TypeError(f"no form is known in which {kind} is recorded")
+
+
+def array_dtype(hint: Any) -> "np.dtype[Any] | None":
+    """What the numbers of an array are; None for a hint of something else.
+
+    Raises
+    ------
+    TypeError
+        If it is an array of something undetermined, or of what is neither whole numbers nor floating-point ones.
+    """
+    hint = without_alias(hint)
+    if hint is not np.ndarray and get_origin(hint) is not np.ndarray:
+        return None
+    _, numbers = (*map(without_alias, get_args(hint)), None, None)[:2]
+    scalar = without_alias(next(iter(get_args(numbers)), None))
+    if get_origin(numbers) is not np.dtype or not isinstance(scalar, type) or not issubclass(scalar, np.generic):
+        raise TypeError(f"{hint} does not say what its numbers are")
+    dtype = np.dtype(scalar)
+    if dtype.kind not in "iuf":
+        raise TypeError(f"no form is known in which {hint} is recorded")
+    return dtype
+
+
+def _only_item(kind: Any) -> Any:
+    """What every item of a list or tuple is; a tuple of several kinds has no recorded form."""
+    items = {without_alias(item) for item in get_args(kind) if item is not Ellipsis}
+    if len(items) != 1:
+        raise TypeError(f"no form is known in which {kind} is recorded")
+    return items.pop()
 
 
 def _plain(kind: type[Any], data: Any) -> Any:
@@ -179,8 +225,13 @@ def _one_of(permitted: tuple[Any, ...], data: Any) -> Any:
 
 
 def _array(dtype: np.dtype[Any], data: Any) -> np.ndarray[Any, Any]:
+    """Of its JSON form, or of an array that is to be written."""
     if isinstance(data, dict):
         return _inflated(data, dtype)
+    if isinstance(data, np.ndarray):
+        if data.dtype != dtype and (data.dtype.kind, dtype.kind) != ("f", "f"):
+            raise ValueError(f"an array of {data.dtype.name} where one of {dtype.name} is expected")
+        return data
     data = _items(data)
     if not data:
         return np.array((), dtype=dtype)
@@ -208,7 +259,7 @@ def _with_what_json_cannot_hold(data: Any) -> Any:
 
 def _of_shape(shape: tuple[int, ...], build: Callable[[Any], Any], data: Any) -> Any:
     array = build(data)
-    if not isinstance(array, np.ndarray):
+    if array is None:
         return array
     if array.shape == (0,):
         return array.reshape([max(0, size) for size in shape])
@@ -220,23 +271,21 @@ def _of_shape(shape: tuple[int, ...], build: Callable[[Any], Any], data: Any) ->
     return array
 
 
-def _record(kind: Any, data: Any) -> Any:
+def _record(kind: Any, builders: dict[str, Callable[[Any], Any]], data: Any) -> Any:
     data = _object(data)
-    return kind(**{name: build(data[name]) for name, build in _field_builders(kind) if name in data})
+    return kind(**{name: build(data[name]) for name, build in builders.items() if name in data})
 
 
-@functools.cache
-def _field_builders(kind: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
-    hints = typing.get_type_hints(kind)
-    return tuple(
-        (
-            field.name,
-            functools.partial(_of_shape, field.metadata["shape"], _builder(hints[field.name]))
-            if "shape" in field.metadata
-            else _builder(hints[field.name]),
-        )
-        for field in dataclasses.fields(kind)
-    )
+def _field_builders(kind: Any) -> dict[str, Callable[[Any], Any]]:
+    hints, builders = typing.get_type_hints(kind), {}
+    for field in dataclasses.fields(kind):
+        try:
+            build = _builder(hints[field.name])
+        except TypeError as error:
+            raise TypeError(f"{kind.__name__}.{field.name}: {error}") from error
+        shape = field.metadata.get("shape")
+        builders[field.name] = build if shape is None else functools.partial(_of_shape, shape, build)
+    return builders
 
 
 def in_few_digits(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -298,9 +347,14 @@ _PRIMITIVES = {int: "integer", float: "number", str: "string", bool: "boolean"}
 
 
 def _schema(kind: Any) -> dict[str, Any]:
-    origin = get_origin(kind)
+    kind = without_alias(kind)
+    origin, arguments = get_origin(kind), get_args(kind)
     if kind in _PRIMITIVES:
         return {"type": _PRIMITIVES[kind]}
+    if kind is Path:
+        return {"type": "string"}
+    if kind is Any:
+        return {}
     if kind is Base64:
         return {"type": "string", "contentEncoding": "base64"}
     if typing.is_typeddict(kind):
@@ -310,15 +364,14 @@ def _schema(kind: Any) -> dict[str, Any]:
     if kind is type(None):
         return {"type": "null"}
     if origin is Literal:
-        return {"type": "string", "enum": list(get_args(kind))}
-    if origin in (types.UnionType, typing.Union):
-        return {"anyOf": [_schema(member) for member in get_args(kind)]}
+        return {"type": "string", "enum": list(arguments)}
+    if members := union_members(kind):
+        return {"anyOf": [_schema(member) for member in members]}
     if origin in (tuple, list):
-        return {"type": "array", "items": _schema(get_args(kind)[0])}
-    if origin is dict:
-        return {"type": "object", "additionalProperties": _schema(get_args(kind)[1])}
-    if origin is np.ndarray:
-        dtype = np.dtype(get_args(get_args(kind)[1])[0])
+        return {"type": "array", "items": _schema(_only_item(kind))}
+    if origin is dict and arguments[0] is str:
+        return {"type": "object", "additionalProperties": _schema(arguments[1])}
+    if dtype := array_dtype(kind):
         return (
             {"type": "array", "items": {"anyOf": [{"type": ["number", "null"]}, {"const": _NAN}]}}
             if dtype.kind == "f"
@@ -336,7 +389,7 @@ def _schema(kind: Any) -> dict[str, Any]:
                 if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
             ],
         }
-    return {}
+    raise TypeError(f"no form is known in which {kind} is recorded")
 
 
 def _field_schema(field: "dataclasses.Field[Any]", kind: Any) -> dict[str, Any]:

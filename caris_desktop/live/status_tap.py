@@ -11,7 +11,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.controls import RobotControl
 from caris_desktop.domain.declared import data_of, value_from
 from caris_desktop.domain.events import GoalChanged, TrafficMeasured
-from caris_desktop.domain.schema import from_jsonable, to_jsonable
+from caris_desktop.domain.schema import from_jsonable, require_recordable, to_jsonable
 from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.domain.told_again import told_again
 from caris_desktop.live.state import LiveState, LiveValue
@@ -76,6 +76,8 @@ STATUS_TYPES: dict[str, Any] = {
     "sound": SoundStatus,
     "listening": ListeningStatus,
 }
+
+require_recordable(*(kind for name, kind in STATUS_TYPES.items() if name != "controls"))
 
 _REASONS = ("detail", "reason", "cap_reason", "guard_detail")
 

@@ -221,3 +221,21 @@ def test_the_moment_is_that_of_the_message() -> None:
         {"x": 10.0, "y": 20.0}, {"x": 40.0, "y": 20.0}, {"x": 40.0, "y": 60.0}, {"x": 10.0, "y": 60.0}
     ]  # fmt: skip
     assert derived_schema(DERIVED[0])[0] == "foxglove.FrameTransforms"
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (dataclasses.replace(scan([1.0]), ranges_m={"shape": [1]}), "a grid of float32"),
+        (dataclasses.replace(scan([1.0]), ranges_m=np.array([1], np.int32)), "int32 where one of float32"),
+        (scan([1.0], angle_min_rad="0.5"), "number"),
+        (dataclasses.replace(grid([[0]]), cells=np.zeros((2, 2), np.uint8)), "uint8 where one of int8"),
+        (PlannedPath(1, None, np.zeros((3, 3), np.float32)), r"shape \(3, 3\)"),
+        (BatteryState(1, "half"), "number"),  # type: ignore[arg-type]
+        (Problem("soon", "warning", "", "", ""), "integer"),  # type: ignore[arg-type]
+        (Problem(1, "loud", "", "", ""), "loud"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_would_not_be_read_as_it_is_declared_is_not_written(value: Any, said: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=said):
+        to_message(BY_TYPE[type(value)], value, at_utc_ns=NOON_NS)

@@ -14,9 +14,10 @@ import pytest
 
 from caris_desktop.domain.events import Gap, LlmExchange
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.schema import from_jsonable, json_schema, to_jsonable
+from caris_desktop.domain.schema import array_dtype, from_jsonable, json_schema, to_jsonable
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, PlannedPath
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.type_hints import without_alias
 
 
 def grid(cells: Any) -> OccupancyGrid:
@@ -83,6 +84,7 @@ WRONG: tuple[Any, ...] = (
 
 def example(kind: Any) -> Any:
     """The plain form of some value of this type."""
+    kind = without_alias(kind)
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Literal:
         return arguments[0]
@@ -92,7 +94,7 @@ def example(kind: Any) -> Any:
         return [example(arguments[0])]
     if origin is dict:
         return {"a": example(arguments[1])}
-    if origin is np.ndarray:
+    if array_dtype(kind):
         return [[1, 2]]
     if dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind)
@@ -112,6 +114,7 @@ def changed_everywhere(plain: Any) -> Iterator[Any]:
 
 
 def is_a(kind: Any, value: Any) -> bool:
+    kind = without_alias(kind)
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
         return True
@@ -123,8 +126,8 @@ def is_a(kind: Any, value: Any) -> bool:
         return type(value) is origin and all(is_a(arguments[0], item) for item in value)
     if origin is dict:
         return type(value) is dict and all(is_a(arguments[1], item) for item in value.values())
-    if origin is np.ndarray:
-        return isinstance(value, np.ndarray) and value.dtype == np.dtype(get_args(arguments[1])[0])
+    if dtype := array_dtype(kind):
+        return isinstance(value, np.ndarray) and value.dtype == dtype
     if dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind)
         return isinstance(value, kind) and all(is_a(hint, getattr(value, name)) for name, hint in hints.items())

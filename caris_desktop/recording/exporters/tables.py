@@ -11,7 +11,6 @@ import json
 import logging
 import math
 import re
-import types
 import typing
 from collections.abc import Callable, Iterable, Iterator
 from enum import Enum
@@ -21,8 +20,9 @@ import numpy as np
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.schema import to_jsonable
+from caris_desktop.domain.schema import array_dtype, to_jsonable
 from caris_desktop.domain.streams import StreamSpec
+from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.session.alarms import alarms_of
@@ -653,7 +653,6 @@ def _columns_of_field(path: tuple[str, ...], hint: Any, *, item: bool) -> Iterat
     unit = _unit(path[-1])
     words = _MEANINGS.get(path[-1]) or _in_words(name, unit)
     unknown = " Empty where it is not known." if optional else ""
-    origin = get_origin(hint)
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         yield from _columns(hint, path, item=item)
     elif _record_list(hint) is not None and len(path) == 1 and not item:
@@ -661,8 +660,8 @@ def _columns_of_field(path: tuple[str, ...], hint: Any, *, item: bool) -> Iterat
             f"{name}_count", "", "integer", f"How many; each is a row of the table of {name}.{unknown}",
             lambda row, _: None if (records := read(row)) is None else len(records),
         )  # fmt: skip
-    elif origin is np.ndarray:
-        yield from _columns_of_array(name, unit, hint, read)
+    elif dtype := array_dtype(hint):
+        yield from _columns_of_array(name, unit, dtype, read)
     elif name == "robot_stamp_ns" and not item:
         yield from _columns_of_robot_stamp(unit, read)
     else:
@@ -711,8 +710,7 @@ def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[C
     )
 
 
-def _columns_of_array(name: str, unit: str, hint: Any, read: Callable[[Any], Any]) -> Iterator[Column]:
-    dtype = np.dtype(get_args(get_args(hint)[1])[0])
+def _columns_of_array(name: str, unit: str, dtype: "np.dtype[Any]", read: Callable[[Any], Any]) -> Iterator[Column]:
     points = name.startswith("points_") or "_points_" in name
     whole: Kind = "cells" if dtype.itemsize == 1 else "depths"
     kind: Kind = whole if dtype.kind in "iu" else "points" if points else "numbers"
@@ -734,13 +732,13 @@ def _columns_of_array(name: str, unit: str, hint: Any, read: Callable[[Any], Any
 
 def _fields(value_type: type[Any]) -> list[tuple[str, Any]]:
     hints = typing.get_type_hints(value_type)
-    return [(field.name, hints[field.name]) for field in dataclasses.fields(value_type)]
+    return [(field.name, without_alias(hints[field.name])) for field in dataclasses.fields(value_type)]
 
 
 def _record_list(hint: Any) -> type[Any] | None:
     if get_origin(hint) not in (tuple, list):
         return None
-    item = get_args(hint)[0]
+    item = without_alias(get_args(hint)[0])
     return item if isinstance(item, type) and dataclasses.is_dataclass(item) else None
 
 
@@ -764,12 +762,8 @@ def _of_item(column: Column) -> Column:
 
 def _without_none(hint: Any) -> tuple[Any, bool]:
     """``hint`` without the None of an optional value, and whether there was one."""
-    if get_origin(hint) in (types.UnionType, typing.Union):
-        members = [member for member in get_args(hint) if member is not type(None)]
-        if len(members) == 1:
-            return members[0], True
-        return hint, len(members) < len(get_args(hint))
-    return hint, False
+    some = [member for member in union_members(hint) if member is not type(None)]
+    return some[0] if len(some) == 1 else hint, type(None) in union_members(hint)
 
 
 def _reader(path: tuple[str, ...]) -> Callable[[Any], Any]:
@@ -800,28 +794,32 @@ def _in_words(name: str, unit: str) -> str:
 
 
 def _kind(hint: Any) -> tuple[Kind, str]:
-    """How a value is held, and what is allowed or how to read it. What fits no column of its own is JSON."""
+    """How a value is held, and what is allowed or how to read it. Keys with values, and what may be anything, are JSON.
+
+    Raises TypeError for what is not known to have a column.
+    """
     origin = get_origin(hint)
     if origin is Literal:
         return "text", f"One of: {', '.join(map(str, get_args(hint)))}."
     if isinstance(hint, type) and issubclass(hint, Enum):
         return "text", f"One of: {', '.join(str(member.value) for member in hint)}."
-    if origin in (types.UnionType, typing.Union):
-        members = set(get_args(hint)) - {type(None)}
+    if members := set(union_members(hint)) - {type(None)}:
         if members == {int, float}:
             return "number", ""
         if members <= {int, float, bool, str}:
             return "text", "A number, true or false, or words."
-        return "json", "As JSON."
     if origin in (tuple, list):
-        item = get_args(hint)[0]
+        item = without_alias(get_args(hint)[0])
         kinds: dict[Any, Kind] = {int: "integers", float: "numbers", str: "texts"}
         if item in kinds:
             written = "as JSON" if item is str else "separated by semicolons"
             return kinds[item], f"Several; in CSV files {written}."
+    if origin in (dict, tuple, list) or hint is Any:
         return "json", "As JSON."
     plain: dict[Any, Kind] = {int: "integer", float: "number", bool: "true or false", str: "text"}
-    return (plain[hint], "") if hint in plain else ("json", "As JSON.")
+    if hint not in plain:
+        raise TypeError(f"no column is known that holds {hint}")
+    return plain[hint], ""
 
 
 def _plain(value: Any) -> Any:

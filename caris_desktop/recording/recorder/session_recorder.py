@@ -132,6 +132,7 @@ class SessionRecorder:
         self._clock = SessionClock(start.header.anchor, self.started_ns)
         self._latched: dict[str, _Held] = {}
         self._missed: Counter[tuple[str, str]] = Counter()
+        self._unwritable: set[str] = set()
         self._photos = 0
         self._disk = DiskWatch(limits)
         self._flushed_ns = self._housekept_ns = self._counted_ns = 0
@@ -503,6 +504,14 @@ class SessionRecorder:
         except (TypeError, ValueError) as error:
             _log.exception("a value of %s could not be written", spec.name)
             self._miss(spec.name, filled(gap_words.NOT_WRITABLE, why=_short(error)))
+            if spec.name not in self._unwritable:
+                self._unwritable.add(spec.name)
+                self.problem(
+                    "error",
+                    filled(QT_TR_NOOP("{stream} cannot be recorded: {why}."), stream=spec.name, why=_short(error)),
+                    QT_TR_NOOP("Such values are missing in this session. Everything else is recorded."),
+                    QT_TR_NOOP("Do not rely on this session before the cause is known; the log has the details."),
+                )
         self._guarded(lambda: self._plain.add(value))
         if self._offer is not None:
             self._offer(spec, value)

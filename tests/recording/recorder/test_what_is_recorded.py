@@ -317,3 +317,22 @@ def test_what_was_said_before_a_pause_is_recorded_in_it_and_a_session_ends_when_
     assert [(one.text, one.said) for one in spoken(session)] == [("Where is the lab?", True)]
     assert not list(session.values("event/marked"))
     assert session.ended_ns == asked_ns - 2 * 10**9
+
+
+@pytest.mark.logs(r"recorder\.session_recorder: ")
+def test_a_value_that_nobody_could_read_is_told_at_once_and_once_a_stream(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    recorder = RecorderUnderTest(in_thread=True)
+    recorder.send(StartRecording(folder, header()))
+    recorder.wait_for(RecorderReport, state="recording")
+    recorder.send(replace(scan(), ranges_m={"dtype": "float32"}))
+    told: Problem = recorder.wait_for(Problem)
+    assert (told.severity, told.what.startswith("scan cannot be recorded: ")) == ("error", True)
+    recorder.send(scan(), replace(scan(), ranges_m=[1.0, "far"]), BatteryState(clock.now_ns(), 0.5))
+    report = recorder.stop_session()
+    recorder.close()
+    assert report.dropped == {"scan": 2}
+    assert sum(isinstance(message, Problem) for message in recorder.heard) == 1
+    session = open_session(folder)
+    assert len(list(session.values("scan"))) == len(list(session.values("battery"))) == 1
+    assert session.header["counts"]["scan"] == 1
