@@ -343,23 +343,6 @@ async def _ask_for_ros(url: str) -> RobotConnection:
     return robot_connection(with_ros(url, 2 if dialect is Dialect.ROS2 else 1))
 
 
-def export_session(folder: Path) -> Path:
-    """Export as CSV beside the session's files; gives the folder of the tables. Raises ToldFailure."""
-    from caris_desktop.recording.export import ExportError
-    from caris_desktop.recording.export import export_session as export
-
-    out = folder / "export-csv"
-    number = 2
-    while out.exists():
-        out = folder / f"export-csv-{number}"
-        number += 1
-    try:
-        export(folder, "csv", out)
-    except ExportError as error:
-        raise ToldFailure("The session was not exported.", str(error), "The session itself is unharmed.") from error
-    return out
-
-
 def _open_presence(study: StudyFolder) -> tuple[Presence, list[Event]]:
     try:
         return Presence(KnownPeople(PeopleStore(study.people_database))), []

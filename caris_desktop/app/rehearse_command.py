@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit status 0 when every step came about."""
+    """Exit status 0 when every step came about and the session can be read, replayed and exported."""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform in ("win32", "darwin")):
         os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     out: Path = arguments.out.resolve()
@@ -45,9 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     from caris_desktop.app.console_command import ConsoleRun, default_arguments
     from caris_desktop.app.demo_robot import PROFILE, DemoRobot
+    from caris_desktop.app.read_back import ReadBack, read_back
     from caris_desktop.app.rehearsal import Rehearsal
     from caris_desktop.app.rehearsed_participant import RehearsedParticipant
-    from caris_desktop.domain.failure import ToldFailure
 
     try:
         console_run = ConsoleRun(
@@ -89,18 +89,22 @@ def run(arguments: argparse.Namespace) -> int:
     finally:
         console_run.close()
     failure = failures[0] if failures else "the window was closed"
-    exported: Path | None = None
+    exports, back = out / "exports", ReadBack((), ())
     if not failure and rehearsal.session_folder is not None:
-        try:
-            exported = composition.export_session(rehearsal.session_folder)
-        except ToldFailure as refusal:
-            failure = str(refusal)
+        print("The session is read back and exported; this takes a moment.", flush=True)
+        back = read_back(rehearsal.session_folder, exports)
     print(f"Session:     {rehearsal.session_folder or console_run.console.session_folder or 'none'}")
-    print(f"Exports:     {exported or 'none'}")
+    for sentence in back.found:
+        print(f"Read back:   {sentence}")
+    print(f"Exports:     {exports if exports.is_dir() else 'none'}")
     print(f"Screenshots: {out / 'screenshots'}")
     print(f"Log:         {out / 'console.log'}")
     if failure:
         print(f"The rehearsal stopped: {failure}", file=sys.stderr)
         return 1
-    print("The rehearsal is complete.")
+    if back.problems:
+        print("The rehearsal is complete, but its session is not as it should be:", file=sys.stderr)
+        print(*back.problems, "Do not record on this installation until this is solved.", sep="\n", file=sys.stderr)
+        return 1
+    print("The rehearsal is complete, and its session is whole.")
     return 0

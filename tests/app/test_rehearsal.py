@@ -89,7 +89,7 @@ def test_the_tour_leaves_a_whole_session(tour: Path) -> None:
     assert len(frames) > 100
     assert all(frame.to_ndarray(format="bgr24").std() > 10 for frame in frames[::30]), "pictures, not plain colour"
 
-    with (session / "export-csv" / "event_command_sent.csv").open(newline="", encoding="utf-8") as table:
+    with (out / "exports" / "csv" / "event_command_sent.csv").open(newline="", encoding="utf-8") as table:
         assert len(list(csv.DictReader(table))) == len(driven)
     assert len(list((out / "screenshots").glob("*.png"))) >= 6
 

@@ -1,0 +1,62 @@
+"""A session that was just recorded, read back, replayed and exported to every format, and what that found."""
+
+from collections import Counter
+from pathlib import Path
+
+from caris_desktop.domain.streams import BY_NAME, STATE_STREAMS, Delivery
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.export import FORMATS, ExportContext, ExportError, export_session
+from caris_desktop.recording.replay.session_timeline import SessionTimeline
+from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+
+
+@dataclass(frozen=True, slots=True)
+class ReadBack:
+    """Sentences: what was ``found``, and which ``problems`` there are; without these the session is whole."""
+
+    found: tuple[str, ...]
+    problems: tuple[str, ...]
+
+
+def read_back(folder: Path, exports: Path) -> ReadBack:
+    """Read the closed session in ``folder`` in each way that people will; each format has a folder in ``exports``."""
+    found: list[str] = []
+    problems: list[str] = []
+    try:
+        session = open_session(folder)
+        read = Counter(spec.name for spec, _ in session.values())
+        problems += [*session.notices, *session.told_losses(), *_missing(session, read), *_not_replayed(session, read)]
+    except SessionError as error:
+        return ReadBack((), (str(error),))
+    found.append(f"{read.total()} values of {len(read)} streams read back, {session.duration_s:.0f} s replayed.")
+    written: list[str] = []
+    for each in FORMATS:
+        notes: list[str] = []
+        try:
+            export_session(folder, each.name, exports / each.name, ExportContext(warn=notes.append))
+            written.append(each.name)
+        except ExportError as error:
+            problems.append(f"Export as {each.name}: {error}")
+        found += [f"Export as {each.name}: {note}" for note in dict.fromkeys(notes)]
+    return ReadBack((*found, f"Exported as {', '.join(written) or 'nothing'}."), tuple(problems))
+
+
+def _missing(session: Session, read: Counter[str]) -> list[str]:
+    """Where the record has more or fewer values than the recorder counted while it wrote."""
+    counts = session.header.get("counts")
+    counted = Counter({str(name): int(count) for name, count in (counts or {}).items() if name in BY_NAME})
+    if not counted:
+        return ["The recorder counted no values, so nothing shows that all of them are there."]
+    return [
+        f"{read[name]} of {counted[name]} values of {name} can be read."
+        for name in sorted(counted | read)
+        if counted[name] != read[name]
+    ]
+
+
+def _not_replayed(session: Session, read: Counter[str]) -> list[str]:
+    with SessionTimeline(session) as timeline:
+        shown = {type(value) for value in timeline.state_at(timeline.end_ns)}
+    expected = [spec for spec in STATE_STREAMS if spec.delivery is Delivery.LATEST and read[spec.name]]
+    lost = [spec.name for spec in expected if spec.value_type not in shown]
+    return [f"A replay does not show: {', '.join(lost)}."] if lost else []
