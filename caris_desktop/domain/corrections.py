@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from caris_desktop.domain.actor import CONSOLE
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import UtteranceCorrected
 from caris_desktop.domain.value_class import dataclass
 
@@ -11,12 +11,14 @@ WhoSpoke = Literal["", "robot", "participant", "wizard"]
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """Of one utterance: None is as it was first told."""
+    """Of one utterance: None is as it was first told. ``person_by`` said who it was, the console with how likely."""
 
     text: str | None = None
     speaker: WhoSpoke | None = None
     person_id: str | None = None
     tags: tuple[str, ...] | None = None
+    person_by: Actor = ""
+    person_confidence: float | None = None
 
 
 class Corrections:
@@ -38,9 +40,12 @@ class Corrections:
 
 
 def _later(before: Correction, after: Correction | UtteranceCorrected) -> Correction:
+    person = before if after.person_id is None else after
     return Correction(
         before.text if after.text is None else after.text,
         before.speaker if after.speaker is None else after.speaker,
-        before.person_id if after.person_id is None else after.person_id,
+        person.person_id,
         before.tags if after.tags is None else after.tags,
+        person.actor if isinstance(person, UtteranceCorrected) else person.person_by,
+        person.person_confidence,
     )

@@ -9,9 +9,8 @@ import pytest
 
 from caris_desktop.domain.events import Speaker, UtteranceChanged, UtteranceCorrected, UtteranceOrigin
 from caris_desktop.recording.export import export_session
-from caris_desktop.recording.forgetting.journal import Journal
-from caris_desktop.recording.forgetting.session_media import SessionMedia
 from caris_desktop.recording.forgetting.sightings import Sightings
+from caris_desktop.recording.forgetting.speech import speech_in
 from caris_desktop.recording.forgetting.study import ForgetRequest, forget_person
 from caris_desktop.recording.session.responses import responses
 from caris_desktop.recording.session.session_reader import open_session
@@ -131,11 +130,9 @@ def test_a_name_that_came_in_by_a_correction_is_forgotten(study: Path, tmp_path:
     """In the words, and what they themselves said is silenced, also where only the correction says that it was they."""
     copy = Path(shutil.copytree(study, tmp_path / "study"))
     session = open_session(copy / "sessions" / "s")
-    journal = Journal(tmp_path / "other", "p-7", without_names=str)
-    media = SessionMedia(session, Sightings({}, {}, []), frozenset({"p-7"}), journal)
-    assert media._spoken_by_them() == {"p1"}
+    assert speech_in(session, frozenset({"p-7"}), Sightings({}, {}, [])).theirs == {"p1"}
     forget_person(ForgetRequest(copy, ("p-7",), names=(NAME,), otherwise="redact"), lambda: None)
     left = [path for path in (copy / "sessions").rglob("*") if path.is_file() and NAME.encode() in path.read_bytes()]
     assert left == []
     found = {item.utterance_id: item for item in spoken(open_session(copy / "sessions" / "s"))}
-    assert NAME not in found["p1"].text
+    assert found["p1"].text == "[forgotten]"

@@ -14,6 +14,8 @@ from caris_desktop.domain.value_class import dataclass
 
 _KEPT_NS = 120_000_000_000
 _SURE = 0.7
+# Who is alone here for so much of an utterance said it, but for somebody whom no camera sees.
+_ALL_ALONG, _ALONE_AT_LEAST = 0.8, 0.5
 _UNSEEN = 0.12
 _FACING = {True: 1.0, None: 0.7, False: 0.15}
 _NEAR_M, _FALLS_OVER_M = 0.8, 1.2
@@ -53,9 +55,12 @@ class PeopleHere:
         while len(self._since) > 1 and self._since[1][0] < stamp_ns - _KEPT_NS:
             self._since.popleft()
 
-    def who_spoke(self, started_ns: int, ended_ns: int) -> str:
-        """The id of who spoke then; empty where nobody can be sure."""
+    def who_spoke(self, started_ns: int, ended_ns: int) -> tuple[str, float]:
+        """The id of who spoke then, and how likely that is; empty where nobody can be sure. Of somebody who was alone
+        here it is always told, however unlikely they look.
+        """
         chances: dict[str, float] = {}
+        shares: dict[str, float] = {}
         whole_ns = max(1, ended_ns - started_ns)
         for number, (since_ns, here) in enumerate(self._since):
             until_ns = self._since[number + 1][0] if number + 1 < len(self._since) else ended_ns + 1
@@ -64,10 +69,14 @@ class PeopleHere:
                 continue
             for person in here:
                 chances[person.person_id] = chances.get(person.person_id, 0.0) + share * _chance(person)
+                shares[person.person_id] = shares.get(person.person_id, 0.0) + share
         likeliest = max(chances, key=chances.__getitem__, default="")
-        if not likeliest or chances[likeliest] < _SURE * (_UNSEEN + sum(chances.values())):
-            return ""
-        return likeliest
+        if not likeliest:
+            return "", 0.0
+        likely = chances[likeliest] / (_UNSEEN + sum(chances.values()))
+        if len(shares) == 1 and shares[likeliest] >= _ALL_ALONG:
+            return likeliest, max(likely, _ALONE_AT_LEAST)
+        return (likeliest, likely) if likely >= _SURE else ("", 0.0)
 
 
 def _chance(person: Here) -> float:

@@ -44,7 +44,8 @@ class UtteranceChanged:
 class UtteranceCorrected:
     """What was made out of an utterance, or who is said to have said it, is different: None is left as it is.
 
-    ``speaker`` and ``person_id`` may be empty for "not sure".
+    ``speaker`` and ``person_id`` may be empty for "not sure". ``person_confidence`` is how likely it is that person,
+    0 to 1, where the console took them for the speaker.
     """
 
     stamp_ns: int
@@ -54,6 +55,7 @@ class UtteranceCorrected:
     person_id: str | None = None
     tags: tuple[str, ...] | None = None
     actor: Actor = ""
+    person_confidence: float | None = None
 
 
 ReplyMeans = Literal[

@@ -36,8 +36,11 @@ class SpeakersService(Service):
 
     def who_speaks(self, utterance: UtteranceChanged) -> str:
         """The id of the person who says or said it; empty where nobody can be sure."""
+        return utterance.person_id or self._who_spoke(utterance)[0]
+
+    def _who_spoke(self, utterance: UtteranceChanged) -> tuple[str, float]:
         started_ns = self._began.get(utterance.utterance_id, utterance.stamp_ns)
-        return utterance.person_id or self._here.who_spoke(started_ns, max(started_ns + 1, utterance.stamp_ns))
+        return self._here.who_spoke(started_ns, max(started_ns + 1, utterance.stamp_ns))
 
     def _on_people_changed(self, _value: object) -> None:
         attended = self._state.selected_person.value
@@ -67,7 +70,7 @@ class SpeakersService(Service):
             return
         started_ns = self._began.get(utterance.utterance_id, utterance.stamp_ns)
         wizards = is_wizards(utterance.text, started_ns, utterance.stamp_ns, self._wizards)
-        person_id = "" if wizards or utterance.person_id else self.who_speaks(utterance)
+        person_id, confidence = ("", 0.0) if wizards or utterance.person_id else self._who_spoke(utterance)
         if wizards or person_id:
             self._bus.publish(
                 UtteranceCorrected(
@@ -76,5 +79,6 @@ class SpeakersService(Service):
                     speaker="wizard" if wizards else None,
                     person_id=person_id,
                     actor=CONSOLE,
+                    person_confidence=round(confidence, 3) if person_id else None,
                 )
             )

@@ -6,8 +6,6 @@ said, wrote or named is none of them.
 """
 
 import dataclasses
-import json
-import logging
 import re
 from collections.abc import Callable, Iterable
 from typing import Any, get_args
@@ -59,7 +57,7 @@ from caris_desktop.recording.session.protocol import ProtocolEvent, StepRecord, 
 from caris_desktop.recording.session.scenario_text import read_scenario
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
-from caris_desktop.recording.session.visits import VISIT_EVENTS, VisitEvent, visits_of
+from caris_desktop.recording.session.visits import VISIT_EVENTS, Visit, VisitEvent, seen_throughout, visits_of
 
 MOMENT_MS = 200  # ELAN has stretches only; less where the next one follows sooner
 MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")
@@ -90,7 +88,6 @@ _ANSWER_USES = {
 }
 # Measured every second, or the edges of the timeline itself: tables show these, not tiers.
 _NO_TIERS: tuple[type[Any], ...] = (LinkQuality, TrafficMeasured, SessionStarted, SessionEnded)
-_log = logging.getLogger(__name__)
 
 
 def session_tiers(session: Session, progress: Callable[[float], None] | None = None) -> AnnotationDocument:
@@ -192,7 +189,17 @@ class SessionRecord:
             self._utterances,
             ended_ns=self._session.ended_ns,
             paused_ns=[pause.stamp_ns for pause in self._pauses if pause.paused],
+            visits=self._visits(),
         )
+
+    def _visits(self) -> tuple[Visit, ...]:
+        told = visits_of(
+            self._people,
+            started_ns=self._session.started_ns,
+            ended_ns=self._session.ended_ns,
+            pauses=self._paused_spans(),
+        )
+        return told or seen_throughout(self._session)
 
     def marks(self) -> tuple[FinalMark, ...]:
         return final_marks_of(self._marks, ended_ns=self._session.ended_ns)
@@ -372,33 +379,11 @@ class SessionRecord:
     def _presence(self) -> dict[str, list[tuple[int, int]]]:
         """When each person was there."""
         spans: dict[str, list[tuple[int, int]]] = {}
-        for visit in visits_of(
-            self._people,
-            started_ns=self._session.started_ns,
-            ended_ns=self._session.ended_ns,
-            pauses=self._paused_spans(),
-        ):
+        for visit in self._visits():
             spans.setdefault(visit.person_id, []).append((visit.start_ns, visit.end_ns))
-        for person_id, span in self._seen_throughout().items():
-            spans.setdefault(person_id, [span])
+        for visit in seen_throughout(self._session):
+            spans.setdefault(visit.person_id, [(visit.start_ns, visit.end_ns)])
         return spans
-
-    def _seen_throughout(self) -> dict[str, tuple[int, int]]:
-        """Who neither came nor went during the recording is only in ``people.json``."""
-        try:
-            people = json.loads((self._session.folder / "people.json").read_text(encoding="utf-8"))["people"]
-            return {
-                str(row["person_id"]): (
-                    self._session.started_ns + round(row["first_seen_s"] * 1e9),
-                    self._session.started_ns + round(row["last_seen_s"] * 1e9),
-                )
-                for row in people
-            }
-        except FileNotFoundError:
-            return {}
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            _log.warning("%s: people.json is left out: %r", self._session.folder, error)
-            return {}
 
     def _document(self, rows: list[_Row]) -> AnnotationDocument:
         duration_ms = max(1, -(-(self._session.ended_ns - self._session.started_ns) // 1_000_000))

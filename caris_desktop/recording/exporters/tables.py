@@ -283,6 +283,8 @@ class _UtteranceRow:
     or was asked for where it was never said. ``said``: anybody heard at least a part of it. Text, speaker and person
     are as they were corrected, if they were: ``heard_text`` is what was made out before, empty where it was not
     corrected. An empty speaker: nobody was sure. ``estimated``: nobody told exactly when it began or ended.
+    ``person_by`` said who of the participants it was: a wizard, the console, or ``record``, where the record shows that
+    nobody else was there; ``person_confidence`` is how likely that is, 0 to 1, empty where a wizard said.
     """
 
     stamp_ns: int
@@ -305,6 +307,8 @@ class _UtteranceRow:
     confidence: float | None
     language: str
     estimated: bool
+    person_by: str
+    person_confidence: float | None
 
     @classmethod
     def of(cls, said: SpokenUtterance, session: Session) -> "_UtteranceRow":
@@ -331,6 +335,8 @@ class _UtteranceRow:
             confidence=said.confidence,
             language=said.language,
             estimated=said.estimated,
+            person_by=said.person_by,
+            person_confidence=said.person_confidence,
         )
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection
 
-from caris_desktop.recording.forgetting.texts import TextWork, redacted
+from caris_desktop.recording.forgetting.texts import TextWork
 
 Rewrite = Callable[[str, str], str]
 """Is given whose a text is and the text, and gives the text that is to be kept."""
@@ -47,5 +47,4 @@ class KeptTexts:
         return count
 
     def _without(self, _whose: str, text: str) -> str:
-        quiet = TextWork(self._work.words, self._work.decisions, self._work.otherwise)
-        return redacted(text, quiet.look(text, self._file, str), yaml=False)[0]
+        return self._work.redact(text, self._file, yaml=False)[0]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting.canaries import PersonNames
+from caris_desktop.recording.forgetting.speech import Sentences
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,16 +55,16 @@ def without_lines(path: Path, words: PersonNames, target: Path) -> int:
     return dropped
 
 
-def blot_out(path: Path, words: PersonNames) -> int:
-    """Overwrite the names in a log where they are, since a running program appends to this very file. Raises OSError.
+def blot_out(path: Path, words: PersonNames, sentences: Sentences) -> int:
+    """Overwrite names and sentences in a log where they are, since a running program appends to this very file.
 
-    Gives how many names those are.
+    Gives how many those are. Raises OSError.
     """
     count, at = 0, 0
     with path.open("r+b") as file:
         for line in file.read().splitlines(keepends=True):
             text = line.decode("utf-8", "surrogateescape")
-            for start, end in words.spans(text):
+            for start, end in (*words.spans(text), *sentences.spans(text)):
                 before, name = (part.encode("utf-8", "surrogateescape") for part in (text[:start], text[start:end]))
                 file.seek(at + len(before))
                 file.write(b"-" * len(name))

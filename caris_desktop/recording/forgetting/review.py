@@ -13,8 +13,8 @@ from caris_desktop.recording.forgetting.texts import Decision, Passage
 
 _HEAD = """\
 # Texts and files that may name or show the person who is being forgotten. Write in place of each ? what becomes of it:
-#   redact   the name is replaced by [forgotten], and the sound in which it was spoken is silenced
-#   keep     it stays, since it names somebody else, or nobody
+#   redact   the name, or what was said, is replaced by [forgotten], and its sound is silenced
+#   keep     it stays, since it names somebody else, or nobody; or since somebody else said it
 #   remove   the whole file goes; for files that cannot be changed inside, or that nothing could look into
 # Then run the same command again with --review THIS_FILE. The file holds the name: it is deleted once all is decided.
 """

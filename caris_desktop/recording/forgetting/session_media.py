@@ -2,26 +2,27 @@
 
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from caris_desktop.domain.sound import PARTICIPANT_SOURCES, ROBOT_VOICE
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.forgetting import media
 from caris_desktop.recording.forgetting.journal import Journal
 from caris_desktop.recording.forgetting.media import UnreadableMediaError
 from caris_desktop.recording.forgetting.sightings import WHOLE, Area, Sightings, messages_of
+from caris_desktop.recording.forgetting.speech import AROUND_VISIT_NS
 from caris_desktop.recording.photo_file import PEOPLE, PhotoFileError, texts_of
 from caris_desktop.recording.session.frame_times import FrameTimes, index_path, read_frame_times
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, SpokenUtterance, spoken
+from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 
 _log = logging.getLogger(__name__)
-_PHOTO, _UTTERANCES = "/event/photo_taken", tuple(f"/{name}" for name in UTTERANCE_STREAMS)
+_PHOTO = "/event/photo_taken"
 _ASIDE = ".deleted"
-_ROBOT_VOICE = "robot voice"
 # A photo is the newest picture when it is asked for, which is a little older than that.
 _PHOTO_FROM_NS, _PHOTO_UNTIL_NS, _PHOTO_STEP_NS = -700_000_000, 200_000_000, 100_000_000
 _SOUND_AROUND_NS = 300_000_000
@@ -158,23 +159,27 @@ class SessionMedia:
 
     # Sound
 
-    def treat_sound(self, how: Literal["mask", "remove"], named_in: frozenset[str]) -> None:
-        """Nothing is heard where they were named, which is in these utterances, nor where they themselves spoke.
-
-        Raises OSError.
+    def treat_sound(
+        self, how: Literal["mask", "remove"], silent: frozenset[str], audible: Iterable[SpokenUtterance]
+    ) -> None:
+        """Nothing is heard of the utterances ``silent``, in which they spoke or were named, nor anything else that a
+        participant's microphone heard while they were there, but for what is ``audible``. Raises OSError.
         """
-        silent = named_in | self._spoken_by_them()
         spans = [_span_of(utterance) for utterance in spoken(self._session) if utterance.utterance_id in silent]
+        visits = [(from_ns - AROUND_VISIT_NS, until_ns + AROUND_VISIT_NS) for from_ns, until_ns in self._seen.visits_ns]
+        theirs = _without_spans(visits, [_exactly(utterance) for utterance in audible])
         for sound in self._told("audio"):
             path = self._folder / str(sound.get("file_name"))
             if not path.is_file():
                 continue
-            if how == "remove" and self._seen.any and sound.get("source") != _ROBOT_VOICE:
+            if how == "remove" and self._seen.any and sound.get("source") != ROBOT_VOICE:
                 self._journal.remove(path, "sound")
-            elif spans:
+                continue
+            quiet = [*spans, *(theirs if sound.get("source") in PARTICIPANT_SOURCES else ())]
+            if quiet:
                 first_stamp_ns = int(sound.get("first_stamp_ns") or self._session.started_ns)
                 try:
-                    self._journal.replace(path, "sound", partial(_silenced, path, first_stamp_ns, spans))
+                    self._journal.replace(path, "sound", partial(_silenced, path, first_stamp_ns, quiet))
                 except UnreadableMediaError as error:
                     self.problems.append(
                         filled(
@@ -182,17 +187,6 @@ class SessionMedia:
                             why=error,
                         )
                     )
-
-    def _spoken_by_them(self) -> frozenset[str]:
-        ids = [json.dumps(person_id).encode() for person_id in self._ids]
-        found = set()
-        for _, data in messages_of(self._folder / "events.mcap", lambda topic: topic in _UTTERANCES):
-            if any(person_id in data for person_id in ids):
-                message = json.loads(data)
-                # Somebody may have said only afterwards who it was. The robot's words are told to them, not by them.
-                if message.get("speaker") in ("participant", None) and message.get("person_id") in self._ids:
-                    found.add(str(message.get("utterance_id")))
-        return frozenset(found)
 
 
 def examined_media(session: Session, seen: Sightings | None) -> frozenset[Path]:
@@ -252,6 +246,23 @@ def _covered(path: Path, areas: tuple[Area, ...], part: Path) -> int:
 def _silenced(path: Path, first_stamp_ns: int, spans: list[tuple[int, int]], part: Path) -> int:
     media.silenced_sound(path, part, first_stamp_ns, spans)
     return len(spans)
+
+
+def _without_spans(spans: Iterable[tuple[int, int]], holes: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
+    left = list(spans)
+    for from_ns, until_ns in holes:
+        left = [
+            part
+            for begin_ns, end_ns in left
+            for part in ((begin_ns, min(end_ns, from_ns)), (max(begin_ns, until_ns), end_ns))
+            if part[0] < part[1]
+        ]
+    return left
+
+
+def _exactly(utterance: SpokenUtterance) -> tuple[int, int]:
+    begin_ns, end_ns = _span_of(utterance)
+    return begin_ns + _SOUND_AROUND_NS, end_ns - _SOUND_AROUND_NS
 
 
 def _span_of(utterance: SpokenUtterance) -> tuple[int, int]:

@@ -9,7 +9,7 @@ import json
 import logging
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,7 @@ from caris_desktop.recording.forgetting.own_files import OwnFiles, blot_out, wit
 from caris_desktop.recording.forgetting.review import write_review
 from caris_desktop.recording.forgetting.session_media import SessionMedia, examined_media, names_people, photos_of
 from caris_desktop.recording.forgetting.sightings import Sightings, everyone_who_is, links_in, messages_of, sightings_in
+from caris_desktop.recording.forgetting.speech import Sentences, Speech, sentences_of, speech_in
 from caris_desktop.recording.forgetting.study_files import StudyFiles, copies_in, files_of, is_opaque, names_elsewhere
 from caris_desktop.recording.forgetting.texts import Decision, TextWork
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, FolderHeldError, hold, is_held
@@ -54,6 +55,7 @@ _KINDS = (
     ("log", "log", "logs"),
 )
 _OF_MEDIA = ("video", "photo", "sound")
+_PICTURES = (".png", ".jpg", ".mp4")
 _UNEXAMINED = QT_TR_NOOP("nothing looked for people in it")
 _NOT_CHANGED = QT_TR_NOOP("What was done up to now is kept, and nothing else was changed.")
 _IN_THE_MIDDLE = QT_TR_NOOP(
@@ -173,6 +175,11 @@ class _Forgetting:
         self._exports_named: list[str] = []
         self._seen_in: dict[Path, Sightings] = {}
         self._examined: set[str] = set()
+        self._speech: dict[Path, Speech] = {}
+        self._spoken: dict[Path, frozenset[str]] = {}
+        self._sentences: dict[Path, Sentences] = {}
+        self._spoken_search = ByteSearch(all_of((), ()))
+        self._events: dict[Path, texts.EventTexts] = {}
 
     def run(self) -> Forgotten:
         begun = self._journal.noted("begun")
@@ -202,6 +209,7 @@ class _Forgetting:
         ]
         self._note_same_bytes(listed.files)
         self._look_for_sightings(sessions)
+        self._look_for_speech(sessions)
         self._tell(0.05, QT_TR_NOOP("Searching the study"))
         found = self._found_in(self._files())
         if self._journal.noted("found") is None:
@@ -223,15 +231,17 @@ class _Forgetting:
                 self._seal(folder)
         for path, searched in found.items():
             if path.exists() and not any(path.is_relative_to(folder) for folder in sessions):
-                self._in_file(path, searched)
+                self._in_file(path, searched, self._texts)
         self._look_at_unexamined(found, sessions, exports)
         self._in_own_files()
         self._kept_texts().treat()
+        for folder in sessions:
+            self._in_events(folder)
         self._drop_index()
         self._rename_files(self._study.rglob("*"))
         self._rename_files(self._request.own_files.files())
         self._tell(0.85, QT_TR_NOOP("Searching every byte again"))
-        proof = self._proof()
+        proof = self._proof(sessions)
         proof["not_looked_at"] = sorted(
             place.file for place in self._texts.places.values() if place.kind == "unexamined"
         )
@@ -255,6 +265,36 @@ class _Forgetting:
             self._tell(0.05 * number / len(sessions), QT_TR_NOOP("Looking for where they were seen"))
             with self._told(folder):
                 self._seen_in[folder] = sightings_in(folder / "events.mcap", self._ids)
+
+    def _look_for_speech(self, sessions: list[Path]) -> None:
+        """What they said, which is read before the record loses it."""
+        for folder in sessions:
+            seen = self._seen_in.get(folder)
+            if seen is None:
+                continue
+            with self._told(folder):
+                session = open_session(folder, repair=False)
+                self._speech[folder] = speech = speech_in(session, self._ids, seen)
+                file = self._journal.name_of(folder / "events.mcap")
+                moment = _moments_of(session)
+                redacted = set(speech.theirs)
+                for said in speech.doubtful:
+                    words, where = said.text, moment(said.start_ns or 0)
+                    if self._texts.note_speech(file, said.utterance_id, where, words) in ("redact", "remove"):
+                        redacted.add(said.utterance_id)
+                self._spoken[folder] = frozenset(redacted)
+                self._sentences[folder] = sentences_of(session, redacted)
+        everywhere = {text: None for sentences in self._sentences.values() for text in sentences.long}
+        self._texts.sentences = Sentences(tuple(everywhere))
+        self._spoken_search = ByteSearch(all_of((), self._texts.sentences.probes))
+
+    def _work_in(self, folder: Path) -> TextWork:
+        """The texts of one session, of which more is theirs; with the same list of places."""
+        return replace(
+            self._texts,
+            sentences=self._sentences.get(folder, Sentences()),
+            utterances=self._spoken.get(folder, frozenset()),
+        )
 
     def _listed(self) -> StudyFiles:
         """All that is to be searched and changed: not the database, which erases its own, nor the list of texts."""
@@ -343,30 +383,35 @@ class _Forgetting:
         for path in own.sounds():
             self._journal.remove(path, "sound")
         for path, searched in self._found_in(own.files()).items():
-            if not searched.hits:
-                continue
-            if own.is_history(path):
+            if own.is_log(path):
+                count = blot_out(path, self._words, self._texts.sentences)
+                if count:
+                    self._journal.note(file=self._journal.name_of(path), what="log", after="-", count=count)
+            elif searched.hits and own.is_history(path):
                 self._journal.replace(path, "history", partial(without_lines, path, self._words))
-            elif own.is_log(path):
-                self._journal.note(
-                    file=self._journal.name_of(path), what="log", after="-", count=blot_out(path, self._words)
-                )
             else:
-                self._in_file(path, searched)
+                self._in_file(path, searched, self._texts)
 
     # What was made of the recordings
 
     def _without_exports(self, found: dict[Path, Searched], exports: Exports) -> dict[Path, Searched]:
         named = {path for path, searched in found.items() if searched.hits}
         seen_in = {folder.name for folder, seen in self._seen_in.items() if seen.any}
+        spoke_in = {folder.name for folder, spoken in self._spoken.items() if spoken}
+        sentences = Sentences(tuple({text: None for said in self._sentences.values() for text in said.texts}))
+        for path in found:
+            export = exports.of(path)
+            if export is not None and exports.shown_in(export) & spoke_in and _may_hold(path, sentences):
+                named.add(path)
         concerned = exports.concerned(found, named, seen_in)
         self._exports_named = [self._journal.name_of(path) for path in concerned]
         for export in concerned:
             inside = [path for path in found if exports.of(path) == export]
             if self._request.keep_exports:
                 for path in inside:
-                    if found[path].hits:
-                        self._texts.note_file(self._journal.name_of(path), "an export", count=len(found[path].hits))
+                    if path in named:
+                        count = max(1, len(found[path].hits))
+                        self._texts.note_file(self._journal.name_of(path), "an export", count=count)
             else:
                 for path in inside:
                     self._journal.remove(path, "export")
@@ -381,19 +426,20 @@ class _Forgetting:
         named = {path: searched for path, searched in mine.items() if searched.hits}
         seen = self._seen_in.get(folder)
         unexamined = self._unexamined_in(folder, list(mine))
-        if not named and not unexamined and (seen is None or not seen.any) and not self._touched(folder):
+        if not named and not unexamined and not self._is_concerned(folder):
             return
         try:
             session = open_session(folder, repair=False)
         except SessionError as error:
             self._problems.append(_told_of(folder, error))
             session = None
+        work = self._work_in(folder)
         with hold(folder):
-            events = {
-                path: texts.look_at_events(self._texts, path, self._journal.name_of(path), _moments_of(session))
-                for path in named
-                if path.suffix == ".mcap"
-            }
+            for path in mine:
+                if path.suffix == ".mcap":
+                    self._events[path] = texts.look_at_events(
+                        work, path, self._journal.name_of(path), _moments_of(session)
+                    )
             if session is not None and seen is not None:
                 of_media = SessionMedia(session, seen, self._ids, self._journal)
                 before = self._progress_at
@@ -403,16 +449,31 @@ class _Forgetting:
                         progress=lambda done, what: self._tell(before + 0.9 * share * done, f"{folder.name}: {what}"),
                     )
                 # Before their words are taken away, which tell where to be silent.
-                of_media.treat_sound(
-                    self._request.recordings, frozenset().union(*(found.utterances for found in events.values()))
-                )
+                spoken, speech = self._spoken.get(folder, frozenset()), self._speech.get(folder, Speech())
+                named_in = frozenset().union(*(self._events[path].utterances for path in mine if path in self._events))
+                audible = [said for said in (*speech.others, *speech.doubtful) if said.utterance_id not in spoken]
+                of_media.treat_sound(self._request.recordings, named_in | spoken, audible)
                 self._problems += [_told_of(folder, problem) for problem in of_media.problems]
-            for path, searched in named.items():
-                if path.exists():
-                    self._in_file(path, searched, events.get(path))
+            for path, searched in mine.items():
+                if path.exists() and path not in self._events:
+                    self._in_file(path, searched, work)
             for path in unexamined:
                 self._decide_on(path, _UNEXAMINED)
             self._rename_files(folder.rglob("*"))
+
+    def _is_concerned(self, folder: Path) -> bool:
+        seen = self._seen_in.get(folder)
+        return bool((seen is not None and seen.any) or self._spoken.get(folder)) or self._touched(folder)
+
+    def _in_events(self, folder: Path) -> None:
+        """Last of all, as what they said is known from nowhere else: a kill before leaves it to be found again."""
+        concerned = [path for path, events in self._events.items() if path.is_relative_to(folder)]
+        work = self._work_in(folder)
+        with hold(folder):
+            for path in concerned:
+                if self._events[path].to_change:
+                    file = self._journal.name_of(path)
+                    self._journal.replace(path, "text", partial(texts.rewrite_events, work, path, file))
             if self._touched(folder):
                 self._seal(folder)
 
@@ -435,27 +496,27 @@ class _Forgetting:
         inside = self._journal.name_of(folder) + "/"
         return any(change.file.startswith(inside) for change in self._journal.changes())
 
-    def _in_file(self, path: Path, searched: Searched, events: texts.EventTexts | None = None) -> None:
-        """Replace what is to go of a file that names the person, or list it."""
-        if not searched.hits:
+    def _in_file(self, path: Path, searched: Searched, work: TextWork) -> None:
+        """Replace what is to go of a file that names the person or holds their words, or list it."""
+        file = self._journal.name_of(path)
+        encoding = texts.encoding_of(path)
+        if not searched.hits and (not work.sentences.texts or is_opaque(path)):
             return
-        work, file = self._texts, self._journal.name_of(path)
         if path.suffix == ".mcap":
-            events = events or texts.look_at_events(work, path, file, str)
-            if events.to_change:
+            if texts.look_at_events(work, path, file, str).to_change:
                 self._journal.replace(path, "text", lambda part: texts.rewrite_events(work, path, file, part))
             return
         if path.suffix.lower() == ".png" and all(hit.what == "name" and not hit.inside for hit in searched.hits):
             if texts.look_at_photo(work, path, file):
                 self._journal.replace(path, "text", lambda part: texts.rewrite_photo(work, path, file, part))
             return
-        encoding = texts.encoding_of(path)
         if encoding is not None and all(hit.what == "name" and not hit.inside for hit in searched.hits):
             if texts.look_at_text(work, path, file, encoding):
                 self._journal.replace(path, "text", lambda part: texts.rewrite_text(work, path, file, encoding, part))
             return
-        hit = searched.hits[0]
-        if work.note_file(file, hit.words or f"a {hit.what}", count=len(searched.hits)) == "remove":
+        hits = searched.hits or self._spoken_search.file(path).hits
+        words = hits[0].words or f"a {hits[0].what}" if searched.hits else "a sentence of theirs"
+        if hits and work.note_file(file, words, count=len(hits)) == "remove":
             self._journal.remove(path, "text")
 
     def _seal(self, folder: Path) -> None:
@@ -511,25 +572,36 @@ class _Forgetting:
 
     # The end
 
-    def _proof(self) -> dict[str, Any]:
+    def _proof(self, sessions: list[Path]) -> dict[str, Any]:
         """Every byte of the study and of the user's own files but the database, which is searched once it has erased
         them.
         """
         found = self._found_in([*self._files(), *self._request.own_files.files()])
+        # A sentence may be somebody else's in another session.
+        spoken = {
+            path: self._spoken_search.file(path)
+            for path in found
+            if not is_opaque(path) and not any(path.is_relative_to(folder) for folder in sessions)
+        }
+        for folder, sentences in self._sentences.items():
+            search = ByteSearch(all_of((), sentences.probes))
+            spoken |= {path: search.file(path) for path in found if path.is_relative_to(folder) and not is_opaque(path)}
         waiting = {place.file for place in self._texts.open_places()}
         left, kept, still = [], 0, 0
         for path, searched in found.items():
-            if not searched.hits:
+            hits = [*searched.hits, *(spoken[path].hits if path in spoken else ())]
+            if not hits:
                 continue
             file = self._journal.name_of(path)
             if file in waiting:
-                still += len(searched.hits)
+                still += len(hits)
             elif self._texts.kept(file):
-                kept += len(searched.hits)
+                kept += len(hits)
             else:
                 left.append(file)
         return {
             **_counts(found.values()),
+            "sentences": sum(len(one.hits) for one in spoken.values()),
             "files": len(found),
             "bytes": sum(searched.searched_bytes for searched in found.values()),
             "kept_by_decision": kept,
@@ -578,6 +650,7 @@ class _Forgetting:
             "recordings": self._request.recordings,
             "steps": _steps(changes),
             "waiting_for_decision": outcome.waiting,
+            "utterances": _utterances(self._speech, self._spoken, self._texts),
             "exports_concerned": self._exports_named,
             "problems": [self._without_names(problem) for problem in self._problems],
             "search_before": self._journal.noted("found"),
@@ -612,6 +685,27 @@ def _told_of(folder: Path, told: object) -> Filled:
     return filled(QT_TR_NOOP("{name}: {told}"), name=folder.name, told=told)
 
 
+def _may_hold(path: Path, sentences: Sentences) -> bool:
+    """Whether one of these is in a file of an export. What is no text may hold them without a search finding it."""
+    encoding = texts.encoding_of(path)
+    if encoding is None:
+        return path.suffix.lower() not in _PICTURES
+    return any(next(sentences.spans(line), None) is not None for line in texts.lines_of(path, encoding))
+
+
+def _utterances(speech: Mapping[Path, Speech], spoken: Mapping[Path, frozenset[str]], work: TextWork) -> dict[str, int]:
+    """How many were theirs, and what became of those that nobody is known to have said while they were there."""
+    doubtful = [place for place in work.places.values() if place.kind == "speech"]
+    decided = [work.decided(place) for place in doubtful]
+    theirs = sum(len(of.theirs) for of in speech.values())
+    return {
+        "theirs_removed": theirs,
+        "nobodys_removed": sum(map(len, spoken.values())) - theirs,
+        "nobodys_kept": decided.count("keep"),
+        "nobodys_waiting": decided.count(""),
+    }
+
+
 def _copied(source: Path, part: Path) -> int:
     shutil.copyfile(source, part)
     return 1
@@ -628,9 +722,16 @@ def receipt_words(path: Path) -> str:
         for verb in ("changed", "removed")
         if (count := steps.get(what, {}).get(verb, 0))
     ]
-    found = after.get("names", 0) + after.get("pictures", 0) + after.get("in_people_database", 0)
+    found = sum(after.get(what, 0) for what in ("names", "pictures", "sentences", "in_people_database"))
+    said = receipts[-1].get("utterances", {}) if receipts else {}
+    speech = (
+        f" Of what was said, {said.get('theirs_removed', 0)} utterances of theirs and {said.get('nobodys_removed', 0)} "
+        f"that may be theirs were removed, {said.get('nobodys_kept', 0)} kept, {said.get('nobodys_waiting', 0)} wait."
+        if any(said.values())
+        else ""
+    )
     searched = f"{after.get('bytes', 0) / 1e6:.0f} MB in {after.get('files', 0)} files were searched byte by byte"
-    return f"{', '.join(done) or 'No recording had to be changed'}. {searched}: found {found} times."
+    return f"{', '.join(done) or 'No recording had to be changed'}. {searched}: found {found} times.{speech}"
 
 
 def _moments_of(session: Session | None) -> Callable[[int], str]:

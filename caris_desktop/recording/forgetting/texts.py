@@ -11,6 +11,7 @@ from typing import Literal
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.canaries import FORGOTTEN, FORGOTTEN_IN_YAML, PersonNames
+from caris_desktop.recording.forgetting.speech import Sentences, without_words
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session import mcap_records as records
@@ -35,7 +36,8 @@ class Passage:
 
     Places with the same words in one file are one, ``count`` times. ``where`` is a line, or a moment of the session.
     ``kind`` says what can be done: a text can be changed, another file only be removed or kept. ``unexamined`` files
-    may show the person or sound like them; nothing tells, so that only somebody who looks can decide.
+    may show the person or sound like them; nothing tells, so that only somebody who looks can decide. ``speech`` was
+    said while they were there, by nobody knows whom.
     """
 
     key: str
@@ -44,18 +46,23 @@ class Passage:
     before: str
     name: str
     behind: str
-    kind: Literal["text", "file", "file name", "unexamined"] = "text"
+    kind: Literal["text", "file", "file name", "unexamined", "speech"] = "text"
     count: int = 1
 
 
 @dataclass(slots=True)
 class TextWork:
-    """The texts of one forgetting. ``decisions`` are by key of place; ``otherwise`` is for those without one."""
+    """The texts of one forgetting. ``decisions`` are by key of place; ``otherwise`` is for those without one.
+
+    ``utterances`` and ``sentences`` are what the person said: their words go, wherever they are found.
+    """
 
     words: PersonNames
     decisions: Mapping[str, Decision]
     otherwise: Decision
     places: dict[str, Passage] = field(default_factory=dict)
+    sentences: Sentences = Sentences()
+    utterances: frozenset[str] = frozenset()
 
     def decided(self, place: Passage) -> Decision:
         """What nobody can do to a whole file is no decision about it, nor is what holds of texts."""
@@ -72,8 +79,11 @@ class TextWork:
 
     def look(self, text: str, file: str, where: Callable[[], str]) -> list[tuple[int, int, Decision]]:
         """What stands where in a text, and what is to become of it."""
-        found: list[tuple[int, int, Decision]] = []
+        spoken = list(self.sentences.spans(text))
+        found: list[tuple[int, int, Decision]] = [(start, end, "redact") for start, end in spoken]
         for start, end in self.words.spans(text):
+            if any(from_ <= start and end <= until for from_, until in spoken):
+                continue
             before, behind = _before(text, start), _behind(text, end)
             key = _key(file, before, text[start:end], behind)
             known = self.places.get(key)
@@ -82,7 +92,7 @@ class TextWork:
             else:
                 self.places[key] = replace(known, count=known.count + 1)
             found.append((start, end, self.decided(self.places[key])))
-        return found
+        return sorted(found)
 
     def note_file(self, file: str, words: str, *, count: int = 1) -> Decision:
         """A file that cannot be changed inside shows or names the person."""
@@ -92,9 +102,20 @@ class TextWork:
         """Nothing looked for the person in a file, which may show or hold them."""
         return self._noted(Passage(_key(file, "", "", ""), file, "in it", "", why, "", "unexamined"))
 
+    def note_speech(self, file: str, utterance_id: str, where: str, words: str) -> Decision:
+        """Something was said while the person was there, and nobody knows by whom."""
+        return self._noted(Passage(_key(file, utterance_id, "", ""), file, where, "", words, "", "speech"))
+
     def note_name(self, file: str, name: str) -> Decision:
         """The name of a file names the person."""
         return self._noted(Passage(_key(file, "", "name", ""), file, "its name", "", name, "", "file name"))
+
+    def redact(self, text: str, file: str, *, yaml: bool) -> tuple[str, int]:
+        """A text without what is to go: names as decided, and the person's own words; how much that is."""
+        quiet = replace(self, places={})
+        changed, words = without_words(text, self.utterances)
+        changed, count = redacted(changed, quiet.look(changed, file, str), yaml=yaml)
+        return changed, words + count
 
     def _noted(self, place: Passage) -> Decision:
         self.places[place.key] = place
@@ -105,7 +126,7 @@ def redacted(text: str, found: list[tuple[int, int, Decision]], *, yaml: bool) -
     """The text without the names that are to go, and how many those are."""
     parts, at, count = [], 0, 0
     for start, end, decision in found:
-        if decision == "redact":
+        if decision == "redact" and start >= at:
             parts += [text[at:start], FORGOTTEN_IN_YAML if yaml else FORGOTTEN]
             at, count = end, count + 1
     return "".join([*parts, text[at:]]), count
@@ -136,17 +157,16 @@ def look_at_text(work: TextWork, path: Path, file: str, encoding: str) -> bool:
     wanted = False
     for number, line in enumerate(lines_of(path, encoding), start=1):
         found = work.look(line, file, lambda number=number: f"line {number}")  # type: ignore[misc]
-        wanted = wanted or any(decision == "redact" for _, _, decision in found)
+        wanted = wanted or _is_to_change(found)
     return wanted
 
 
 def rewrite_text(work: TextWork, path: Path, file: str, encoding: str, target: Path) -> int:
     """Write a file anew without what is to go; how much that is. Raises OSError."""
-    quiet = TextWork(work.words, work.decisions, work.otherwise)
     count = 0
     with target.open("w", encoding=encoding, errors=_AS_IT_IS[encoding], newline="") as written:
         for line in lines_of(path, encoding):
-            text, here = redacted(line, quiet.look(line, file, str), yaml=path.suffix.lower() in _YAML)
+            text, here = work.redact(line, file, yaml=path.suffix.lower() in _YAML)
             written.write(text)
             count += here
     return count
@@ -165,10 +185,7 @@ def look_at_photo(work: TextWork, path: Path, file: str) -> bool:
 
 def rewrite_photo(work: TextWork, path: Path, file: str, target: Path) -> int:
     """Write a photo anew without what is to go of its texts; how much that is. Raises OSError."""
-    quiet = TextWork(work.words, work.decisions, work.otherwise)
-    changed = {
-        name: redacted(text, quiet.look(text, file, str), yaml=False) for name, text in _photo_texts(path).items()
-    }
+    changed = {name: work.redact(text, file, yaml=False) for name, text in _photo_texts(path).items()}
     target.write_bytes(with_texts(path.read_bytes(), {name: text for name, (text, _) in changed.items()}))
     return sum(count for _, count in changed.values())
 
@@ -211,6 +228,8 @@ def look_at_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
                 continue
             for message in mcap_blocks.messages_of(content):
                 text = _text_of(content[message.start : message.end])
+                text, words = without_words(text, work.utterances)
+                found.to_change = found.to_change or words > 0
                 spans = work.look(text, file, lambda text=text: _moment_of(text, moment))  # type: ignore[misc]
                 if _is_to_change(spans):
                     found.to_change = True
@@ -222,14 +241,13 @@ def look_at_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
 
 def rewrite_events(work: TextWork, path: Path, file: str, target: Path) -> int:
     """Write an MCAP file anew without what is to go: blocks without it stay as they are. Raises OSError."""
-    quiet = TextWork(work.words, work.decisions, work.otherwise)
     count = 0
 
     def change(data: bytes) -> bytes:
         nonlocal count
         text = _text_of(data)
         yaml = any(key in text for key in _YAML_INSIDE)
-        changed, here = redacted(text, quiet.look(text, file, str), yaml=yaml)
+        changed, here = work.redact(text, file, yaml=yaml)
         count += here
         return _with_own_checksum(changed).encode("utf-8", "surrogateescape") if here else data
 

@@ -9,7 +9,7 @@ from caris_desktop.domain.events import RecordingPaused, ReplyMeans, ResponseTim
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, SpokenUtterance, UtteranceEvent, spoken_of
+from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 
 RESPONSE_LIMIT_S = 30.0
 """What the robot says later than this after a participant is not taken for a response."""
@@ -43,16 +43,10 @@ class Response:
 
 def responses(session: Session) -> tuple[Response, ...]:
     """Of a session, in the order in which they were heard. Raises SessionError."""
-    names = (*UTTERANCE_STREAMS, "event/recording_paused", "event/response_timed")
-    events = [value for _, value in session.values(*names)]
+    events = [value for _, value in session.values("event/recording_paused", "event/response_timed")]
     pauses = [event for event in events if isinstance(event, RecordingPaused)]
-    utterances = spoken_of(
-        (event for event in events if isinstance(event, UtteranceEvent)),
-        ended_ns=session.ended_ns,
-        paused_ns=[event.stamp_ns for event in pauses if event.paused],
-    )
     return responses_of(
-        utterances,
+        spoken(session),
         (event for event in events if isinstance(event, ResponseTimed)),
         pauses_of(pauses, ended_ns=session.ended_ns),
     )

@@ -1,10 +1,11 @@
 """What was said in a session: one value for each utterance, put together from the events that report on it."""
 
 from bisect import bisect_right
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Literal
 
-from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.corrections import Correction, Corrections, WhoSpoke
 from caris_desktop.domain.events import (
     RecordingPaused,
@@ -14,13 +15,18 @@ from caris_desktop.domain.events import (
     UtteranceState,
 )
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.visits import VISIT_STREAMS, Visit, VisitEvent, seen_throughout, visits_of
 
 HEARD_FROM_NS = 200_000_000
 """A syllable. Of what was cut short before nobody heard a word."""
 UtteranceEvent = UtteranceChanged | UtteranceCorrected
 UTTERANCE_STREAMS = ("event/utterance_changed", "event/utterance_corrected")
 """What tells of utterances."""
+_ALL_ALONG, _ALONE = 0.8, 0.78
+"""Who was alone there for that share of an utterance is taken for its speaker. They are so with a likelihood of 0.78,
+as the console reckons of somebody whose distance and gaze it does not know: somebody may speak whom no camera sees."""
 _ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
 
 
@@ -36,7 +42,8 @@ class SpokenUtterance:
 
     ``speaker``, ``text`` and ``person_id`` are as corrected: ``heard_text`` is what was made out before somebody
     changed it, None where nobody did. ``speaker`` is empty where nobody was sure. ``person_id`` is who says it, or to
-    whom the robot says it.
+    whom the robot says it. ``person_by`` decided that of a participant: the wizard, the console, or ``record`` where it
+    was found only now that nobody else was there; ``person_confidence`` is how likely it is, None where a wizard said.
     """
 
     utterance_id: str
@@ -56,6 +63,8 @@ class SpokenUtterance:
     confidence: float | None = None
     language: str = ""
     estimated: bool = False
+    person_by: Actor | Literal["record"] = ""
+    person_confidence: float | None = None
 
     @property
     def said(self) -> bool:
@@ -70,18 +79,33 @@ class SpokenUtterance:
 
 def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
     """Every utterance of a session, in the order in which they began (or were asked for). Raises SessionError."""
-    events = [value for _, value in session.values(*UTTERANCE_STREAMS, "event/recording_paused")]
+    events = [value for _, value in session.values(*UTTERANCE_STREAMS, *VISIT_STREAMS, "event/recording_paused")]
+    paused = [event for event in events if isinstance(event, RecordingPaused)]
     return spoken_of(
         (event for event in events if isinstance(event, UtteranceEvent)),
         ended_ns=session.ended_ns,
-        paused_ns=[event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused],
+        paused_ns=[event.stamp_ns for event in paused if event.paused],
+        visits=visits_of(
+            (event for event in events if isinstance(event, VisitEvent)),
+            started_ns=session.started_ns,
+            ended_ns=session.ended_ns,
+            pauses=pauses_of(paused, ended_ns=session.ended_ns),
+        )
+        or seen_throughout(session),
     )
 
 
 def spoken_of(
-    events: Iterable[UtteranceEvent], *, ended_ns: int, paused_ns: Iterable[int] = ()
+    events: Iterable[UtteranceEvent],
+    *,
+    ended_ns: int,
+    paused_ns: Iterable[int] = (),
+    visits: Sequence[Visit] = (),
 ) -> tuple[SpokenUtterance, ...]:
-    """Fold ``events``, in the order of recording. ``paused_ns`` are the moments from which nothing was recorded."""
+    """Fold ``events``, in the order of recording. ``paused_ns`` are the moments from which nothing was recorded.
+
+    What a participant said of whom nobody knows who it was is that of who was alone there, by ``visits``.
+    """
     utterances: dict[str, SpokenUtterance] = {}
     corrections = Corrections()
     for event in events:
@@ -97,7 +121,30 @@ def spoken_of(
     for utterance in ordered:
         if utterance.start_ns is not None:
             starts_ns.setdefault(utterance.speaker, []).append(utterance.start_ns)
-    return tuple(_ended(utterance, starts_ns.get(utterance.speaker, []), breaks_ns) for utterance in ordered)
+    ended = (_ended(utterance, starts_ns.get(utterance.speaker, []), breaks_ns) for utterance in ordered)
+    return tuple(_attributed(utterance, visits) for utterance in ended)
+
+
+def _attributed(utterance: SpokenUtterance, visits: Sequence[Visit]) -> SpokenUtterance:
+    """Where nobody has decided who said it, and one person alone was there for nearly all of it."""
+    undecided = utterance.person_id == "" and utterance.person_by in ("", CONSOLE)
+    if not undecided or utterance.speaker != "participant" or not utterance.said or utterance.start_ns is None:
+        return utterance
+    end_ns = max(utterance.start_ns + 1, utterance.end_ns or 0)
+    there: dict[str, int] = {}
+    for visit in visits:
+        together_ns = min(end_ns, visit.end_ns) - max(utterance.start_ns, visit.start_ns)
+        if together_ns > 0:
+            there[visit.person_id] = there.get(visit.person_id, 0) + together_ns
+    if len(there) != 1:
+        return utterance
+    ((person_id, together_ns),) = there.items()
+    share = together_ns / (end_ns - utterance.start_ns)
+    if share < _ALL_ALONG:
+        return utterance
+    return replace(
+        utterance, person_id=person_id, person_by="record", person_confidence=round(min(1.0, share) * _ALONE, 3)
+    )
 
 
 def _unknown(event: UtteranceChanged) -> SpokenUtterance:
@@ -146,6 +193,8 @@ def _corrected(utterance: SpokenUtterance, made: Correction) -> SpokenUtterance:
         heard_text=None if made.text in (None, utterance.text) else utterance.text,
         speaker=utterance.speaker if made.speaker is None else made.speaker,
         person_id=utterance.person_id if made.person_id is None else made.person_id,
+        person_by=made.person_by,
+        person_confidence=made.person_confidence if made.person_id else None,
         tags=made.tags or (),
     )
 

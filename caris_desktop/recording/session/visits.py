@@ -1,5 +1,7 @@
 """Who was there, and when: one value for each time that somebody came, put together from the events that report it."""
 
+import json
+import logging
 from collections.abc import Iterable, Sequence
 from typing import get_args
 
@@ -15,7 +17,9 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.session.session_reader import Session
 
+_log = logging.getLogger(__name__)
 VisitEvent = (
     PersonAppeared
     | PersonLeft
@@ -93,6 +97,26 @@ def visits_of(
         for began_as, start_ns, end_ns in spans
     )
     return tuple(sorted(visits, key=lambda visit: visit.start_ns))
+
+
+def seen_throughout(session: Session) -> tuple[Visit, ...]:
+    """Who neither came nor went during the recording is only in ``people.json``."""
+    try:
+        people = json.loads((session.folder / "people.json").read_text(encoding="utf-8"))["people"]
+        return tuple(
+            Visit(
+                str(row["person_id"]),
+                0,
+                session.started_ns + round(row["first_seen_s"] * 1e9),
+                session.started_ns + round(row["last_seen_s"] * 1e9),
+            )
+            for row in people
+        )
+    except FileNotFoundError:
+        return ()
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        _log.warning("%s: people.json is left out: %r", session.folder, error)
+        return ()
 
 
 class _Links:

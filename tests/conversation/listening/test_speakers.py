@@ -13,7 +13,7 @@ def _s(seconds: float) -> int:
 def _who(*here: Here) -> str:
     people = PeopleHere()
     people.note(_s(1), here)
-    return people.who_spoke(_s(10), _s(12))
+    return people.who_spoke(_s(10), _s(12))[0]
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,8 @@ def _who(*here: Here) -> str:
         ((Here("p-luis", None, 1.0, attended=True), Here("p-anna", None, 3.0)), "p-luis"),
         ((_LUIS, Here("p-anna", facing=True, distance_m=1.0)), ""),
         ((Here("p-luis"), Here("p-anna")), ""),
-        ((Here("p-luis", facing=False, distance_m=4.0),), ""),
+        ((Here("p-luis", facing=False, distance_m=4.0),), "p-luis"),
+        ((Here("p-luis", facing=False, distance_m=4.0), Here("p-anna", facing=False, distance_m=4.5)), ""),
         ((), ""),
     ],
 )
@@ -38,10 +39,23 @@ def test_who_was_here_while_it_was_said_counts_not_who_came_then() -> None:
     people = PeopleHere()
     people.note(_s(1), (_LUIS,))
     people.note(_s(11.8), (Here("p-anna", facing=True, distance_m=0.8),))
-    assert people.who_spoke(_s(10), _s(12)) == "p-luis"
-    assert people.who_spoke(_s(12), _s(14)) == "p-anna"
+    assert people.who_spoke(_s(10), _s(12))[0] == "p-luis"
+    assert people.who_spoke(_s(12), _s(14))[0] == "p-anna"
     people.note(_s(14), ())
-    assert people.who_spoke(_s(15), _s(16)) == ""
+    assert people.who_spoke(_s(15), _s(16)) == ("", 0.0)
+    assert people.who_spoke(_s(13.5), _s(16)) == ("", 0.0), "somebody who was there for a fifth of it only"
+
+
+def test_how_likely_it_is_falls_with_the_distance_and_stays_for_who_is_alone() -> None:
+    confidences = []
+    for distance_m in (1.0, 2.0, 3.0, 8.0):
+        people = PeopleHere()
+        people.note(_s(1), (Here("p-luis", distance_m=distance_m),))
+        who, confidence = people.who_spoke(_s(10), _s(12))
+        assert who == "p-luis"
+        confidences.append(confidence)
+    assert confidences == sorted(confidences, reverse=True)
+    assert 0.5 == confidences[-1] < confidences[0] < 1.0
 
 
 def test_what_was_long_ago_is_forgotten_but_not_who_is_still_here() -> None:
@@ -49,7 +63,7 @@ def test_what_was_long_ago_is_forgotten_but_not_who_is_still_here() -> None:
     people.note(_s(1), (_LUIS,))
     people.note(_s(2), (_LUIS,))
     people.note(_s(500), (_LUIS,))
-    assert people.who_spoke(_s(490), _s(491)) == "p-luis"
+    assert people.who_spoke(_s(490), _s(491))[0] == "p-luis"
 
 
 def test_the_wizard_is_known_by_the_same_words_at_the_same_time() -> None:

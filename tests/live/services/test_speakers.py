@@ -64,6 +64,14 @@ def test_who_faces_the_robot_nearby_is_said_to_have_spoken(desk: Desk) -> None:
     (told,) = desk.told
     assert (told.utterance_id, told.person_id, told.actor) == (utterance_id, "p-luis", CONSOLE)
     assert (told.text, told.speaker, told.tags) == (None, None, None)
+    assert 0.7 <= told.person_confidence < 1.0
+
+
+def test_who_is_alone_is_said_to_have_spoken_however_far_away(desk: Desk) -> None:
+    desk.here(_person("p-luis", distance_m=4.5))
+    assert desk.said()[0] == "p-luis"
+    (told,) = desk.told
+    assert (told.person_id, told.actor, told.person_confidence) == ("p-luis", CONSOLE, 0.5)
 
 
 def test_where_it_could_be_two_nobody_is_said_to_until_the_wizard_deals_with_one(desk: Desk) -> None:

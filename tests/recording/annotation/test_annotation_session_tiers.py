@@ -156,7 +156,7 @@ def test_motion_and_who_drove(tmp_path: Path) -> None:
     assert found["Pauses"] == [(40_000, 50_000, "paused")]
 
 
-@pytest.mark.logs(r"annotation\.session_tiers: ")
+@pytest.mark.logs(r"session\.visits: ")
 def test_people_assistant_and_trouble(tmp_path: Path) -> None:
     values = [
         PersonAppeared(at(5.0), "p-2", 4),
