@@ -11,6 +11,7 @@ from caris_desktop.domain.events import (
     GuardState,
     LinkState,
     Marked,
+    MovementState,
     PreflightState,
     ProblemEnd,
     RequestState,
@@ -48,6 +49,8 @@ class DriveStatus:
     the base to everybody else. ``max_left_mps`` is 0 on a base that cannot move sideways. ``guard_distance_m`` is the
     free way ahead of the footprint, where it is measured; ``guard_detail`` says why it is blind. ``goal_limit_mps`` is
     what the robot's navigation keeps to on its way to goals; None where it drives as fast as it is set up to.
+    ``movement`` is how the odometry agrees with what is commanded, ``velocity_publishers`` are the nodes that publish
+    velocities where somebody else does, and ``stopped`` says whether that is under a stop.
     """
 
     allowed: bool = False
@@ -67,6 +70,9 @@ class DriveStatus:
     guard_distance_m: float | None = None
     guard_detail: str = ""
     goal_limit_mps: float | None = None
+    movement: MovementState = "unknown"
+    stopped: bool = False
+    velocity_publishers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from caris_desktop.domain.events import (
     CommandSource,
     DriveEnded,
     GoalChanged,
+    MovementChanged,
     Problem,
 )
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
@@ -29,6 +30,7 @@ from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, LeasedTwist, Moti
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.maps import RobotMaps
+from caris_desktop.robot.movement_check import MovementCheck
 from caris_desktop.robot.navigation import Navigator
 from caris_desktop.robot.navigation_speed import NavigationSpeed
 from caris_desktop.robot.outbox import Outbox
@@ -41,10 +43,8 @@ from caris_desktop.robot.unread import UnreadCommands
 from caris_desktop.robot.voices import RobotSpeech
 from caris_desktop.robot.watched import WatchedTopics
 from caris_desktop.ros.dialect import Dialect, type_name
-from caris_desktop.ros.messages import (
-    encode_twist,
-    encode_twist_stamped,
-)
+from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.messages import decode_twist, decode_twist_stamped, encode_twist, encode_twist_stamped
 
 logger = logging.getLogger(__name__)
 
@@ -79,6 +79,10 @@ class ControlLink:
         )  # fmt: skip
         self._guard = ObstacleGuard(profile)
         self._guard_news = GuardNews()
+        self._movement = MovementCheck(profile)
+        self._movement_told = MovementChanged(0, "unknown")
+        # From Stop until the robot has stood, or is driven from here again.
+        self._stopping = False
         self._lease = MotionLease(profile.driving_limits, rate_hz=profile.command_rate_hz, allow=self._allow)
         self._unread = UnreadCommands(rate_hz=profile.command_rate_hz)
         # The last velocity on this connection.
@@ -100,6 +104,11 @@ class ControlLink:
         velocity_type = type_name(self._dialect, "geometry_msgs", profile.velocity.type)
         self._velocity = SafeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1)
         self._velocity.advertise()
+        # Whoever else commands the base is heard there, and what was sent from here comes back.
+        self._velocities = SafeTopic(
+            self._ros, profile.velocity.topic, velocity_type, queue_length=20, every_message=True
+        )
+        self._velocities.subscribe(self._take_velocity)
         self._ros.factory.say_first(profile.velocity.topic, self._say_first)
         self._navigator = Navigator(
             self._ros,
@@ -213,6 +222,8 @@ class ControlLink:
                 self._stopper = command.actor
                 self._lease.stop(now_s)
                 self._send_zero_first()
+                self._stopping = True
+                self._movement.stopped()
                 reason = filled(QT_TR_NOOP("stopped by {who}"), who=filled(in_words(command.actor)))
                 self._navigator.cancel_all(reason, command.actor)
                 self._controls.cancel_goals(reason)
@@ -240,6 +251,8 @@ class ControlLink:
                 self._controls.offer(controls, driving_permitted=driving_permitted)
             case commands.UseControl():
                 self._controls.use(command)
+                if self._controls.may_move(command.control):
+                    self._movement.control_used(now_s)
             case commands.Say():
                 self._voice.say(command)
             case commands.Silence():
@@ -274,6 +287,7 @@ class ControlLink:
             self._put(DriveEnded(now_ns(), refusal, CONSOLE))
             return
         self._driver = command.actor
+        self._stopping = False
         if command.target.moving:
             # Taking the wheel takes it from the navigation.
             who = filled(in_words(command.actor))
@@ -311,6 +325,7 @@ class ControlLink:
             return
         if self._lease.end(self._loop.time()):
             self._put(DriveEnded(now_ns(), QT_TR_NOOP("The robot navigates"), command.actor))
+        self._stopping = False
         # First, so that the goal begins with it; whoever else set the speed meanwhile does not count.
         self._goal_speed.apply()
         self._navigator.go(command)
@@ -399,6 +414,7 @@ class ControlLink:
             self._unread.sent(self._loop.time(), moving=twist.moving)
             self._ros.send_ping(self._commands_answered)
             self._guard.note_sent(twist, self._loop.time())
+            self._movement.sent(twist, self._loop.time())
             self._sequence += 1
             self._put(CommandSent(now_ns(), self._sequence, twist, source, self._actor_of(source)))
 
@@ -442,14 +458,65 @@ class ControlLink:
         """Tell the state also while nothing is driven and no scan comes."""
         while True:
             await asyncio.sleep(GUARD_WATCHED_EVERY_S)
+            self._check_movement()
             if self._connected and not self._lease.held:
                 now_s = self._loop.time()
                 self._tell_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
+
+    # Whether the robot does what is commanded, and only that
+
+    def _check_movement(self) -> None:
+        if not self._connected:
+            return
+        now_s, movement = self._loop.time(), self._movement
+        if self._navigator.under_way:
+            movement.moves_by_itself(now_s)
+        state = movement.state(now_s)
+        if state == "standing":
+            self._stopping = False
+        stopped = self._stopping or self._lease.latched
+        told = self._movement_told
+        if (state, stopped) != (told.state, told.stopped):
+            self._tell_movement(MovementChanged(now_ns(), state, stopped, told.publishers))
+            if state in ("uncommanded", "commanded_elsewhere") and told.state != state:
+                self._in_background(self._find_publishers())
+        if stopped and state in ("uncommanded", "commanded_elsewhere") and self._lease.due_s() == math.inf:
+            # Against whoever else drives: zero for as long as that lasts.
+            self._lease.stop(now_s, "stop")
+            self._move()
+
+    def _tell_movement(self, movement: MovementChanged) -> None:
+        self._movement_told = movement
+        self._put(movement)
+
+    async def _find_publishers(self) -> None:
+        try:
+            answer = await self._ros.ask(
+                "/rosapi/publishers", "rosapi/Publishers", {"topic": self._profile.velocity.topic}
+            )
+        except ServiceCallError as error:
+            logger.info("Who publishes velocities is not known: %s", error)
+            return
+        names = answer.get("publishers")
+        found = tuple(sorted(name for name in names if isinstance(name, str))) if isinstance(names, list) else ()
+        if self._connected and found != self._movement_told.publishers:
+            self._tell_movement(replace(self._movement_told, stamp_ns=now_ns(), publishers=found[:10]))
+
+    def _take_velocity(self, message: Any) -> None:
+        stamped = self._profile.velocity.type == "TwistStamped"
+        try:
+            twist = decode_twist_stamped(message)[0] if stamped else decode_twist(message)
+        except MessageError:
+            return  # refused by the base, too
+        self._movement.commanded(twist, self._loop.time())
+        if self._lease.latched or self._stopping:
+            self._check_movement()
 
     # What the emergency stop acts on
 
     def hold_still(self, held: bool, actor: Actor) -> None:
         self._lease.emergency(held, self._loop.time())
+        self._movement.stopped()
         if held:
             self._stopper = actor
             self._send_zero_first()
@@ -468,6 +535,9 @@ class ControlLink:
         self._report.changed("connected")
         self._guard.forget()
         self._guard_news.forget()
+        self._movement.forget(self._loop.time())
+        self._stopping = False
+        self._tell_movement(MovementChanged(now_ns(), "unknown", self._lease.latched))
         self._guard_switcher = CONSOLE
         self._tell_guard(self._guard.limit(ZERO_TWIST, self._loop.time()), self._loop.time())
         self._goal_speed.link_connected()
@@ -538,6 +608,8 @@ class ControlLink:
     def _odometry_taken(self, odometry: Odometry) -> None:
         self._odometry = odometry
         self._guard.take_odometry(odometry)
+        self._movement.take_odometry(odometry)
+        self._check_movement()
 
     def _pose_taken(self, pose: RobotPose) -> None:
         self._navigator.robot_moved(pose.pose_in_map)

@@ -279,6 +279,11 @@ class RobotControls:
         else:
             self._in_background(self._learn_and_do(command, control, control.effect))
 
+    def may_move(self, control_id: str) -> bool:
+        """Whether the robot moves on behalf of this control, if it does."""
+        control = self._controls.get(control_id)
+        return control is not None and control.is_motion and not self._refusal(control)
+
     async def _learn_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
         await self._types.definition(*_kind_and_type(effect))
         # Asking took a while, in which the link may have been lost or the emergency stop set.

@@ -58,6 +58,9 @@ _MOST_ASKED = 60
 _INVENTORY_WITHIN_S = 8.0
 _OLD_S = 1.0
 _UNRELATED_S = 3600.0
+# In ROS 2 others hear of a publisher after a moment.
+_BRIDGE = "rosbridge"  # its node's name begins so wherever nobody has renamed it
+_ADVERTISED_WITHIN, _ADVERTISED_AGAIN_S = 8, 0.25
 _RESEMBLES = 0.7
 _OF_INTEREST = (
     "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "geometry_msgs/PoseWithCovarianceStamped",
@@ -208,8 +211,8 @@ async def check_streams(
 ) -> tuple[StreamCheck, ...]:
     """Listen to everything that the profile names, all at once, for ``seconds``, and say how it comes.
 
-    What the robot listens to, its services and its actions are looked up and never used. ``on_check`` gets each line
-    as soon as it is known.
+    What the robot listens to is advertised and not sent; its services and its actions are looked up and never used.
+    ``on_check`` gets each line as soon as it is known.
 
     Raises
     ------
@@ -241,7 +244,8 @@ async def check_streams(
                 filled(QT_TR_NOOP("Write 'ros: {found}' instead."), found=3 - profile.ros),
             )
         offset_ns = await _clock_offset_ns(ros)
-        ears = []
+        ears: list[_Ear] = []
+        inputs: list[tuple[NamedTopic, str]] = []
         tree = TransformTree()
         for named in named_in(profile):
             kind = inventory.topics.get(named.topic)
@@ -257,7 +261,7 @@ async def check_streams(
                 kind = kind or in_dialect(Dialect(profile.ros), named.types[0])
                 ears.append(_Ear(ros, profile, named, kind, tree))
             else:
-                say(await _listened_to(ros, named))
+                inputs.append((named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
         for key, label, service in services_of(profile):
             there = inventory.has_service(service)
             words = _HAS_SERVICE if there else QT_TR_NOOP("The robot has no service of this name.")
@@ -269,6 +273,9 @@ async def check_streams(
         for key, label, action in actions_of(profile):
             say(_action_check(key, label, action, there=inventory.has_action(action)))
         await asyncio.sleep(seconds)
+        bridge_told = await _bridge_is_told(ros, ears)
+        for named, kind in inputs:
+            say(await _listened_to(ros, named, kind, bridge_told=bridge_told))
         for ear in ears:
             say(ear.verdict(offset_ns))
             ear.close()
@@ -461,6 +468,14 @@ class _Ear:
         self._topic = SafeTopic(ros, named.topic, kind, queue_length=20 if every else 1, every_message=every)
         self._topic.subscribe(self._take)
 
+    @property
+    def topic(self) -> str:
+        return self._named.topic
+
+    @property
+    def heard(self) -> bool:
+        return self._count > 0
+
     def close(self) -> None:
         self._topic.unsubscribe()
 
@@ -535,19 +550,51 @@ def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
     return StreamCheck(named.field, named.label, named.topic, "wrong", None, None, detail)
 
 
-async def _listened_to(ros: SafeRos, named: NamedTopic) -> StreamCheck:
+async def _bridge_is_told(ros: SafeRos, ears: list[_Ear]) -> bool:
+    """Whether the robot names rosbridge among those who subscribe to what is heard through it."""
+    for ear in ears:
+        if ear.heard:
+            names = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=ear.topic)
+            return any(_BRIDGE in name for name in names)
+    return False
+
+
+async def _listened_to(ros: SafeRos, named: NamedTopic, kind: str, *, bridge_told: bool) -> StreamCheck:
+    def verdict(state: StreamState, detail: str) -> StreamCheck:
+        return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
+
     listeners = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=named.topic)
-    if listeners:
-        detail = filled(QT_TR_NOOP("{who} listens to it."), who=_short(listeners))
-        return StreamCheck(named.field, named.label, named.topic, "good", None, None, detail)
     speakers = await _names(ros, "publishers", "Publishers", "publishers", topic=named.topic)
-    if speakers:
-        detail = filled(QT_TR_NOOP("{who} publishes it, and nothing listens."), who=_short(speakers))
-        return StreamCheck(named.field, named.label, named.topic, "nothing", None, None, detail)
-    # A topic without either is one whose nodes the robot does not tell.
-    return StreamCheck(
-        named.field, named.label, named.topic, "good", None, None, QT_TR_NOOP("The robot has this topic.")
-    )
+    if speakers and not listeners:
+        return verdict("nothing", filled(QT_TR_NOOP("{who} publishes it, and nothing listens."), who=_short(speakers)))
+    if not listeners:
+        # A topic without either is one whose nodes the robot does not tell.
+        return verdict("good", QT_TR_NOOP("The robot has this topic."))
+    if bridge_told and not await _lets_through(ros, named.topic, kind, set(speakers)):
+        refused = QT_TR_NOOP(
+            "{who} listens to it, but rosbridge does not publish it: its topics_glob does not let this topic through."
+        )
+        return verdict("wrong", filled(refused, who=_short(listeners)))
+    return verdict("good", filled(QT_TR_NOOP("{who} listens to it."), who=_short(listeners)))
+
+
+async def _lets_through(ros: SafeRos, topic: str, kind: str, before: set[str]) -> bool:
+    """Whether rosbridge becomes a publisher of the topic when it is asked to, as ROS itself tells. Nothing is sent.
+
+    rosbridge drops what its ``topics_glob`` does not name without a word.
+    """
+    publisher = SafeTopic(ros, topic, kind)
+    publisher.advertise()
+    try:
+        for _ in range(_ADVERTISED_WITHIN):
+            names = await _names(ros, "publishers", "Publishers", "publishers", topic=topic)
+            # Another client of the same bridge may have made it a publisher before.
+            if set(names) - before or any(_BRIDGE in name for name in names):
+                return True
+            await asyncio.sleep(_ADVERTISED_AGAIN_S)
+        return False
+    finally:
+        publisher.unadvertise()
 
 
 def _action_check(key: str, label: str, action: str, *, there: bool | None) -> StreamCheck:

@@ -104,6 +104,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fault-latency-ms", type=float, default=0.0, metavar="MS", help="delay every message by this much"
     )
     parser.add_argument(
+        "--topics-glob",
+        nargs="+",
+        default=(),
+        metavar="GLOB",
+        help="topics that are let through (default: all)",
+    )
+    parser.add_argument(
         "--lidar-roll-deg", type=float, default=0.0, metavar="DEG", help="how the LIDAR is rolled; 180: upside down"
     )
     parser.add_argument(
@@ -227,7 +234,12 @@ async def _simulate(
     robot = Robot(args.seed, body=dress.body, populated=not args.empty, visits=visits)
     clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
     server = BridgeServer(
-        dress.dialect, secret=settings.secret, now_s=clock.now_s, log=settings.log, obeyed_log=settings.obeyed_log
+        dress.dialect,
+        secret=settings.secret,
+        now_s=clock.now_s,
+        log=settings.log,
+        obeyed_log=settings.obeyed_log,
+        topics_glob=args.topics_glob,
     )
     wiring = Wiring(robot, server, dress, clock, Faults(args.fault_latency_ms / 1000.0))
     maps = MapFiles(args.maps_folder)

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import fnmatch
 import itertools
 import logging
 import os
@@ -9,7 +10,7 @@ import socket
 import ssl
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field
 from http import HTTPStatus
 from typing import Any
@@ -34,6 +35,7 @@ logger = logging.getLogger(__name__)
 
 Message = dict[str, Any]
 ROBOT_NODE = "/simulated_robot"
+_GLOBBED = ("advertise", "unadvertise", "publish", "subscribe", "unsubscribe")
 BRIDGE_NODE = "/rosbridge_websocket"
 MAX_INCOMING_BYTES = 4 * 1024 * 1024
 _SEND_BUFFER_BYTES = 256 * 1024
@@ -146,8 +148,11 @@ class BridgeServer:
         now_s: Callable[[], float] = time.time,
         log: SentLog | None = None,
         obeyed_log: ObeyedLog | None = None,
+        topics_glob: Sequence[str] = (),
     ) -> None:
+        """``topics_glob``: as rosbridge's parameter, no other topics are let through; empty for all."""
         self.dialect = dialect
+        self._topics_glob = topics_glob
         self.refusals: deque[str] = deque(maxlen=_REFUSALS_KEPT)
         self.topics: dict[str, Topic] = {}
         self.services: dict[str, SimulatedService] = {}
@@ -382,7 +387,14 @@ class BridgeServer:
             # whatever operation it comes with, it is for everything that this client is sent
             size = operation["fragment_size"]
             client.outbox.fragment_size = max(1, size) if isinstance(size, int) else None
+        if name in _GLOBBED and not self._lets_through(operation):
+            self._note_refusal(f"No match found for topic, cancelling {name}: {operation.get('topic')}")
+            return
         handlers[name](client, operation)
+
+    def _lets_through(self, operation: Message) -> bool:
+        topic = str(operation.get("topic"))
+        return not self._topics_glob or any(fnmatch.fnmatch(topic, glob) for glob in self._topics_glob)
 
     def _topic(self, name: str, type_: str | None) -> Topic:
         """The topic, which comes to be with its first use; like rosbridge, another type than its own is refused."""

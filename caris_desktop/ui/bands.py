@@ -68,7 +68,6 @@ class EmergencyBand(Band):
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "emergency_band", role="red")
-        self.say(tr("Emergency stop is on. The robot stays where it is until you release it."))
         self.release = ActionButton(theme, tr("Release emergency stop"), height_px=_BUTTON_PX)
         self.release.setObjectName("emergency_release")
         self.release.clicked.connect(lambda: console.do(intents.ReleaseEmergencyStop()))
@@ -77,6 +76,15 @@ class EmergencyBand(Band):
         self._on_drive_changed(console.state.drive.value)
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
+        match drive.movement:
+            case "uncommanded":
+                said = tr("Emergency stop is on, but the robot moves. Use the stop on the robot itself.")
+            case "standing":
+                said = tr("Emergency stop is on. The robot stands, and gets no motion until you release it.")
+            case _:
+                said = tr("Emergency stop is on. The robot gets no motion until you release it.")
+        if said != self.accessibleName():
+            self.say(said)
         self.setVisible(drive.emergency_stop)
 
 

@@ -7,7 +7,16 @@ from caris_desktop.domain.actor import CONSOLE, OTHER_WIZARD, WIZARD, Actor, in_
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.session.gap_words import read_reason
 from caris_desktop.ui.preflight.preflight_words import log_line
-from caris_desktop.ui.words import NameOf, mark_sentence, missing, percent, shortened, with_detail, with_names
+from caris_desktop.ui.words import (
+    NameOf,
+    mark_sentence,
+    missing,
+    percent,
+    shortened,
+    with_detail,
+    with_label,
+    with_names,
+)
 
 Category = str  # one of CATEGORIES
 SAID, MOVED, PEOPLE = QT_TR_NOOP("Said"), QT_TR_NOOP("Moved"), QT_TR_NOOP("People")
@@ -82,6 +91,8 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
                 return None
             said = tr(_GOALS[state]).format(place=place or tr("the chosen point"))
             return (PROBLEMS if state == "failed" else MOVED), with_detail(said, detail)
+        case events.MovementChanged(state=state, publishers=publishers) if state in _MOVEMENTS:
+            return PROBLEMS, with_label(tr(_MOVEMENTS[state]), ", ".join(publishers))
         case events.GuardChanged() | events.InitialPoseSet() | events.MapRequestChanged() | events.MappingChanged():
             return _navigation_sentence(event)
         case events.PlacesChanged(name=name, pose_in_map=pose):
@@ -226,6 +237,12 @@ _GOALS = {
     "reached": QT_TR_NOOP("Arrived at {place}"),
     "cancelled": QT_TR_NOOP("No longer going to {place}"),
     "failed": QT_TR_NOOP("Could not get to {place}"),
+}
+_MOVEMENTS = {
+    "uncommanded": QT_TR_NOOP("The robot moves without a command from here"),
+    "commanded_elsewhere": QT_TR_NOOP("Something else sends the robot drive commands"),
+    "not_following": QT_TR_NOOP("The robot does not follow the drive commands"),
+    "silent": QT_TR_NOOP("No odometry comes"),
 }
 _PROPOSALS = {
     "confirmed": QT_TR_NOOP("Proposal confirmed: {act}"),

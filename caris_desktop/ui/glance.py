@@ -38,7 +38,10 @@ class Sign:
 _SIGNS: Mapping[tuple[SignName, str], Sign] = {
     ("moving", "yes"): Sign("on", "arrow-fat-up", QT_TR_NOOP("Moving")),
     ("moving", "no"): Sign("off", "anchor-simple", QT_TR_NOOP("Still")),
-    ("moving", "unknown"): Sign("half", "question", QT_TR_NOOP("No link")),
+    ("moving", "by others"): Sign("on", "warning", QT_TR_NOOP("Moving")),
+    ("moving", "not following"): Sign("half", "warning", QT_TR_NOOP("Not driving")),
+    ("moving", "unknown"): Sign("half", "question", QT_TR_NOOP("Not known")),
+    ("moving", "no link"): Sign("half", "question", QT_TR_NOOP("No link")),
     ("speaking", "yes"): Sign("on", "speaker-high", QT_TR_NOOP("Speaking")),
     ("speaking", "no"): Sign("off", "speaker-slash", QT_TR_NOOP("Silent")),
     ("recording", "yes"): Sign("on", "record", QT_TR_NOOP("Recording")),
@@ -50,13 +53,21 @@ _SIGNS: Mapping[tuple[SignName, str], Sign] = {
 _COLORS: Mapping[SignName, str] = {"moving": "blue", "speaking": "blue", "recording": "green", "listening": "green"}
 
 
-def signs_of(state: LiveState, *, moves: bool) -> dict[SignName, Sign]:
-    """The four signs as things are; ``moves``: the robot's own wheels say so."""
-    linked = state.link.value.state in ("connected", "trouble")
+def signs_of(state: LiveState, *, moves: bool | None) -> dict[SignName, Sign]:
+    """The four signs as things are; ``moves``: the robot's own wheels say so, None where nobody knows."""
+    movement = state.drive.value.movement
+    if state.link.value.state not in ("connected", "trouble"):
+        moving = "no link"
+    elif moves is None:
+        moving = "unknown"
+    elif movement in ("uncommanded", "not_following"):
+        moving = "by others" if movement == "uncommanded" else "not following"
+    else:
+        moving = "yes" if moves else "no"
     speaks = state.speech.value.now is not None or state.sound.value.talking == "robot"
     recorded = {"recording": "yes", "paused": "paused"}.get(state.recording.value.state, "no")
     return {
-        "moving": _SIGNS["moving", ("yes" if moves else "no") if linked else "unknown"],
+        "moving": _SIGNS["moving", moving],
         "speaking": _SIGNS["speaking", "yes" if speaks else "no"],
         "recording": _SIGNS["recording", recorded],
         "listening": _SIGNS["listening", "yes" if state.microphone.value.state == "on" else "no"],
@@ -82,6 +93,7 @@ class GlanceSigns(QWidget):
         self._still = QTimer(self, singleShot=True, interval=_STILL_AFTER_MS)
         self._still.timeout.connect(self._on_still)
         state.odometry.changed.connect(self._on_odometry)
+        state.odometry.freshness_changed.connect(self._on_changed)
         for value in (
             state.link, state.drive, state.goal, state.speech, state.sound, state.recording, state.microphone,
         ):  # fmt: skip
@@ -121,14 +133,15 @@ class GlanceSigns(QWidget):
         self._moves = False
         self._on_changed()
 
-    def _moves_now(self) -> bool:
-        """As its wheels say; of a robot that does not tell, as it was asked to."""
-        if self._state.odometry.value is not None:
+    def _moves_now(self) -> bool | None:
+        """As its wheels say; None where they do not. Without any it moves where it was asked to, and never stands."""
+        if self._state.odometry.freshness in ("fresh", "stale"):
             return self._moves
         drive: DriveStatus = self._state.drive.value
         goal: GoalChanged | None = self._state.goal.value
         asked = drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps
-        return bool(asked) or (goal is not None and goal.state in UNDER_WAY)
+        asked = bool(asked) or (goal is not None and goal.state in UNDER_WAY)
+        return True if asked and self._state.odometry.value is None else None
 
     def _on_changed(self, _value: object = None) -> None:
         signs = signs_of(self._state, moves=self._moves_now())

@@ -228,13 +228,8 @@ def shortened(text: str, length: int = 48) -> str:
     return text if len(text) <= length else text[: length - 1].rstrip() + "…"
 
 
-def motion(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
-    """What a velocity looks like to somebody who watches the robot."""
-    return moving(forward_mps, turn_radps, left_mps) or tr("Standing still")
-
-
 def moving(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
-    """The same; empty for a robot that stands still."""
+    """What a velocity looks like to somebody who watches the robot; empty for a robot that stands still."""
     parts = []
     if abs(forward_mps) >= 0.005:
         ahead = tr("{speed} m/s forward") if forward_mps > 0 else tr("{speed} m/s backward")
@@ -250,10 +245,20 @@ def moving(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
 
 def drive_line(drive: DriveStatus) -> str:
     if drive.emergency_stop:
-        return tr("Emergency stop is on")
+        moves = drive.movement == "uncommanded"
+        return tr("Emergency stop is on, but the robot moves") if moves else tr("Emergency stop is on")
     if not drive.allowed:
         return tr("Driving is off")
-    return motion(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
+    asked = moving(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
+    match drive.movement:
+        case "uncommanded":
+            return tr("Moving without a command from here")
+        case "not_following" if asked:
+            return tr("{motion} commanded, but the robot does not follow").format(motion=asked)
+        case "standing" if not asked:
+            return tr("Standing still")
+        case _:
+            return asked or tr("Nothing commanded")
 
 
 def goal_speed(robot: RobotProfile | None, drive: DriveStatus, *, begins: bool = False) -> tuple[str, bool]:

@@ -377,14 +377,22 @@ def test_a_wrong_profile_is_told_line_by_line(robot: SimulatedRobot, tmp_path: P
         ("20", "wrong", "tilted by 20 degrees"),
     ],
 )
-def test_listening_says_how_the_lidar_is_mounted(roll_deg: str, state: str, said: str) -> None:
+def test_listening_says_how_the_lidar_is_mounted(roll_deg: str, wrong: bool, said: str) -> None:
     with SimulatedRobot("--empty", "--lidar-roll-deg", roll_deg) as robot:
         profile = replace(load_profile("simulated"), address=robot.address)
         [scan] = [check for check in asyncio.run(check_streams(profile, seconds=1.2)) if check.field == "scan"]
-        assert (scan.state, said in scan.detail) == (state, True), scan.detail
+        assert (scan.state == "wrong", said in scan.detail) == (wrong, True), scan.detail
         profile = replace(profile, laser=LaserMount(mounting="upright"))
         [scan] = [check for check in asyncio.run(check_streams(profile, seconds=1.2)) if check.field == "scan"]
         assert "Mounted upright, as the profile says." in scan.detail
+
+
+def test_listening_tells_what_rosbridge_does_not_let_through() -> None:
+    with SimulatedRobot("--empty", "--topics-glob", "/scan", "/odom*", "/tf*", "/rosapi*") as robot:
+        profile = replace(load_profile("simulated"), address=robot.address)
+        checks = {check.field: check for check in asyncio.run(check_streams(profile, seconds=1.2))}
+        assert (checks["velocity"].state, "topics_glob" in checks["velocity"].detail) == ("wrong", True)
+        assert checks["scan"].state in ("good", "slow")
 
 
 def test_the_other_ros_is_refused_before_anything_is_subscribed(robot: SimulatedRobot) -> None:

@@ -12,8 +12,9 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry
-from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import LinkStatus, MicrophoneStatus, RecordingStatus, SpeechStatus
+from caris_desktop.live.state import LiveState, PresentClock
+from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus, RecordingStatus, SpeechStatus
+from caris_desktop.ui import words
 from caris_desktop.ui.bands import EmergencyBand
 from caris_desktop.ui.glance import GlanceSigns
 from caris_desktop.ui.main_window import MainWindow
@@ -61,6 +62,8 @@ def picture(signs: GlanceSigns) -> QImage:
 
 
 def test_each_sign_tells_what_is_so(qtbot: QtBot, signs: GlanceSigns, state: LiveState) -> None:
+    assert said(signs)[0] == "Not known", "no odometry has come yet"
+    drive(state, 0.0)
     assert said(signs) == ALL_OFF
     turn_all_on(state)
     assert said(signs) == ALL_ON
@@ -72,7 +75,40 @@ def test_each_sign_tells_what_is_so(qtbot: QtBot, signs: GlanceSigns, state: Liv
     assert said(signs) == ["No link", "Speaking", "Paused", "Listening"], "nobody knows whether it moves"
 
 
+def test_no_sign_says_still_without_knowledge(qtbot: QtBot, theme: Theme) -> None:
+    now_ns = clock.now_ns()
+    state = LiveState(present=PresentClock(now_ns=lambda: now_ns))
+    state.close()
+    state.link.set(LinkStatus("connected"))
+    signs = GlanceSigns(theme, state)
+    qtbot.addWidget(signs)
+    state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D()))
+    assert said(signs)[0] == "Still"
+    now_ns += 2_500_000_000
+    state.check_freshness()
+    assert said(signs)[0] == "Not known", "the odometry is gone"
+    state.drive.set(DriveStatus(True, "", target_forward_mps=0.3))
+    assert said(signs)[0] == "Not known", "and it was there before"
+    state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D()))
+    state.drive.set(DriveStatus(True, "", target_turn_radps=-0.5, movement="not_following"))
+    assert (said(signs)[0], words.drive_line(state.drive.value)) == (
+        "Not driving", "turning right 29°/s commanded, but the robot does not follow"
+    )  # fmt: skip
+    state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D(0.3)))
+    state.drive.set(DriveStatus(True, "", movement="uncommanded"))
+    assert (said(signs)[0], words.drive_line(state.drive.value)) == ("Moving", "Moving without a command from here")
+
+
+def test_a_robot_without_odometry_is_never_said_to_stand(signs: GlanceSigns, state: LiveState) -> None:
+    assert said(signs)[0] == "Not known"
+    state.drive.set(DriveStatus(True, "", target_forward_mps=0.3))
+    assert said(signs)[0] == "Moving", "as it was asked to"
+    state.drive.set(DriveStatus(True, ""))
+    assert (said(signs)[0], words.drive_line(state.drive.value)) == ("Not known", "Nothing commanded")
+
+
 def test_on_and_off_differ_without_colour_and_move_nothing(signs: GlanceSigns, state: LiveState) -> None:
+    drive(state, 0.0)
     width = signs.width()
     off = picture(signs)
     turn_all_on(state)

@@ -299,8 +299,10 @@ def test_the_drive_panel_says_what_happens(window: MainWindow, console: FakeCons
     console.state.drive.set(DriveStatus(True, "", target_turn_radps=math.radians(30)))
     assert line.text() == "turning left 30°/s"
     console.state.goal.set(None)
-    console.state.drive.set(DriveStatus(True, ""))
+    console.state.drive.set(DriveStatus(True, "", movement="standing"))
     assert line.text() == "Standing still"
+    console.state.drive.set(DriveStatus(True, ""))
+    assert line.text() == "Nothing commanded"
     console.state.drive.set(DriveStatus(True, "", 0.5, "the picture is late"))
     assert reason.text() == "Limited to 50 %: the picture is late"
     console.state.drive.set(DriveStatus(False, "The robot is out of reach"))
@@ -316,7 +318,7 @@ def test_the_drive_panel_says_where_the_robot_goes_by_itself(window: MainWindow,
     console.go_to_place("Kitchen")
     assert line.text() == "Going to Kitchen"
     console.cancel_goal()
-    assert line.text() == "Standing still"
+    assert line.text() == "Nothing commanded"
 
 
 @pytest.mark.panels("drive")

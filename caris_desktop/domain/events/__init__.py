@@ -79,6 +79,8 @@ from caris_desktop.domain.events.robot import (
     MapOperation,
     MappingChanged,
     MapRequestChanged,
+    MovementChanged,
+    MovementState,
     NavigationSpeedChanged,
     PlacesChanged,
     RequestState,
@@ -121,6 +123,7 @@ Event = (
     | GoalChanged
     | NavigationSpeedChanged
     | GuardChanged
+    | MovementChanged
     | InitialPoseSet
     | MapRequestChanged
     | MappingChanged

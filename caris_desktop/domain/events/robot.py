@@ -11,6 +11,9 @@ LinkState = Literal["connecting", "connected", "trouble", "lost", "closed"]
 CommandSource = Literal["keyboard", "gamepad", "onscreen", "rehearsal", "stop", "lease", "none"]
 GoalState = Literal["requested", "active", "reached", "cancelled", "failed"]
 GuardState = Literal["absent", "clear", "slowing", "blocked", "blind", "overridden"]
+MovementState = Literal[
+    "unknown", "silent", "standing", "moving", "not_following", "uncommanded", "commanded_elsewhere"
+]
 MapOperation = Literal["save", "load", "start_mapping", "start_localization"]
 RequestState = Literal["requested", "succeeded", "failed"]
 
@@ -111,6 +114,22 @@ class GuardChanged:
     distance_m: float | None = None
     detail: str = ""
     actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MovementChanged:
+    """The robot's odometry agrees differently with what this console commands from now on.
+
+    ``unknown``: it has no odometry, or none has come yet; ``silent``: none comes any more; ``standing``; ``moving``, as
+    commanded from here; ``not_following``: it does not do what is commanded; ``uncommanded``: it moves though nothing
+    here tells it to; ``commanded_elsewhere``: somebody else sends it velocities. ``stopped``: under a stop or the
+    emergency stop. ``publishers`` are the nodes that publish velocities, where the robot tells them.
+    """
+
+    stamp_ns: int
+    state: MovementState
+    stopped: bool = False
+    publishers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

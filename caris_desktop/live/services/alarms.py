@@ -12,10 +12,15 @@ from caris_desktop.live.alarm_causes import AlarmBook, Condition
 from caris_desktop.live.preflight import no_answer_advice
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.robot.profile import RobotProfile
 
 BATTERY_LOW, BATTERY_WELL = 0.15, 0.20
 _SILENT_AFTER_S = 5.0
-_OF_ROBOT = ("robot_timeout", "robot_lacks", "robot_speed", "pose", "battery", "lidar")
+_OF_ROBOT = (
+    "robot_timeout", "robot_lacks", "robot_speed", "pose", "battery", "lidar",
+    "uncommanded", "commanded_elsewhere", "not_following", "movement_silent",
+)  # fmt: skip
 
 
 class AlarmsService(Service):
@@ -149,6 +154,7 @@ def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = 
         yield _link_lost() if met_robot else _no_link_yet(state)
     if link.state != "connected":
         return
+    yield from _movement(state.drive.value, state.robot.value)
     if state.frame.freshness == "lost":
         yield Condition(
             "picture", "warning", tr("No picture comes from the camera {camera}.").format(camera=state.camera.value),
@@ -168,6 +174,54 @@ def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = 
             "battery", "warning", tr("The robot’s battery is at {percent} %.").format(percent=round(charge * 100)),
             tr("It may stop in the middle of the session."), tr("Bring the session to an end, then charge it."),
         )  # fmt: skip
+
+
+def _movement(drive: DriveStatus, robot: RobotProfile | None) -> Iterator[Condition]:
+    """The odometry, or the command topic, contradicts what is commanded from here."""
+    topic = robot.velocity.topic if robot is not None else "cmd_vel"
+    who = tr("Nodes that publish {topic}: {nodes}.").format(topic=topic, nodes=", ".join(drive.velocity_publishers))
+    if not drive.velocity_publishers:
+        who = tr("The robot does not tell who publishes {topic}.").format(topic=topic)
+    stop_it = tr("Press Stop (Esc); if it moves on, the emergency stop (Esc Esc). Then find out who drives it.")
+    if drive.stopped:
+        stop_it = tr("Use the stop on the robot itself.")
+        if not drive.emergency_stop and robot is not None and robot.emergency_stop is not None:
+            stop_it = tr(
+                "Press the emergency stop (Esc Esc), which sets the robot’s own, or use the stop on the robot."
+            )
+    match drive.movement:
+        case "uncommanded" if drive.stopped:
+            what = tr("The robot moves, although the emergency stop is on.")
+            if not drive.emergency_stop:
+                what = tr("The robot moves, although it was stopped.")
+            yield Condition(
+                "uncommanded", "error", what,
+                tr("This console sends zero all the time; something else drives it. {who}").format(who=who), stop_it,
+            )  # fmt: skip
+        case "uncommanded":
+            yield Condition(
+                "uncommanded", "warning", tr("The robot moves, but not on a command of this console."),
+                tr("Somebody pushes it, or something else drives it. {who}").format(who=who), stop_it,
+            )  # fmt: skip
+        case "commanded_elsewhere":
+            yield Condition(
+                "commanded_elsewhere", "error" if drive.stopped else "warning",
+                tr("Something else sends the robot drive commands."),
+                tr("It may move at any moment without a command of this console. {who}").format(who=who), stop_it,
+            )  # fmt: skip
+        case "not_following":
+            yield Condition(
+                "not_following", "warning", tr("The robot does not follow the drive commands."),
+                tr("They are sent, and its odometry shows no such movement."),
+                tr("See whether its own stop, a joystick, a lock (twist_mux) or a wall holds it, and whether its "
+                   "rosbridge lets {topic} through (topics_glob).").format(topic=topic),
+            )  # fmt: skip
+        case "silent":
+            yield Condition(
+                "movement_silent", "warning", tr("The robot tells no movement: no odometry comes."),
+                tr("Whether it stands or moves is not known here, and its place is not followed."),
+                tr("Watch the robot itself. Look at its base driver, and at 'odometry' in its profile."), 1.0,
+            )  # fmt: skip
 
 
 def _link_lost() -> Condition:

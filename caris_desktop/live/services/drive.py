@@ -18,6 +18,7 @@ from caris_desktop.domain.events import (
     EmergencyStopChanged,
     Event,
     GuardChanged,
+    MovementChanged,
     NavigationSpeedChanged,
     StopRequested,
 )
@@ -96,7 +97,7 @@ class DriveService(Service):
         }
 
     def follows(self) -> Follows:
-        events = (DriveEnded, EmergencyStopChanged, GuardChanged, NavigationSpeedChanged)
+        events = (DriveEnded, EmergencyStopChanged, GuardChanged, MovementChanged, NavigationSpeedChanged)
         return dict.fromkeys(events, self.on_robot_event)
 
     def stop(self) -> None:
@@ -206,6 +207,15 @@ class DriveService(Service):
             self._on_condition_changed()
         elif isinstance(event, NavigationSpeedChanged) and self._state.link.value.state in _STANDS:
             self._state.drive.set(replace(self._state.drive.value, goal_limit_mps=event.limit_mps))
+        elif isinstance(event, MovementChanged) and self._state.link.value.state in _STANDS:
+            self._state.drive.set(
+                replace(
+                    self._state.drive.value,
+                    movement=event.state,
+                    stopped=event.stopped,
+                    velocity_publishers=event.publishers,
+                )
+            )
         elif isinstance(event, GuardChanged) and self._state.link.value.state in _STANDS:
             self._state.drive.set(
                 replace(
@@ -264,6 +274,7 @@ class DriveService(Service):
             # Each connection begins with the guard as the profile has it.
             self._guard_switched_off = False
             status = replace(status, guard="absent", guard_distance_m=None, guard_detail="", goal_limit_mps=None)
+            status = replace(status, movement="unknown", stopped=False, velocity_publishers=())
             self._goals_limited_to_mps = None
         self._state.drive.set(
             replace(

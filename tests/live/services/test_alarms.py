@@ -12,7 +12,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import BatteryState, FrameRef
 from caris_desktop.live.services.alarms import AlarmsService
 from caris_desktop.live.state import LiveState, PresentClock
-from caris_desktop.live.status import LinkStatus, RecordingStatus
+from caris_desktop.live.status import DriveStatus, LinkStatus, RecordingStatus
 
 S = 1_000_000_000
 FRAME = FrameRef(0, None, "front", "ring", 0, 1, 640, 480)
@@ -144,4 +144,40 @@ def test_what_ends_by_itself_is_not_taken_as_seen_to(desk: Desk) -> None:
     desk.state.link.set(LinkStatus("lost"))
     with pytest.raises(ToldFailure, match="still wrong"):
         desk.service.dismiss(intents.DismissAlarm(desk.state.alarms.value[0].alarm_id))
+    assert desk.alarms == ["link"]
+
+
+@pytest.mark.parametrize(
+    ("drive", "cause", "severity", "said"),
+    [
+        (DriveStatus(movement="uncommanded"), "uncommanded", "warning", "not on a command of this console"),
+        (
+            DriveStatus(movement="uncommanded", stopped=True, emergency_stop=True, velocity_publishers=("/joy",)),
+            "uncommanded", "error", "although the emergency stop is on",
+        ),
+        (DriveStatus(movement="uncommanded", stopped=True), "uncommanded", "error", "although it was stopped"),
+        (DriveStatus(movement="commanded_elsewhere", stopped=True), "commanded_elsewhere", "error", "Something else"),
+        (DriveStatus(movement="not_following"), "not_following", "warning", "does not follow"),
+    ],
+)  # fmt: skip
+def test_movement_that_contradicts_the_commands_is_an_alarm_at_once(
+    desk: Desk, drive: DriveStatus, cause: str, severity: str, said: str
+) -> None:
+    desk.state.drive.set(drive)
+    [alarm] = desk.state.alarms.value
+    assert (alarm.cause, alarm.severity, said in alarm.what) == (cause, severity, True)
+    for publisher in drive.velocity_publishers:
+        assert publisher in alarm.meaning
+    desk.state.drive.set(DriveStatus(movement="standing"))
+    desk.wait(60)
+    assert desk.alarms == []
+    assert [change.state for change in desk.told] == ["raised", "ended"]
+
+
+def test_silent_odometry_is_an_alarm_and_a_lost_link_is_its_own(desk: Desk) -> None:
+    desk.state.drive.set(DriveStatus(movement="silent"))
+    desk.wait(2)
+    assert desk.alarms == ["movement_silent"]
+    desk.state.link.set(LinkStatus("lost"))
+    desk.wait(60)
     assert desk.alarms == ["link"]

@@ -1,0 +1,206 @@
+"""The movement check: what was commanded against what the odometry tells. Pure logic, time comes in as an argument."""
+
+import math
+from collections import deque
+
+from caris_desktop.domain.events import MovementState
+from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
+from caris_desktop.domain.sensing import Odometry
+from caris_desktop.robot.profile import RobotProfile
+
+MOVES_MPS, TURNS_RADPS = 0.03, 0.06
+"""A base that stands tells less than this: wheel odometry 0, a filter with an inertial sensor up to 0.01 m/s."""
+# Of positions in their own noise a speed needs more, over a while.
+_DRIFTS_MPS, _DRIFTS_RADPS = 0.05, 0.10
+_WINDOW_S, _SHORTEST_WINDOW_S = 0.8, 0.4
+_JUMP_M, _JUMP_RAD = 0.5, 0.8
+# Commands that are slower, or shorter, prove nothing: motors have a dead band, and bases ramp.
+_COMMANDED_MPS, _COMMANDED_RADPS, _FOLLOWS_WITHIN_S = 0.05, 0.15, 1.2
+_FOLLOWS_SHARE = 0.1
+_SILENT_AFTER_S, _SILENT_PERIODS, _FIRST_WITHIN_S = 1.0, 3.0, 3.0
+# The way of a command, the base's own ramp, and the odometry back.
+_REACTION_S, _BY_ITSELF_GRACE_S, _LONGEST_GRACE_S = 0.7, 1.5, 4.0
+_CONTROL_MOVES_WITHIN_S = 3.0
+_FOREIGN_COUNTS_S, _ECHO_WITHIN_S = 0.6, 3.0
+_MOVES_IN_A_ROW, _STANDS_AFTER_S = 2, 0.3
+
+
+class MovementCheck:
+    """Whether the robot moves as this console commands it, and only then.
+
+    Told of every velocity that goes out, of every odometry that comes and of every velocity that appears on the
+    command topic, whoever sent it. Times are seconds on the session clock.
+    """
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self._limits = profile.limits
+        self._has_odometry = profile.odometry is not None
+        self.forget(0.0)
+
+    def forget(self, now_s: float) -> None:
+        """A new connection: nothing is known, and what moved before may still be stopping."""
+        self._since_s = now_s
+        self._heard_s: float | None = None
+        self._period_s = 0.0
+        self._poses: deque[tuple[float, Pose2D]] = deque(maxlen=64)
+        self._twist = ZERO_TWIST
+        self._tells_speed = False
+        self._moves_in_a_row = 0
+        self._sent: deque[tuple[float, Twist2D]] = deque(maxlen=128)
+        self._commanded_since_s: float | None = None
+        self._followed_s = now_s
+        self._foreign_s = -math.inf
+        self._may_move_until_s = now_s + _BY_ITSELF_GRACE_S
+        self.stood_since_s: float | None = None
+        self._control_s: float | None = None
+
+    def sent(self, twist: Twist2D, now_s: float) -> None:
+        """A velocity went to the robot."""
+        before = self._sent[-1][1] if self._sent else ZERO_TWIST
+        self._sent.append((now_s, twist))
+        if not _counts(twist):
+            self._commanded_since_s = None
+        elif self._commanded_since_s is None or _direction(twist) != _direction(before):
+            self._commanded_since_s = self._followed_s = now_s
+        if twist.moving:
+            braking_s = max(
+                math.hypot(twist.forward_mps, twist.left_mps) / self._limits.deceleration_mps2,
+                abs(twist.turn_radps) / self._limits.turn_deceleration_radps2,
+            )
+            braking_s += 0.0 if self._tells_speed else _WINDOW_S
+            self._may_move_until_s = now_s + min(_REACTION_S + braking_s, _LONGEST_GRACE_S)
+
+    def moves_by_itself(self, now_s: float) -> None:
+        """The robot moves on behalf of this console: a goal or a control of its is under way."""
+        self._may_move_until_s = max(self._may_move_until_s, now_s + _BY_ITSELF_GRACE_S)
+
+    def control_used(self, now_s: float) -> None:
+        """A control of the Robot panel was used that may move the robot: until it has stood for a while."""
+        self._control_s = now_s
+        self.moves_by_itself(now_s)
+
+    def stopped(self) -> None:
+        """What the robot does by itself was stopped from here."""
+        self._control_s = None
+
+    def commanded(self, twist: Twist2D, now_s: float) -> None:
+        """A velocity appeared on the command topic: an echo of one that was sent here, or somebody else's."""
+        if not twist.moving or any(
+            now_s - at_s <= _ECHO_WITHIN_S and _same(twist, own) for at_s, own in reversed(self._sent)
+        ):
+            return
+        self._foreign_s = now_s
+
+    def take_odometry(self, odometry: Odometry) -> None:
+        now_s = odometry.stamp_ns / 1e9
+        if self._heard_s is not None:
+            period_s = min(now_s - self._heard_s, 2.0)
+            self._period_s = period_s if not self._period_s else 0.8 * self._period_s + 0.2 * period_s
+        self._heard_s = now_s
+        self._twist = odometry.twist
+        self._tells_speed = self._tells_speed or odometry.twist.moving
+        self._note_pose(odometry.pose_in_odom, now_s)
+        if self._moves_now():
+            self._moves_in_a_row += 1
+            self.stood_since_s = None
+            return
+        self._moves_in_a_row = 0
+        if self.stood_since_s is None:
+            self.stood_since_s = now_s
+        # The braking is over. A command that has only just gone out may not have reached the wheels.
+        last_s = next((at_s for at_s, twist in reversed(self._sent) if twist.moving), -math.inf)
+        if now_s - last_s > _REACTION_S:
+            self._may_move_until_s = min(self._may_move_until_s, now_s)
+
+    def state(self, now_s: float) -> MovementState:
+        """What is so now."""
+        if self._control_s is not None:
+            stands = self.stood_since_s is not None or self._heard_s is None
+            if stands and now_s - max(self._control_s, self.stood_since_s or 0.0) > _CONTROL_MOVES_WITHIN_S:
+                self._control_s = None
+            else:
+                self.moves_by_itself(now_s)
+        foreign = now_s - self._foreign_s <= _FOREIGN_COUNTS_S and now_s > self._may_move_until_s
+        if self._heard_s is None:
+            silent = self._has_odometry and now_s - self._since_s > _FIRST_WITHIN_S
+            return "commanded_elsewhere" if foreign else "silent" if silent else "unknown"
+        if now_s - self._heard_s > max(_SILENT_AFTER_S, _SILENT_PERIODS * self._period_s):
+            return "commanded_elsewhere" if foreign else "silent"
+        if self._moves_in_a_row >= _MOVES_IN_A_ROW and now_s > self._may_move_until_s:
+            return "uncommanded"
+        if foreign:
+            return "commanded_elsewhere"
+        if self._commanded_since_s is not None and now_s - self._sent[-1][0] <= _FOREIGN_COUNTS_S:
+            if self._follows():
+                self._followed_s = now_s
+            if now_s - max(self._commanded_since_s, self._followed_s) > _FOLLOWS_WITHIN_S:
+                return "not_following"
+        stands = self.stood_since_s is not None and now_s - self.stood_since_s >= _STANDS_AFTER_S
+        return "standing" if stands else "moving"
+
+    def _follows(self) -> bool:
+        """Whether the odometry shows a tenth of what was sent last, in the direction that it mostly has."""
+        sent, told = self._sent[-1][1], self._twist
+        drifts_mps, drifts_radps = self._drift()
+        turns = _direction(sent)[0] == "turn"
+        if turns:
+            wanted, least = abs(sent.turn_radps), 0.02
+            along = max(told.turn_radps * math.copysign(1.0, sent.turn_radps), drifts_radps)
+        else:
+            wanted, least = math.hypot(sent.forward_mps, sent.left_mps), 0.01
+            along = (told.forward_mps * sent.forward_mps + told.left_mps * sent.left_mps) / wanted
+            along = max(along, drifts_mps)
+        return along >= max(_FOLLOWS_SHARE * wanted, least)
+
+    def _moves_now(self) -> bool:
+        twist = self._twist
+        if math.hypot(twist.forward_mps, twist.left_mps) > MOVES_MPS or abs(twist.turn_radps) > TURNS_RADPS:
+            return True
+        drifts_mps, drifts_radps = self._drift()
+        return drifts_mps > _DRIFTS_MPS or drifts_radps > _DRIFTS_RADPS
+
+    def _note_pose(self, pose: Pose2D, now_s: float) -> None:
+        if self._poses:
+            newest = self._poses[-1][1]
+            turned_rad = abs(wrap_angle(pose.heading_rad - newest.heading_rad))
+            if math.hypot(pose.x_m - newest.x_m, pose.y_m - newest.y_m) > _JUMP_M or turned_rad > _JUMP_RAD:
+                self._poses.clear()  # the odometry was set to another place
+        self._poses.append((now_s, pose))
+        while now_s - self._poses[0][0] > _WINDOW_S:
+            self._poses.popleft()
+
+    def _drift(self) -> tuple[float, float]:
+        """Speeds by the poses alone, of a robot that leaves the velocities of its odometry empty."""
+        if self._tells_speed or not self._poses:
+            return 0.0, 0.0
+        (begin_s, begin), (end_s, end) = self._poses[0], self._poses[-1]
+        lasted_s = end_s - begin_s
+        if lasted_s < _SHORTEST_WINDOW_S:
+            return 0.0, 0.0
+        way_m = math.hypot(end.x_m - begin.x_m, end.y_m - begin.y_m)
+        return way_m / lasted_s, abs(wrap_angle(end.heading_rad - begin.heading_rad)) / lasted_s
+
+
+def _counts(twist: Twist2D) -> bool:
+    speed_mps = math.hypot(twist.forward_mps, twist.left_mps)
+    return speed_mps >= _COMMANDED_MPS or abs(twist.turn_radps) >= _COMMANDED_RADPS
+
+
+def _direction(twist: Twist2D) -> tuple[str, int, int]:
+    """What of a twist prevails, and its sign."""
+    speed_mps = math.hypot(twist.forward_mps, twist.left_mps)
+    if speed_mps / _COMMANDED_MPS < abs(twist.turn_radps) / _COMMANDED_RADPS:
+        return "turn", 0, -1 if twist.turn_radps < 0.0 else 1
+    return "way", _sign(twist.forward_mps), _sign(twist.left_mps)
+
+
+def _sign(value: float) -> int:
+    return (value > 0.0) - (value < 0.0)
+
+
+def _same(one: Twist2D, other: Twist2D) -> bool:
+    return (
+        abs(one.forward_mps - other.forward_mps) < 1e-4
+        and abs(one.left_mps - other.left_mps) < 1e-4
+        and abs(one.turn_radps - other.turn_radps) < 1e-4
+    )
