@@ -31,6 +31,7 @@ WRITING_METHODS = {"fsync", "mkdir", "rmdir", "touch", "unlink", "write_bytes", 
 
 # Reading is looked for in what runs in the GUI thread: in these files all but the functions of ``READ_ASIDE``.
 NOT_GUI_THREAD = {
+    "live/confirmed_files.py": "slow work, and before the window stands",
     "live/logs.py": "before the window stands, and the log has a thread of its own",
     "live/robot_explorer.py": "its functions run in threads of the asyncio thread",
 }

@@ -40,6 +40,17 @@ def add_console_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--study", metavar="DIR", type=Path, help="folder of the study (sessions and people)")
     parser.add_argument("--demo", action="store_true", help="start a simulated robot and connect to it")
+    add_accept_named(parser)
     parser.add_argument("--theme", choices=("system", "dark", "light"), help="this run's theme")
     parser.add_argument("--language", metavar="NAME", help="this run's language, as in 'de' (default: English)")
     parser.add_argument("--verbose", action="store_true", help="show the log in the terminal")
+
+
+def add_accept_named(parser: argparse.ArgumentParser) -> None:
+    """For commands that read a scenario or a robot profile, which the window would ask about first."""
+    parser.add_argument(
+        "--accept-named",
+        action="store_true",
+        help="confirm the addresses, files, environment variables and models that the scenario and the robot's "
+        "profile name; kept for these files",
+    )

@@ -57,12 +57,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
     try:
-        scenario = composition.find_scenario(arguments.scenario or "tour-guide")
+        scenario = composition.find_scenario(arguments.scenario or "tour-guide", accept_named=arguments.accept_named)
         yield Finding("Scenario", True, f"{scenario.title} ({scenario.path})")
     except composition.StartError as error:
         yield Finding("Scenario", False, str(error), "Correct the file, or choose another --scenario.")
         scenario = composition.find_scenario("tour-guide")
-    yield _robot(arguments.robot or scenario.robot)
+    yield _robot(arguments.robot or scenario.robot, accept_named=arguments.accept_named)
     yield Finding("Cameras here", True, ", ".join(found_cameras()) or "none is plugged into this computer")
     yield from _cameras(arguments.camera, scenario)
     yield detector_finding(scenario)
@@ -76,7 +76,11 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
     yield from _disk(arguments)
 
 
-def _robot(name: str) -> Finding:
+def _robot(name: str, *, accept_named: bool) -> Finding:
+    try:
+        composition.confirm_robot(name, accept_named=accept_named)
+    except composition.StartError as error:
+        return Finding("Robot", False, str(error), "Confirm it, or choose another --robot.")
     try:
         profile = load_profile_blocking(name)
     except ProfileError as error:

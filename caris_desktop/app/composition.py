@@ -31,6 +31,7 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE, Role
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.live import confirmed_files
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.local_microphone import MicrophoneChoice
 from caris_desktop.live.model_lists import local_models
@@ -101,12 +102,47 @@ def imports_dir() -> Path:
     return Path(platformdirs.user_cache_dir("caris-desktop", appauthor=False)) / "imported bags"
 
 
-def find_scenario(name_or_path: str) -> Scenario:
-    """Raises StartError."""
+def find_scenario(name_or_path: str, *, accept_named: bool = False, ask: bool = False) -> Scenario:
+    """The scenario, where the user has confirmed what it names or does so with ``accept_named``.
+
+    Raises StartError; with ``ask`` ConfirmationNeeded where the window has to ask first.
+    """
     try:
-        return load_scenario(find_scenario_file(name_or_path), _velocity_topic_of)
+        scenario = load_scenario(find_scenario_file(name_or_path), _velocity_topic_of)
     except ScenarioError as error:
         raise StartError(str(error)) from error
+    _confirmed(lambda: confirmed_files.check_scenario(scenario), accept_named=accept_named, ask=ask)
+    return scenario
+
+
+def confirm_robot(name: str, *, accept_named: bool = False) -> None:
+    """For commands without a window, before they connect. Raises StartError where the user has not confirmed what the
+    profile names. One that cannot be read is left to whoever connects.
+    """
+    with contextlib.suppress(ProfileError):
+        profile = load_profile(name)
+        check = functools.partial(confirmed_files.check_profile, profile, name)
+        _confirmed(check, accept_named=accept_named, ask=False)
+
+
+def _confirmed(check: Callable[[], None], *, accept_named: bool, ask: bool) -> None:
+    try:
+        check()
+    except confirmed_files.ConfirmationNeeded as needed:
+        if accept_named:
+            try:
+                confirmed_files.accept(needed.question)
+            except OSError as error:
+                raise StartError(tr("Your answer could not be kept: {why}.").format(why=error)) from error
+        elif ask:
+            raise
+        else:
+            words = confirmed_files.question_words(needed.question)
+            refused = tr(
+                "{words}\nNothing of it was used. Open it in the console and confirm it there, or add --accept-named "
+                "if you trust all of this."
+            )
+            raise StartError(refused.format(words=words)) from needed
 
 
 def open_study(folder: Path | None) -> StudyFolder:
@@ -309,12 +345,13 @@ def _software() -> dict[str, str]:
 
 
 def robot_connection(name_or_path_or_url: str, *, address: str | None = None) -> RobotConnection:
-    """How to reach a robot. Raises StartError.
+    """How to reach a robot. Raises StartError, and ConfirmationNeeded where the window has to ask first.
 
     An address that does not say which ROS runs there is asked first.
     """
     try:
         profile = load_profile(name_or_path_or_url)
+        confirmed_files.check_profile(profile, name_or_path_or_url)
     except ProfileError as error:
         raise StartError(str(error)) from error
     settings = LinkSettings(profile, address or profile.address)
@@ -382,13 +419,15 @@ def detector_settings(scenario: Scenario) -> DetectorSettings:
 
 def _load_scenario(path: Path) -> Scenario:
     try:
-        return load_scenario(path, _velocity_topic_of)
+        scenario = load_scenario(path, _velocity_topic_of)
     except ScenarioError as error:
         raise ToldFailure(
             tr("The scenario was not opened."),
             str(error),
             tr("The previous scenario stays. Correct the file and open it."),
         ) from error
+    confirmed_files.check_scenario(scenario)
+    return scenario
 
 
 def _velocity_topic_of(robot: str) -> str | None:
@@ -404,13 +443,15 @@ def _save_places(scenario: Scenario) -> Scenario:
     path = own_file(scenario.path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        return save_places(scenario, path)
+        saved = save_places(scenario, path)
+        confirmed_files.carry(scenario, saved)
     except (OSError, ScenarioError) as error:
         raise ToldFailure(
             tr("The place was not saved."),
             str(error),
             tr("Make that file writable, or copy the scenario and open the copy."),
         ) from error
+    return saved
 
 
 def _save_text(text: str, path: Path, edited: Path | None, replaces: str) -> str:

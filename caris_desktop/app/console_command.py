@@ -28,6 +28,7 @@ from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sound import Role
 from caris_desktop.domain.translation import tr
+from caris_desktop.live.confirmed_files import ConfirmationNeeded
 from caris_desktop.live.console import Console
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.live_robots import LiveRobotHost
@@ -72,6 +73,9 @@ class ConsoleRun:
         self._settings_trouble = bring_up_to_date(kept)
         self.settings = KeptSettings(kept)
         self._arguments = arguments
+        # Without a window that somebody looks at nobody can be asked.
+        self._asks = robot is None
+        self._to_confirm: ConfirmationNeeded | None = None
         scenario, refused = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
         check_screen()
@@ -163,7 +167,7 @@ class ConsoleRun:
         self._garbage = GarbageCollector(self.console)
         self._to_start.extend((
             self.console.start, self.host.start, self.begin_first_use, self.tell_of_settings, self.tell_of_scenario,
-            self._connect_first_robot,
+            self._ask_or_connect,
         ))  # fmt: skip
         self._start_next()
 
@@ -171,6 +175,25 @@ class ConsoleRun:
         if self._to_start:
             self._to_start.popleft()()
             QTimer.singleShot(0, self.window, self._start_next)
+
+    def _ask_or_connect(self) -> None:
+        """Where the scenario to start with waits for a word, the robot that it names waits too."""
+        if self._to_confirm is None:
+            self._connect_first_robot()
+            return
+        self.console.state.file_question.changed.connect(self._on_file_question)
+        self.console.state.file_question.set_anew(self._to_confirm.question)
+
+    def _on_file_question(self, question: object) -> None:
+        """The answer: after a yes the scenario is opened a moment later, and its robot is the one to connect."""
+        if question is not None or self._to_confirm is None:
+            return
+        self.console.state.file_question.changed.disconnect(self._on_file_question)
+        self._to_confirm = None
+        # In the turn after this one the scenario is asked for again; what comes then is behind it in the queue.
+        QTimer.singleShot(
+            0, self.window, lambda: self.console.read_aside(lambda: None, lambda _: self._connect_first_robot())
+        )
 
     def _connect_first_robot(self) -> None:
         if self._make_demo_robot is not None:
@@ -210,6 +233,8 @@ class ConsoleRun:
 
     def _robot_to_start_with(self, robot: str, last: str) -> RobotConnection:
         """The one of ``last`` time where there still is one of that name. Raises ToldFailure."""
+        if self._arguments.accept_named:
+            composition.confirm_robot(robot, accept_named=True)
         if last:
             with suppress(composition.StartError):
                 return composition.robot_connection(last)
@@ -242,12 +267,18 @@ class ConsoleRun:
 
         Raises StartError.
         """
-        if self._arguments.scenario:
-            return composition.find_scenario(self._arguments.scenario), ""
+        named = self._arguments.scenario
         last_time = str(self.settings.value(_SCENARIO_KEY, "tour-guide"))
         try:
-            return composition.find_scenario(last_time), ""
+            wanted = named or last_time
+            accepted = self._arguments.accept_named
+            return composition.find_scenario(wanted, accept_named=accepted, ask=self._asks), ""
+        except ConfirmationNeeded as needed:
+            self._to_confirm = needed
+            return composition.find_scenario("tour-guide"), ""
         except composition.StartError:
+            if named:
+                raise
             return composition.find_scenario("tour-guide"), last_time
 
     def _kept_microphone(self, role: Role) -> str | None:
@@ -356,6 +387,7 @@ def default_arguments(**changes: object) -> argparse.Namespace:
         "camera": None,
         "study": None,
         "demo": False,
+        "accept_named": False,
         "theme": None,
         "language": None,
         "verbose": False,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 from caris_desktop.domain.address import before_port, is_loopback_host
+from caris_desktop.domain.translation import tr
 from caris_desktop.perception.backends.chosen import open_chosen
 from caris_desktop.perception.backends.remote import TOKEN_VARIABLE
 from caris_desktop.perception.backends.serving import serving
@@ -59,7 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
             Path(arguments.model) if arguments.model and not arguments.sha256 and "://" not in arguments.model else None
         )
         if own is not None and own.suffix.lower() == ".pt":
-            _tell(f"{own.name} may bring code of its maker, which runs here because you name the file.")
+            _tell(
+                tr("{name} may bring code of its maker, which runs here because you name the file.").format(
+                    name=own.name
+                )
+            )
         chosen = open_chosen(
             own,
             DetectorSettings(

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from caris_desktop.app import composition
+from caris_desktop.app.arguments import add_accept_named
 from caris_desktop.live.logs import configure_logging
 
 
@@ -20,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         help="use this camera instead of the simulated robot's; may be given several times, also with 'robot'",
     )
+    add_accept_named(parser)
     parser.add_argument("--theme", choices=("system", "dark", "light"), default="dark")
     parser.add_argument("--size", metavar="WxH", help="size of the window (default: as large as the screen)")
 
@@ -52,7 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         console_run = ConsoleRun(
             default_arguments(
-                scenario=arguments.scenario, study=out / "study", camera=arguments.camera, theme=arguments.theme
+                scenario=arguments.scenario,
+                study=out / "study",
+                camera=arguments.camera,
+                theme=arguments.theme,
+                accept_named=arguments.accept_named,
             ),
             settings=QSettings(str(out / "settings.ini"), QSettings.Format.IniFormat),
             robot=lambda console: DemoRobot(console, seed=arguments.seed),

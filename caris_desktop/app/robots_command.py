@@ -5,7 +5,10 @@ import asyncio
 import sys
 from pathlib import Path
 
+from caris_desktop.app import composition
+from caris_desktop.app.arguments import add_accept_named
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.live.confirmed_files import accept_written_profile
 from caris_desktop.robot.explore import Exploration, StreamCheck, check_streams, explore_robot, load_profile_blocking
 from caris_desktop.robot.profile import (
     ProfileError,
@@ -28,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--listen", metavar="PROFILE|ws://HOST:PORT", help="listen to every stream of a profile, and say how it comes"
     )
+    add_accept_named(parser)
     parser.add_argument("--seconds", type=float, default=3.0, help="how long to listen (default: 3)")
 
 
@@ -37,8 +41,9 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.explore:
             return _explore(check_address(arguments.explore), arguments.save)
         if arguments.listen:
+            composition.confirm_robot(arguments.listen, accept_named=arguments.accept_named)
             return _listen(arguments.listen, arguments.seconds)
-    except (ToldFailure, ProfileError) as error:
+    except (ToldFailure, ProfileError, composition.StartError) as error:
         print(error, file=sys.stderr)
         return 1
     if arguments.save:
@@ -66,6 +71,7 @@ def _explore(address: str, title: str | None) -> int:
         return 1
     profile = profile_of(found.offer, found.proposal.chosen, name=path.stem, title=title, address=address)
     save_profile(profile, path)
+    accept_written_profile(profile, path)
     print(f"Saved as {path}. Use it with --robot {path.stem}.")
     return 0
 

@@ -10,6 +10,7 @@ from typing import Any
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.intents import SaveLayout, SizeClass
 from caris_desktop.domain.translation import tr
+from caris_desktop.live.confirmed_files import carry
 from caris_desktop.scenario.file import ScenarioError, save_layout, save_scenario
 from caris_desktop.scenario.layout import checked_layout, layout_data, own_layout, with_layout
 from caris_desktop.scenario.library import own_file, own_file_called
@@ -113,7 +114,7 @@ def _written(scenario: Scenario) -> Path:
     path = own_file(scenario.path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        save_layout(scenario, path)
+        carry(scenario, save_layout(scenario, path))
     except (OSError, ScenarioError) as error:
         raise _not_saved(path, error) from error
     return path
@@ -127,7 +128,7 @@ def _written_anew(scenario: Scenario) -> Path:
         number = 2
         while path.exists():
             path, number = first.with_stem(f"{first.stem}-{number}"), number + 1
-        save_scenario(scenario, path)
+        carry(scenario, save_scenario(scenario, path))
     except (OSError, ScenarioError) as error:
         raise _not_saved(path, error) from error
     return path

@@ -22,6 +22,8 @@ from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.domain.value_class import dataclass
 
 Known = Literal["gestures", "expressions", "robots", "faces"]
+External = Literal["address", "camera", "language_model", "model", "network", "path", "robot", "variable"]
+"""How a value names something outside of its file, which the user confirms before it is used."""
 
 # A frozen dataclass that says which keys stand together.
 Group: TypeAlias = Any
@@ -38,7 +40,8 @@ class Rule:
     and called ``key`` where the file has another word than the program. Forms call it by its ``title`` (else by its
     key), among the others of its ``section``; ``prose`` may have paragraphs, what is ``pressed`` is a combination of
     keys, and what ``refers`` is one of the names that a list of the file has: its keys, and that of the name; or one of
-    the words ``else_one_of``. What ``knows`` names something that the program knows of elsewhere, and offers.
+    the words ``else_one_of``. What ``knows`` names something that the program knows of elsewhere, and offers; what is
+    ``external`` names something outside of the file.
 
     Of keys of one group: this one stands only ``beside`` another, it is ``needed`` where another stands (``(key,)``, or
     ``(key, *words)``: where that is one of these words), it stands ``instead_of`` others, which are then not needed
@@ -69,6 +72,7 @@ class Rule:
     refers: tuple[str, ...] = ()
     else_one_of: tuple[str, ...] = ()
     knows: Known | None = None
+    external: External | None = None
     beside: tuple[str, ...] = ()
     needed: tuple[str, ...] = ()
     instead_of: tuple[str, ...] = ()
@@ -328,6 +332,19 @@ def replaced(hint: Any, data: Any, change: Callable[[Form, Any, KeyPath], Any], 
     if (item := item_of(form.kind)) is not None:
         return [replaced(item, entry, change, (*path, index)) for index, entry in enumerate(data)]
     return change(form, data, path)
+
+
+def externals_in(hint: Any, data: Any) -> list[tuple[External, Any, str]]:
+    """Each single value in checked ``data`` that names something outside of the file, with its key, without numbers."""
+    found: list[tuple[External, Any, str]] = []
+
+    def look(form: Form, value: Any, path: KeyPath) -> Any:
+        if form.rule.external is not None:
+            found.append((form.rule.external, value, ".".join(step for step in path if isinstance(step, str))))
+        return value
+
+    replaced(hint, data, look)
+    return found
 
 
 def plain_number(number: float) -> float | int:

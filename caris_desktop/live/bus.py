@@ -10,6 +10,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd, Severity
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.streams import CARRIER_STREAMS, ShownAs
+from caris_desktop.live.confirmed_files import ConfirmationNeeded
 from caris_desktop.live.mailbox import Mailbox
 from caris_desktop.live.pace import PassPace
 from caris_desktop.live.service import Follows
@@ -88,8 +89,11 @@ class Bus(QObject):
 
     def answer(self, failure: ToldFailure, until: ProblemEnd = "") -> None:
         """Tell the wizard, and the record, that what was asked for could not be done; with ``until`` that stays wrong
-        until then.
+        until then. What waits for the user's word on a file is asked instead.
         """
+        if isinstance(failure, ConfirmationNeeded):
+            self._state.file_question.set_anew(failure.question)
+            return
         cause = "" if until else ANSWER
         self.problem(failure.severity, failure.what, failure.meaning, failure.advice, until=until, cause=cause)
 

@@ -13,6 +13,7 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.confirmed_files import accept_written_profile
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import (
     ProfileError,
@@ -149,6 +150,7 @@ def _save(profile: RobotProfile, title: str) -> RobotChoice:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         save_profile(replace(profile, name=path.stem, title=title), path)
+        accept_written_profile(profile, path)
     except (OSError, ProfileError) as error:
         raise ToldFailure(
             tr("The robot was not saved."), f"{error}", tr("Choose another name, or free space on the disk.")

@@ -252,6 +252,7 @@ class LiveState(QObject):
         self.scenario = LiveValue(None, self)
         self.saved_scenario = LiveValue(None, self)
         self.import_question = LiveValue(None, self)
+        self.file_question = LiveValue(None, self)
         self.places = LiveValue((), self)
         self.look = LiveValue(HeadStatus(), self)
         self.mapping = LiveValue(MapStatus(), self)

@@ -15,6 +15,7 @@ from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile_model import (
+    DEFAULT_ADDRESS,
     AudioInterface,
     CameraTopic,
     EmergencyStopInterface,
@@ -43,6 +44,7 @@ from caris_desktop.robot.profile_model import (
 
 # With the parts of a profile, so that whoever has one need not know which file names them.
 __all__ = [
+    "DEFAULT_ADDRESS",
     "AudioInterface",
     "CameraTopic",
     "EmergencyStopInterface",
@@ -71,6 +73,7 @@ __all__ = [
     "list_profiles",
     "load_profile",
     "parse_profile",
+    "profile_file",
     "profile_file_name",
     "profile_text",
     "read_profile",
@@ -128,12 +131,18 @@ def load_profile(name_or_path_or_url: str, *, user_dir: Path | None = None) -> R
     ProfileError
         If there is no such profile or it has a mistake in it.
     """
+    path = profile_file(name_or_path_or_url, user_dir=user_dir)
+    return _profile_at_address(name_or_path_or_url.strip()) if path is None else read_profile(path)
+
+
+def profile_file(name_or_path_or_url: str, *, user_dir: Path | None = None) -> Path | None:
+    """The file that :func:`load_profile` reads for this robot; None for an address. Raises ProfileError."""
     wanted = name_or_path_or_url.strip()
     if "://" in wanted:
-        return _profile_at_address(wanted)
+        return None
     if re.fullmatch(_NAME, wanted) and not Path(wanted).is_file():
-        return read_profile(_file_of(wanted, user_dir or user_robots_dir()))
-    return read_profile(Path(wanted))
+        return _file_of(wanted, user_dir or user_robots_dir())
+    return Path(wanted)
 
 
 def leaves_ros_open(name_or_path_or_url: str) -> bool:

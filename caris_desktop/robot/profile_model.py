@@ -183,7 +183,8 @@ _AnswersAtEnd = Annotated[bool, Rule(
     "long a sentence takes.", quiet=True,
 )]  # fmt: skip
 _WebAddress = Annotated[str, Rule(
-    longest=500, pattern="^https?://[^/@ ]+(/[^ ]*)?$", allowed="http://HOST:PORT/PATH, without a password.",
+    longest=500, external="address", pattern="^https?://[^/@ ]+(/[^ ]*)?$",
+    allowed="http://HOST:PORT/PATH, without a password.",
 )]  # fmt: skip
 
 
@@ -376,10 +377,11 @@ class SecuritySettings:
 
     ca_file: Annotated[str | None, Rule(
         "Certificates (PEM) to trust besides the system's, for `wss://`, in the folder of the profile.", shortest=1,
-        longest=300,
+        longest=300, external="path",
     )] = None  # fmt: skip
     rosauth_secret_env: Annotated[str | None, Rule(
         "The environment variable that holds the secret of rosauth; the secret itself is never in a file.", longest=100,
+        external="variable",
         pattern="^[A-Za-z_][A-Za-z0-9_]*$", allowed="the name of an environment variable.",
     )] = None  # fmt: skip
 
@@ -439,7 +441,7 @@ class RobotProfile:
     ] = ""
     ros: Annotated[RosVersion, Rule("The ROS version that it runs.", wanted=True)] = 1
     address: Annotated[str, Rule(
-        "Its rosbridge. `--robot` with an address replaces it.", longest=500,
+        "Its rosbridge. `--robot` with an address replaces it.", longest=500, external="address",
         pattern=r"^wss?://[^/?#@\s]+(/[^?#\s]*)?$", allowed="ws://HOST:PORT or wss://HOST:PORT, without a password.",
     )] = DEFAULT_ADDRESS  # fmt: skip
     security: Annotated[SecuritySettings, Rule(quiet=True)] = field(default_factory=SecuritySettings)

@@ -30,6 +30,7 @@ class AssistantSettings:
             "The model of this program, or one of Ollama, of an OpenAI-compatible server or of Gemini.",
             pattern=MODEL_PATTERN,
             allowed=MODEL_ALLOWED,
+            external="language_model",
         ),
     ] = "embedded"
     system_prompt: Annotated[str, Rule("What the model is told before the conversation.", prose=True, longest=8000)] = (
@@ -53,7 +54,7 @@ class AssistantSettings:
         Rule("Pictures may be given to the model with a question. `embedded` sees none.", quiet=True),
     ] = False
     models: Annotated[
-        tuple[Annotated[str, Rule(pattern=MODEL_PATTERN, allowed=MODEL_ALLOWED)], ...],
+        tuple[Annotated[str, Rule(pattern=MODEL_PATTERN, allowed=MODEL_ALLOWED, external="language_model")], ...],
         Rule(
             "Further models that the wizard may choose, beside that of this program and those that Ollama and an "
             "OpenAI-compatible server on this computer list.",

@@ -28,6 +28,7 @@ class FaceSettings:
         Rule(
             "Who can open the page with the face, while it is served: this computer alone, or whoever is on its "
             "network and has the address with its secret part.",
+            external="network",
             quiet=True,
         ),
     ] = "this_computer"

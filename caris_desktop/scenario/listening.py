@@ -30,6 +30,7 @@ class ListeningSettings:
             "The recogniser: a faster-whisper folder by its path, beside the scenario or in a models folder, or the "
             "`https://` address of one as a .zip; the usual one if empty. With `server`, the name of its model.",
             longest=1000,
+            external="model",
             quiet=True,
         ),
     ] = ""
@@ -49,6 +50,7 @@ class ListeningSettings:
             "With `engine: server`: its address. Its key, if it wants one, is CARIS_TRANSCRIPTION_KEY in the "
             "environment or in the system's keyring.",
             pattern="^(https?://.+)?$",
+            external="address",
             allowed="https://HOST/v1, or http://HOST:PORT/v1.",
             longest=300,
             quiet=True,

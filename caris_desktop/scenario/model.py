@@ -174,6 +174,7 @@ class PerceptionSettings:
         str,
         Rule(
             title="Detector",
+            external="model",
             text="The detector: a .pt, .onnx or .tflite file or a folder for OpenVINO, by its path, beside the "
             "scenario or in a models folder, or an `https://` address; the usual one if empty.",
             longest=1000,
@@ -216,6 +217,7 @@ class PerceptionSettings:
             "Address of a `caris-desktop perceive --serve` that finds people in this computer's place; its token is in "
             "the environment variable CARIS_PERCEPTION_TOKEN.",
             pattern="^(wss?://.+)?$",
+            external="address",
             allowed="wss://HOST:PORT, or ws://HOST:PORT on this computer.",
             longest=300,
             quiet=True,
@@ -285,7 +287,7 @@ class CameraSettings:
         "`robot` for all that the robot has, `robot:NAME` for one of them; `oak`, a device number, `/dev/videoN`, a "
         "video file, `simulated`, or an address that begins with `rtsp://`, `http://`, `whep+http://` or "
         "`webrtc+http://`.",
-        shortest=1, longest=1000,
+        shortest=1, longest=1000, external="camera",
     )]  # fmt: skip
     name: Annotated[str, Rule(
         "What it is called in the window and in file names; if not given, what follows from the source. Those of the "
@@ -340,6 +342,7 @@ class Scenario:
             "Name of a robot profile, or the address of a rosbridge: `ws://HOST:PORT`.",
             section="Robot and cameras",
             knows="robots",
+            external="robot",
             shortest=1,
             longest=300,
         ),

@@ -61,6 +61,7 @@ class RecordingSettings:
             "Marks with their labels, and the steps of the protocol, also go out on a Lab Streaming Layer outlet, for "
             "anybody on the network.",
             title="Send marks to the lab's network (LSL)",
+            external="network",
             quiet=True,
         ),
     ] = False
@@ -70,6 +71,7 @@ class RecordingSettings:
             "With `lsl`: all events go out, with every word that was said and written. Anybody on the network can hear "
             "them.",
             title="Send every word, too",
+            external="network",
             quiet=True,
         ),
     ] = False

@@ -3,10 +3,11 @@
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFileDialog, QWidget
+from PySide6.QtWidgets import QDialog, QFileDialog, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
+from caris_desktop.live.confirmed_files import FileQuestion
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.bundle import SUFFIX, ImportQuestion, bundle_name
 from caris_desktop.ui.theme import Theme
@@ -19,7 +20,9 @@ class ScenarioFiles:
         self._console = console
         self._window = window
         self._theme = theme
+        self._shown_question: QDialog | None = None
         console.state.import_question.changed.connect(self._ask)
+        console.state.file_question.changed.connect(self._ask_to_confirm)
 
     def choose_import(self) -> None:
         dialog = self._dialog(tr("Import a scenario"), Path.home())
@@ -37,6 +40,25 @@ class ScenarioFiles:
             self._console.do(intents.ImportScenario(question.path, decided))
 
         SameNamesDialog(self._theme, self._window, question, decide).show()
+
+    def _ask_to_confirm(self, question: FileQuestion | None) -> None:
+        """What a file names is listed. Nothing of the file is used before a yes; closing the dialog is a no."""
+        if self._shown_question is not None:
+            shown, self._shown_question = self._shown_question, None
+            shown.close()
+        if question is None:
+            return
+        from caris_desktop.ui.confirm_file_dialog import ConfirmFileDialog  # which the first window does without
+
+        def answer(accepted: bool) -> None:
+            self._shown_question = None
+            self._console.do(intents.ConfirmFile(question.sha256, accepted))
+            if accepted:
+                self._console.do(question.then)
+
+        dialog = self._shown_question = ConfirmFileDialog(self._theme, self._window, question)
+        dialog.finished.connect(lambda result: answer(result == QDialog.DialogCode.Accepted))
+        dialog.show()
 
     def choose_share(self) -> None:
         scenario = self._console.scenario

@@ -53,6 +53,7 @@ LEAVES_NOTHING = {
     intents.DraftSpeech,
     intents.HearRobot,
     intents.ShareScenario,
+    intents.ConfirmFile,
     intents.LookUpPerson,
     intents.MoveQueued,
     intents.LeaveTrial,
@@ -60,7 +61,8 @@ LEAVES_NOTHING = {
 }
 """Of which microphone is used the record has the sound. Who reads about somebody, hears along or tries a microphone
 changes nothing. When something is said is on record, however it came about, and what is only typed
-is not. A trial that nobody goes on with is over. What is practised has a recording of its own."""
+is not. What a file may use is kept in the settings, and what it opens then is on record. A trial that nobody goes
+on with is over. What is practised has a recording of its own."""
 
 WRITTEN_ELSEWHERE = {events.PersonForgotten, events.PracticeStepEnded, events.PracticeEnded}
 """Nobody is forgotten while a file is written, and what is practised goes into a file of its own."""

@@ -20,13 +20,13 @@ def test_a_scenario_whose_control_publishes_where_its_robot_takes_velocities_is_
     with pytest.raises(composition.StartError, match="line 6: 'go' publishes velocities"):
         composition.find_scenario(str(path))
     path.write_text(text.replace("TOPIC", "/said"), encoding="utf-8")
-    assert [control.id for control in composition.find_scenario(str(path)).controls] == ["go"]
+    assert [control.id for control in composition.find_scenario(str(path), accept_named=True).controls] == ["go"]
 
 
 def scenario_with(text: str, folder: Path) -> Scenario:
     path = folder / "cameras.yaml"
     path.write_text(f"version: 1\ntitle: A\nlayout: {{panel: video}}\n{text}", encoding="utf-8")
-    return composition.find_scenario(str(path))
+    return composition.find_scenario(str(path), accept_named=True)
 
 
 def names(wanted: WantedCameras) -> list[str]:

@@ -113,6 +113,7 @@ SAMPLES: tuple[Intent, ...] = (
     intents.OpenScenario(Path("tour-guide.yaml")),
     intents.SaveScenario("title: A", Path("a.yaml")),
     intents.ImportScenario(Path("a.caris")),
+    intents.ConfirmFile("a" * 64, accepted=True),
     intents.ShareScenario(Path("a.caris")),
     intents.DismissAlarm("a-1"),
     intents.GoOnWithTrial(),

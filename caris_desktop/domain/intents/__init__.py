@@ -100,6 +100,7 @@ from caris_desktop.domain.intents.robot import ROBOT, UseControl, UseRobot, UseS
 from caris_desktop.domain.intents.session import (
     SESSION,
     ConfirmAsBefore,
+    ConfirmFile,
     DeletePhoto,
     DismissAlarm,
     GoOnWithTrial,

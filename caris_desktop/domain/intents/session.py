@@ -129,6 +129,14 @@ class ImportScenario(Intent):
 
 
 @dataclass(frozen=True, slots=True)
+class ConfirmFile(Intent):
+    """The user's answer to what a file names, which was asked: with a yes the file of this checksum may use it."""
+
+    sha256: str
+    accepted: bool
+
+
+@dataclass(frozen=True, slots=True)
 class ShareScenario(Intent):
     """Write the scenario in force, with what of the user's own it refers to, as one file."""
 
@@ -176,6 +184,7 @@ SESSION: IntentTable = {
     OpenScenario: IntentSpec(QT_TR_NOOP("Opening another scenario")),
     SaveScenario: IntentSpec(QT_TR_NOOP("Saving the scenario")),
     ImportScenario: IntentSpec(QT_TR_NOOP("Importing a scenario")),
+    ConfirmFile: IntentSpec(QT_TR_NOOP("Confirming what a file names")),
     ShareScenario: IntentSpec(QT_TR_NOOP("Writing the scenario as one file")),
     DismissAlarm: IntentSpec(QT_TR_NOOP("Taking an alarm as seen to")),
     GoOnWithTrial: IntentSpec(QT_TR_NOOP("Going on with the trial")),

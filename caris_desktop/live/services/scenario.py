@@ -16,6 +16,7 @@ from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
+from caris_desktop.live.confirmed_files import ConfirmationNeeded, accept
 from caris_desktop.live.scenario_watch import ScenarioWatch
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.slow_work import SlowWork
@@ -137,6 +138,7 @@ class ScenarioService(Service):
             intents.OpenScenario: self._open,
             intents.SaveScenario: self._save,
             intents.ImportScenario: self._import,
+            intents.ConfirmFile: self._confirm_file,
             intents.ShareScenario: self._share,
             intents.SavePlace: self._save_place,
             intents.RemovePlace: self._remove_place,
@@ -225,6 +227,8 @@ class ScenarioService(Service):
         def work() -> Filed:
             try:
                 return self._load(path)
+            except ConfirmationNeeded:
+                raise
             except ToldFailure as failure:
                 raise ToldFailure(
                     tr("The scenario file was changed, and what it says now cannot be used."),
@@ -240,10 +244,38 @@ class ScenarioService(Service):
             lambda: self._load(asked.path), lambda filed: self._use(filed, asked.actor), self._bus.answer
         )
 
+    def _confirm_file(self, asked: intents.ConfirmFile) -> None:
+        """A yes is kept before what waits for it is done: both go through the same queue."""
+        question = self._state.file_question.value
+        if question is None or question.sha256 != asked.sha256:
+            return
+        self._state.file_question.set(None)
+        if not asked.accepted:
+            self._bus.problem(
+                "info",
+                tr("“{title}” is not used.").format(title=question.title),
+                tr("Nothing of what the file names was opened or connected to."),
+                tr("Open it again to be asked again, or correct the file."),
+                cause=ANSWER,
+            )
+            return
+
+        def keep() -> None:
+            try:
+                accept(question)
+            except OSError as error:
+                raise ToldFailure(
+                    tr("Your answer could not be kept."),
+                    tr("“{title}” is not used ({why}).").format(title=question.title, why=error.strerror or error),
+                    tr("Make room, or make your settings writable, and open it again."),
+                ) from error
+
+        self._slow_work.do(keep, lambda _kept: None, self._bus.answer)
+
     def _save(self, asked: intents.SaveScenario) -> None:
         in_session = self._state.recording.value.state in IN_SESSION
 
-        def work() -> tuple[SavedScenario, Filed | None]:
+        def work() -> tuple[SavedScenario, Filed | ConfirmationNeeded | None]:
             text = self._parts.save_text(asked.text, asked.path, asked.edited, asked.replaces)
             concerned = [path.resolve() for path in (asked.path, asked.edited) if path is not None]
             if in_session and asked.path not in (asked.edited, own_file(asked.edited)):
@@ -251,12 +283,17 @@ class ScenarioService(Service):
                 concerned = [asked.path.resolve()]
             open_now = self._filed.path is not None and self._filed.path.resolve() in concerned
             sha256 = hashlib.sha256(text.encode("utf-8")).hexdigest()
-            return SavedScenario(asked.path, text, sha256), self._load(asked.path) if open_now else None
+            try:
+                return SavedScenario(asked.path, text, sha256), self._load(asked.path) if open_now else None
+            except ConfirmationNeeded as needed:
+                return SavedScenario(asked.path, text, sha256), needed
 
-        def done(outcome: tuple[SavedScenario, Filed | None]) -> None:
+        def done(outcome: tuple[SavedScenario, Filed | ConfirmationNeeded | None]) -> None:
             saved, filed = outcome
             self._state.saved_scenario.set_anew(saved)
-            if filed is not None:
+            if isinstance(filed, ConfirmationNeeded):
+                self._bus.answer(filed)
+            elif filed is not None:
                 self._use(filed, asked.actor)
 
         def failed(failure: ToldFailure) -> None:

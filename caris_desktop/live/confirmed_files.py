@@ -1,0 +1,377 @@
+"""What a scenario or a robot profile names outside of itself, and what of that the user has confirmed.
+
+A file that came from somebody else may name addresses, paths, environment variables and models. Nothing of a file is
+used before the user has seen what it names. The answer is kept in the user's own settings, by the file's checksum.
+"""
+
+import contextlib
+import json
+import logging
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import parse_qs, urlsplit
+
+import platformdirs
+
+from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames
+from caris_desktop.domain.controls import RobotControl, decided
+from caris_desktop.domain.declared import External, data_of, externals_in
+from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.intents import Intent, OpenScenario, UseRobot
+from caris_desktop.domain.model_files import sha256_of
+from caris_desktop.domain.printable import printable
+from caris_desktop.domain.shipped import layouts_dir, resources_dir
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.robot.profile import (
+    DEFAULT_ADDRESS,
+    ProfileError,
+    RobotProfile,
+    interface_names,
+    load_profile,
+    profile_file,
+)
+from caris_desktop.scenario.model import Scenario
+
+_log = logging.getLogger(__name__)
+_FILES_KEPT = 300
+_PLAIN_NAME = re.compile(r"[A-Za-z0-9_-]+")
+ReferenceKind = Literal["address", "variable", "path", "model", "network", "stop_release", "motion", "held"]
+KIND_TITLES: dict[ReferenceKind, str] = {
+    "address": QT_TR_NOOP("Addresses that it connects to"),
+    "variable": QT_TR_NOOP("Environment variables that it reads, and sends as a secret"),
+    "path": QT_TR_NOOP("Files and devices that it opens"),
+    "model": QT_TR_NOOP("Models that it uses"),
+    "network": QT_TR_NOOP("What others on your network can receive"),
+    "stop_release": QT_TR_NOOP("Controls that would release the emergency stop; they are refused"),
+    "motion": QT_TR_NOOP("Controls that move the robot"),
+    "held": QT_TR_NOOP("Controls of an unknown kind; the emergency stop holds them"),
+}
+"""In the order in which they are listed: what leaves this computer first."""
+_PURPOSES = {
+    "assistant.model": QT_TR_NOOP("questions to the language model"),
+    "assistant.models": QT_TR_NOOP("questions to the language model"),
+    "cameras.source": QT_TR_NOOP("a camera that is shown and recorded"),
+    "face.page": QT_TR_NOOP("the page with the robot's face"),
+    "listening.model": QT_TR_NOOP("turns speech into text"),
+    "listening.server": QT_TR_NOOP("gets what participants say"),
+    "perception.model": QT_TR_NOOP("finds people in pictures"),
+    "perception.server": QT_TR_NOOP("gets the pictures of the cameras"),
+    "recording.lsl": QT_TR_NOOP("marks and steps, as LSL"),
+    "recording.lsl_words": QT_TR_NOOP("every word that is said and written, as LSL"),
+    "robot": QT_TR_NOOP("the robot"),
+    "address": QT_TR_NOOP("the robot"),
+    "security.ca_file": QT_TR_NOOP("certificates that are trusted for the robot"),
+    "security.rosauth_secret_env": QT_TR_NOOP("the secret for the robot"),
+    "speech.web.stop": QT_TR_NOOP("makes the robot be quiet"),
+    "speech.web.url": QT_TR_NOOP("gets what the robot says"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FileReference:
+    """One thing that a file names. ``place`` is its key in the file, without numbers; ``digest`` that of a file."""
+
+    kind: ReferenceKind
+    text: str
+    place: str
+    digest: str = ""
+
+    @property
+    def purpose(self) -> str:
+        """What it is for, in words; empty where nobody has described the key."""
+        return tr(_PURPOSES[self.place]) if self.place in _PURPOSES else ""
+
+
+@dataclass(frozen=True, slots=True)
+class FileQuestion:
+    """May this file use what it names? ``known`` was confirmed for an earlier version of the file. ``then`` is asked
+    for again after a yes.
+    """
+
+    title: str
+    path: Path
+    sha256: str
+    named: tuple[FileReference, ...]
+    known: frozenset[FileReference]
+    then: Intent
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether an earlier version was confirmed."""
+        return bool(self.known)
+
+
+@dataclass(frozen=True, slots=True)
+class _Confirmed:
+    """One answer that is kept: of a file's content, and where the file was."""
+
+    sha256: str
+    path: str
+    named: tuple[FileReference, ...]
+
+
+class ConfirmationNeeded(ToldFailure):
+    """The user has not confirmed yet what the file names, so nothing of it is used."""
+
+    def __init__(self, question: FileQuestion) -> None:
+        super().__init__(
+            tr("“{title}” names things outside of its file, and nobody has confirmed them on this computer.").format(
+                title=question.title
+            ),
+            tr("Nothing of it is used."),
+            tr("Open it in the console once and confirm what it names."),
+            severity="warning",
+        )
+        self.question = question
+
+
+def question_words(question: FileQuestion) -> str:
+    """The question as lines of text, for a command without a window."""
+    lines = [tr("“{title}” ({path}) names:").format(title=question.title, path=question.path)]
+    for kind, title in KIND_TITLES.items():
+        of_kind = [one for one in question.named if one.kind == kind]
+        if of_kind:
+            lines.append(f"  {tr(title)}:")
+            lines += [f"    {one.text}{f' ({one.purpose})' if one.purpose else ''}" for one in of_kind]
+    return "\n".join(printable(line) for line in lines)
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Raises ConfirmationNeeded where the user has not confirmed what the scenario names. May read models."""
+    if scenario.path is None or _is_shipped(scenario.path):
+        return
+    question = FileQuestion(
+        scenario.title, scenario.path, scenario.sha256, scenario_references(scenario), frozenset(),
+        OpenScenario(scenario.path),
+    )  # fmt: skip
+    _check(question)
+
+
+def check_profile(profile: RobotProfile, name: str) -> None:
+    """Raises ConfirmationNeeded where the user has not confirmed what the robot's profile names.
+
+    ``name`` is how the robot was asked for. An address is the user's own, or was confirmed with the scenario.
+    """
+    path = profile_file(name)
+    if path is None or _is_shipped(path):
+        return
+    try:
+        sha256 = sha256_of(path)
+    except OSError:
+        return  # it was read a moment ago; whoever uses it next is told that it is gone
+    _check(FileQuestion(profile.title, path, sha256, profile_references(profile), frozenset(), UseRobot(name)))
+
+
+def accept(question: FileQuestion) -> None:
+    """Keep the user's yes. Raises OSError."""
+    entries = [one for one in _entries() if one.sha256 != question.sha256]
+    entries.append(_Confirmed(question.sha256, _key(question.path), question.named))
+    files = [
+        {
+            "sha256": one.sha256,
+            "path": one.path,
+            "named": [[named.kind, named.text, named.place, named.digest] for named in one.named],
+        }
+        for one in entries[-_FILES_KEPT:]
+    ]
+    file = _file()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    replace_file(file, json.dumps({"version": 1, "files": files}, indent=1).encode(), durable=True)
+    with contextlib.suppress(OSError):
+        file.chmod(0o600)
+
+
+def carry(open_now: Scenario, saved: Scenario) -> None:
+    """Let what the program wrote for the user keep the yes for the scenario that was open.
+
+    Raises ConfirmationNeeded where the file names more meanwhile, and OSError.
+    """
+    try:
+        check_scenario(saved)
+    except ConfirmationNeeded as needed:
+        if not set(needed.question.named) <= set(scenario_references(open_now)):
+            raise
+        accept(needed.question)
+
+
+def accept_written_profile(profile: RobotProfile, path: Path) -> None:
+    """The user looked for the robot at its address and had the program write its profile: only what goes beyond that
+    is asked. Raises OSError.
+    """
+    try:
+        check_profile(profile, str(path))
+    except ConfirmationNeeded as needed:
+        seen = all(one.kind in ("motion", "held") or one.place == "address" for one in needed.question.named)
+        if seen:
+            accept(needed.question)
+
+
+def scenario_references(scenario: Scenario) -> tuple[FileReference, ...]:
+    """All that the scenario names, of its controls those that a stop holds."""
+    data = data_of(Scenario, scenario)
+    found = [
+        reference
+        for external, value, place in externals_in(Scenario, data)
+        for reference in _references(external, value, place)
+        if not _lies_beside(reference, scenario.path)
+    ]
+    robot = NO_NAMES
+    with contextlib.suppress(ProfileError):
+        robot = interface_names(load_profile(scenario.robot))
+    found += _of_controls(scenario.controls, robot)
+    return tuple(dict.fromkeys(_with_digest(one, scenario.path) for one in found))
+
+
+def profile_references(profile: RobotProfile) -> tuple[FileReference, ...]:
+    """All that the profile names, of its controls those that a stop holds."""
+    data = data_of(RobotProfile, profile)
+    found = [
+        reference
+        for external, value, place in externals_in(RobotProfile, data)
+        if value != DEFAULT_ADDRESS
+        for reference in _references(external, value, place)
+    ]
+    found += _of_controls(profile.controls, interface_names(profile))
+    return tuple(dict.fromkeys(_with_digest(one, None) for one in found))
+
+
+def _check(question: FileQuestion) -> None:
+    if not question.named:
+        return
+    entries = _entries()
+    named = set(question.named)
+    known: set[FileReference] = set()
+    for entry in entries:
+        confirmed = set(entry.named)
+        if entry.sha256 == question.sha256 and named <= confirmed:
+            return
+        if entry.path == _key(question.path):
+            known = confirmed
+    if named <= known:
+        return  # a phrase or a place is another one: nothing was added that has to be asked
+    shown = FileQuestion(
+        question.title, question.path, question.sha256, question.named, frozenset(known), question.then
+    )
+    raise ConfirmationNeeded(shown)
+
+
+def _references(external: External, value: Any, place: str) -> Iterator[FileReference]:
+    text = str(value).strip()
+    match external:
+        case "network":
+            if value is True or value == "network":
+                yield FileReference("network", tr("{key} is on").format(key=place), place)
+        case "variable":
+            yield FileReference("variable", text, place)
+        case "path":
+            yield FileReference("path", text, place)
+        case "model":
+            if text:
+                yield FileReference("model", text, place)
+        case "language_model":
+            if text != "embedded":
+                yield FileReference("model", text, place)
+        case "address":
+            if "://" in text:
+                yield FileReference("address", _shown(text), place)
+        case "robot":
+            if "://" in text:
+                yield FileReference("address", _shown(text), place)
+            elif not _PLAIN_NAME.fullmatch(text):
+                yield FileReference("path", text, place)
+        case "camera":
+            yield from _camera(text, place)
+
+
+def _camera(text: str, place: str) -> Iterator[FileReference]:
+    if text in ("robot", "oak", "simulated") or re.fullmatch(r"(robot|oak):[^/]*", text):
+        return
+    if "://" in text:
+        yield FileReference("address", _shown(text), place)
+        with contextlib.suppress(ValueError):
+            for name in parse_qs(urlsplit(text).fragment).get("token-env", []):
+                yield FileReference("variable", name, place)
+    else:
+        yield FileReference("path", f"/dev/video{text}" if text.isdecimal() else text, place)
+
+
+def _of_controls(controls: Iterable[RobotControl], robot: RobotInterfaceNames) -> Iterator[FileReference]:
+    for control in controls:
+        known = decided(control, robot)
+        if not known.is_held_by_stop:
+            continue
+        effect = known.effect
+        target = next(getattr(effect, name) for name in ("topic", "service", "action") if hasattr(effect, name))
+        kind: ReferenceKind = "stop_release" if known.releases_stop else "motion" if known.is_motion else "held"
+        yield FileReference(kind, f"{control.title}: {target} ({getattr(effect, 'type', '')})", "controls")
+
+
+def _shown(address: str) -> str:
+    """Without a password; one whose parts cannot be told apart as it is, since nothing connects to it."""
+    return without_credentials(address) or address.rpartition("@")[2]
+
+
+def _lies_beside(reference: FileReference, path: Path | None) -> bool:
+    """Whether a file that a camera shows is in the scenario's own folder, also behind links."""
+    if path is None or reference.kind != "path" or reference.place != "cameras.source":
+        return False
+    file = Path(reference.text.rpartition("?")[0] or reference.text)
+    try:
+        return file.is_file() and file.resolve().is_relative_to(path.resolve().parent)
+    except (OSError, ValueError):
+        return False
+
+
+def _with_digest(reference: FileReference, path: Path | None) -> FileReference:
+    """With the checksum of a model or certificate that lies on this computer: another one is a new reference."""
+    if reference.kind not in ("model", "path") or reference.place == "cameras.source":
+        return reference
+    if reference.kind == "model" and not reference.place.startswith(("perception.", "listening.")):
+        return reference
+    file = Path(reference.text).expanduser()
+    if path is not None and not file.is_absolute():
+        file = path.parent / file
+    try:
+        files = sorted(one for one in file.iterdir() if one.is_file()) if file.is_dir() else [file]
+        if not all(one.is_file() for one in files):
+            return reference
+        return FileReference(reference.kind, reference.text, reference.place, sha256_of(*files))
+    except (OSError, ValueError):
+        return reference
+
+
+def _is_shipped(path: Path) -> bool:
+    resolved = path.resolve()
+    return any(resolved.is_relative_to(folder.resolve()) for folder in (layouts_dir(), resources_dir() / "robots"))
+
+
+def _key(path: Path) -> str:
+    return str(path.resolve())
+
+
+def _file() -> Path:
+    return platformdirs.user_config_path("caris-desktop", appauthor=False) / "confirmed-files.json"
+
+
+def _entries() -> list[_Confirmed]:
+    """What was confirmed, the newest last; nothing where the file cannot be read: then it is asked again."""
+    try:
+        files = json.loads(_file().read_text(encoding="utf-8"))["files"]
+        return [
+            _Confirmed(
+                str(one["sha256"]),
+                str(one["path"]),
+                tuple(FileReference(kind, *map(str, rest)) for kind, *rest in one["named"]),
+            )
+            for one in files
+        ]
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        _log.warning("what was confirmed of files cannot be read", exc_info=True)
+        return []
