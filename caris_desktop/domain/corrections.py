@@ -19,6 +19,8 @@ class Correction:
     tags: tuple[str, ...] | None = None
     person_by: Actor = ""
     person_confidence: float | None = None
+    start_ns: int | None = None
+    end_ns: int | None = None
 
 
 class Corrections:
@@ -48,4 +50,6 @@ def _later(before: Correction, after: Correction | UtteranceCorrected) -> Correc
         before.tags if after.tags is None else after.tags,
         person.actor if isinstance(person, UtteranceCorrected) else person.person_by,
         person.person_confidence,
+        before.start_ns if after.start_ns is None else after.start_ns,
+        before.end_ns if after.end_ns is None else after.end_ns,
     )

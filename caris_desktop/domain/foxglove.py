@@ -446,7 +446,9 @@ def _fill_utterance(utterance: events.UtteranceChanged, at: Time) -> Log:
 
 def _fill_correction(corrected: events.UtteranceCorrected, at: Time) -> Log:
     told = (corrected.text, corrected.speaker, corrected.person_id, *(corrected.tags or ()))
-    return _log(at, _INFO, f"corrected: {', '.join(filter(None, told)) or 'not sure'}", corrected.speaker or "")
+    heard = corrected.start_ns is not None or corrected.end_ns is not None
+    words = ", ".join(filter(None, told)) or ("when it was heard" if heard else "not sure")
+    return _log(at, _INFO, f"corrected: {words}", corrected.speaker or "")
 
 
 def _fill_problem(problem: events.Problem, at: Time) -> Log:

@@ -246,6 +246,7 @@ class Ear:
         turn_id = f"h-{secrets.token_hex(4)}"
         sound_from_ns = self._until_ns - len(lead) * _WINDOW_NS
         turn = self._turn = HeardTurn(turn_id, sound_from_ns, self._turns.started_ns, lead, self._windows)
+        turn.voice_began_ns = turn.onset_ns(turn.voice_began_ns)
         turn.voice_ended_ns = self._until_ns
         self._turns.turn = turn_id
         robot_heard = (
@@ -288,9 +289,11 @@ class Ear:
             own = text if robots else ""
             began_ns = turn.sound_began_ns
             words = " ".join(word.text for word in turn.words.words[: turn.robots_words])
-            self._own_words.was_heard(
-                f"{words} {own}", began_ns, turn.voice_ended_ns if robots else turn.voice_began_ns
-            )
+            until_ns = turn.voice_ended_ns if robots else turn.voice_began_ns
+            whole = self._own_words.was_heard(f"{words} {own}", began_ns, until_ns)
+            if self.canceller.share_between(began_ns, until_ns) is None:
+                # It speaks with a voice of its own: what it tells of its beginning and end is not from samples.
+                self._tell_when(turn.onset_ns(began_ns), turn.end_ns(until_ns), whole)
         if not turn.told:
             return
         if self._of_wizard:
@@ -303,7 +306,10 @@ class Ear:
         elif robots:
             self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("it was the robot's own voice"))
         else:
-            self._tell_utterance(turn, "finished", turn.voice_ended_ns, text)
+            if turn.voice_began_ns != turn.told_began_ns:
+                began = UtteranceCorrected(self._until_ns, turn.turn_id, start_ns=turn.voice_began_ns, actor=CONSOLE)
+                self._tell(began)
+            self._tell_utterance(turn, "finished", max(turn.end_ns(turn.voice_ended_ns), turn.voice_began_ns), text)
             self._finished.append(_Finished(turn.turn_id, text, turn.voice_began_ns))
         if self._turn is None:
             self._tell(Hearing(self._until_ns, self.source, speaking=False, revision=turn.revision + 1))
@@ -322,7 +328,11 @@ class Ear:
         # Also fewer than before: with the rest of its sentence it may turn out to be all the robot's.
         turn.robots_words = count
         turn.revision += 1
-        began_ns = turn.moment_of(turn.own_words[0].start_s) if count else turn.sound_began_ns
+        if count:
+            # A recogniser tells a word's beginning by half a second too early or late.
+            began_ns = turn.onset_ns(turn.moment_of(turn.own_words[0].start_s), nearest=True)
+        else:
+            began_ns = turn.onset_ns(turn.sound_began_ns)
         turn.voice_began_ns = min(began_ns, turn.voice_ended_ns)
         return True
 
@@ -346,8 +356,17 @@ class Ear:
             )
         )  # fmt: skip
 
+    def _tell_when(self, began_ns: int, ended_ns: int, whole: Sequence[tuple[str, bool, bool]]) -> None:
+        """When the robot's sentences were heard, of those whose beginning or end was."""
+        for utterance_id, begins, ends in whole:
+            start_ns, end_ns = began_ns if begins else None, ended_ns if ends else None
+            if start_ns is not None or end_ns is not None:
+                self._tell(
+                    UtteranceCorrected(self._until_ns, utterance_id, start_ns=start_ns, end_ns=end_ns, actor=CONSOLE)
+                )
+
     def _tell_beginning(self, turn: HeardTurn) -> None:
-        turn.told = True
+        turn.told, turn.told_began_ns = True, turn.voice_began_ns
         self._tell_utterance(turn, "started", turn.voice_began_ns)
         self._tell_hearing(turn)
 

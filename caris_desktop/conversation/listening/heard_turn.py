@@ -11,12 +11,15 @@ from caris_desktop.conversation.listening.engine import HeardText
 from caris_desktop.conversation.listening.plausible import within_voice, without_repetition
 from caris_desktop.conversation.listening.turn_model import SECONDS as JUDGED_S
 from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
+from caris_desktop.conversation.listening.voice_edges import end_s, onset_s
 from caris_desktop.domain.value_class import dataclass
 
 _CUT_BEYOND_S, _CUT_ANYWHERE_BEYOND_S, _OVERLAP_S = 12.0, 22.0, 8.0
 _CONTEXT_WORDS = 20
 _SILENCE_JUDGED = 6
 """Windows: 0.2 s, which is how much silence there is behind a turn when it is judged."""
+_EDGE_WITHIN_S = 0.8
+"""So far from where the network noticed it a voice may begin or end."""
 _WHOLE_NS = 100_000_000
 """So much silence behind the last word, and a pass over it has heard all of it."""
 
@@ -66,6 +69,7 @@ class HeardTurn:
         self.over = False
         self.told = False
         """Whether anybody was told of it: not while it may be the robot's own voice."""
+        self.told_began_ns = 0
         self.robots_words = 0
         """So many of its first words are the robot's, whose sentence somebody took up at once."""
         self.asked = False
@@ -170,6 +174,23 @@ class HeardTurn:
         changed = told != (self.words.committed, self.words.tentative)
         self.revision += changed
         return changed
+
+    def onset_ns(self, about_ns: int, *, nearest: bool = False) -> int:
+        """When a voice begins in its samples that was noticed about then."""
+        sound, from_ns = self._around(about_ns)
+        return from_ns + round(onset_s(sound, (about_ns - from_ns) / 1e9, nearest=nearest) * 1e9)
+
+    def end_ns(self, about_ns: int) -> int:
+        """When the voice ends in its samples that was supposed to end about then."""
+        sound, from_ns = self._around(about_ns)
+        return from_ns + round(end_s(sound, (about_ns - from_ns) / 1e9) * 1e9)
+
+    def _around(self, about_ns: int) -> tuple[NDArray[np.float32], int]:
+        from_s = max(0.0, (about_ns - self._sound_from_ns) / 1e9 - _EDGE_WITHIN_S)
+        from_s = int(from_s * RATE_HZ) // WINDOW * WINDOW / RATE_HZ
+        first = max(from_s, self._dropped * WINDOW / RATE_HZ)
+        sound = self._sound_of(first)[: round((2 * _EDGE_WITHIN_S) * RATE_HZ)]
+        return sound, self._sound_from_ns + round(first * 1e9)
 
     @property
     def _seconds(self) -> float:

@@ -45,7 +45,8 @@ class UtteranceCorrected:
     """What was made out of an utterance, or who is said to have said it, is different: None is left as it is.
 
     ``speaker`` and ``person_id`` may be empty for "not sure". ``person_confidence`` is how likely it is that person,
-    0 to 1, where the console took them for the speaker.
+    0 to 1, where the console took them for the speaker. ``start_ns`` and ``end_ns`` are when its voice began and ended
+    in the samples of a microphone.
     """
 
     stamp_ns: int
@@ -56,6 +57,8 @@ class UtteranceCorrected:
     tags: tuple[str, ...] | None = None
     actor: Actor = ""
     person_confidence: float | None = None
+    start_ns: int | None = None
+    end_ns: int | None = None
 
 
 ReplyMeans = Literal[

@@ -187,8 +187,18 @@ def _with(known: SpokenUtterance, event: UtteranceChanged) -> SpokenUtterance:
 
 
 def _corrected(utterance: SpokenUtterance, made: Correction) -> SpokenUtterance:
+    start_ns, end_ns = utterance.start_ns, utterance.end_ns
+    if start_ns is not None and made.start_ns is not None:
+        start_ns = made.start_ns
+    if end_ns is not None and made.end_ns is not None and utterance.state == "finished":
+        end_ns = made.end_ns
+    if start_ns is not None and end_ns is not None and end_ns < start_ns:
+        start_ns, end_ns = utterance.start_ns, utterance.end_ns
     return replace(
         utterance,
+        start_ns=start_ns,
+        end_ns=end_ns,
+        estimated=utterance.estimated and (made.start_ns is None or made.end_ns is None),
         text=utterance.text if made.text is None else made.text,
         heard_text=None if made.text in (None, utterance.text) else utterance.text,
         speaker=utterance.speaker if made.speaker is None else made.speaker,

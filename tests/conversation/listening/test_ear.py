@@ -53,7 +53,8 @@ class Known(OwnWords):
 
     words = ""
 
-    def was_heard(self, text: str, started_ns: int, ended_ns: int) -> None: ...
+    def was_heard(self, text: str, started_ns: int, ended_ns: int) -> list[tuple[str, bool, bool]]:
+        return []
 
     def is_robots(self, text: str, started_ns: int, ended_ns: int, echo_share: float | None = None) -> float:
         return float(text.strip() in self.words and bool(text.strip()))

@@ -1,7 +1,9 @@
 import pytest
 
+from caris_desktop.conversation.listening import own_words
 from caris_desktop.conversation.listening.own_words import OwnWords
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
+from tests.benchmarks.echo import _PARTICIPANTS_SAY, _ROBOT_SAYS
 
 _SAYS = "Would you like to see the kitchen or the lab first?"
 _STARTS_S, _ENDS_S = 10.0, 13.0
@@ -210,3 +212,49 @@ def test_no_beginning_is_the_robots_where_it_is_all_its_own_or_none_of_it(
 ) -> None:
     assert _robot().robots_beginning(_heard(text, from_s, until_s), _ns(from_s)) == 0
     assert OwnWords().robots_beginning([], 0) == 0
+
+
+@pytest.mark.parametrize(
+    ("says", "lasts_s", "heard", "from_s", "until_s"),
+    [
+        # As it was recorded: the robot told its beginning half a second late.
+        ("That is a good question. Let us have a look.", 2.12, "That's him, I've got the quest.", 9.45, 10.38),
+        (
+            "The professor is in a meeting until three in the afternoon.",
+            3.4,
+            "the profess her is in a meet in",
+            10.1,
+            11.7,
+        ),
+        (
+            "Careful, the floor is a little wet in front of the window.",
+            3.3,
+            "Care full flour his lid all wet",
+            10.0,
+            12.0,
+        ),
+    ],
+)
+def test_other_words_of_the_same_sounds_are_the_robots_while_it_says_them(
+    says: str, lasts_s: float, heard: str, from_s: float, until_s: float
+) -> None:
+    words = _robot(says, ends_s=_STARTS_S + lasts_s)
+    assert words.is_robots(heard, _ns(from_s), _ns(until_s)) >= 0.6
+    assert words.is_robots(heard, _ns(from_s), _ns(until_s), 0.7) >= 0.6
+    assert words.is_robots(heard, _ns(from_s + 5.0), _ns(until_s + 5.0)) < 0.6, "long after it"
+
+
+def test_what_participants_say_over_a_robot_does_not_sound_like_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def dropped() -> list[tuple[str, str, float]]:
+        return [
+            (says, heard, begins_s)
+            for says in _ROBOT_SAYS
+            for words in [_robot(says, ends_s=_STARTS_S + 0.06 * len(says))]
+            for heard in _PARTICIPANTS_SAY
+            for begins_s in (0.3, 0.8, 1.3)
+            if words.is_robots(heard, _ns(10 + begins_s), _ns(10 + begins_s + 0.065 * len(heard))) >= 0.6
+        ]
+
+    by_sound = dropped()
+    monkeypatch.setattr(own_words, "_sounds_like", lambda *_: 0.0)
+    assert by_sound == dropped(), "those that say the robot's own words count as before"
