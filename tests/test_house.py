@@ -54,6 +54,7 @@ READ_ASIDE = {
     "ui/export_dialog.py: ExportDialog._choose_folder": "Qt's own file dialog reads the same folder as it opens",
     "ui/icons.py": "the program's own files, once",
     "ui/language.py": "the program's own files, once",
+    "ui/main_window.py: _read_scenario": "read aside",
     "ui/scenario_editor/opened.py": "read aside",
     "ui/scenario_editor/window.py: ScenarioEditor._others": "read aside",
     "ui/shortcuts/reference.py": "writes the pages of the guide, without a window",

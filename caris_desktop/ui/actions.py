@@ -14,7 +14,7 @@ from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, QComboBox, QWidget
 
 from caris_desktop.domain.intents import Intent, Permission
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.gestures import LOOK, NOD
 from caris_desktop.scenario.model import Scenario
@@ -131,6 +131,25 @@ def _with_text(spec: ActionSpec, text: str) -> ActionSpec:
     return replace(spec, text=text)
 
 
+_NOT_NOW = QT_TR_NOOP("That cannot be done now.")
+_WHY_NOT: Mapping[Condition, str] = {
+    "recording": QT_TR_NOOP("Nothing is being recorded, so there is nothing to mark or note."),
+    "video": QT_TR_NOOP("There is no picture now."),
+    "photo": QT_TR_NOOP("There is no picture to keep now."),
+    "cameras": QT_TR_NOOP("There is no other camera."),
+    "answer": QT_TR_NOOP("There is no answer now."),
+    "asked": QT_TR_NOOP("Nothing is asked now."),
+    "suggested": QT_TR_NOOP("That is not suggested now."),
+    "queued": QT_TR_NOOP("Nothing waits to be said."),
+    "in_queue": QT_TR_NOOP("Nothing waits to be said."),
+    "step": QT_TR_NOOP("No step of the protocol is under way."),
+    "step_ahead": QT_TR_NOOP("The protocol has no step after this one."),
+    "step_back": QT_TR_NOOP("The protocol has no step before this one."),
+    "step_branches": QT_TR_NOOP("This step of the protocol goes on in one way only."),
+    "step_says": QT_TR_NOOP("This step of the protocol has nothing to say."),
+    "step_goes": QT_TR_NOOP("This step of the protocol goes nowhere."),
+}
+
 _CAP_TEXTS = {"Return": "Enter", "Shift": "⇧", "Up": "↑", "Down": "↓", "Left": "←", "Right": "→", "Del": "Delete"}
 
 
@@ -159,6 +178,7 @@ class Actions(QObject):
     ``handlers`` has the callbacks of every row that nobody else brings along or answers for.
     """
 
+    not_done = Signal(str, bool)  # why what a key asked for is not done; whether text may follow that was meant for it
     asking = Signal(object)  # Intent; it is about to be asked for
     asked = Signal(object)  # Intent; it was asked for, and perhaps refused
     rebuilt = Signal()
@@ -345,7 +365,7 @@ class Actions(QObject):
         if action is None:
             action = QAction(self)
             action.setAutoRepeat(False)
-            action.triggered.connect(self._runner(spec.id))
+            action.triggered.connect(self._runner(spec.id, opens=any("+" in key for key in spec.keys)))
             self._window.addAction(action)
         keys = [QKeySequence(key) for key in spec.keys]
         if action.text() != spec.text:
@@ -379,22 +399,39 @@ class Actions(QObject):
                     shortcut = QShortcut(QKeySequence(key), panel)
                     shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
                     shortcut.setAutoRepeat(False)
-                    shortcut.activated.connect(self._runner(spec.id))
+                    shortcut.activated.connect(self._runner(spec.id, opens=False))
                     self._panel_shortcuts.append(shortcut)
 
-    def _runner(self, action_id: str) -> Callable[[], None]:
-        return lambda: self.run(action_id)
+    def _runner(self, action_id: str, *, opens: bool) -> Callable[[], None]:
+        return lambda: self.press(action_id, opens=opens)
 
-    def run(self, action_id: str) -> None:
-        """Do it, if the scenario has it and it is available now."""
+    def press(self, action_id: str, *, opens: bool = False) -> None:
+        """A key asks for it. Where it cannot be done that is told, and ``opens`` says whether what is typed next may be
+        meant for what it would have opened: that holds for every chord, and for no single key.
+        """
+        if why := self.run(action_id):
+            self.not_done.emit(why, opens)
+
+    def run(self, action_id: str) -> str:
+        """Do it, if the scenario has it and it is available now; gives why it is not done."""
         spec = self.spec(action_id)
-        if spec is None or not self.available(action_id):
-            return
+        if spec is None:
+            return tr(_NOT_NOW)
+        if not self.available(action_id):
+            return tr(_WHY_NOT.get(spec.enabled_when, _NOT_NOW))
         intent = self.intent_of(spec)
         if intent is not None:
             self.ask(intent)
-        elif spec.callback:
-            self._call(spec)
+            return ""
+        return self._call(spec) if spec.callback else tr(_WHY_NOT.get(spec.enabled_when, _NOT_NOW))
+
+    def absent(self, event_key: QKeySequence) -> str:
+        """What the table has on a key that this scenario leaves without a meaning, in words; else nothing."""
+        if self._groups is not None:
+            return ""
+        rows = (row for row in ACTIONS if row.kind in ("command", "mark", "talk") and row.id not in self._specs)
+        row = next((row for row in rows if event_key in [QKeySequence(key) for key in row.keys]), None)
+        return "" if row is None else tr("This scenario has no “{act}”.").format(act=row.in_words().text)
 
     def ask(self, intent: Intent) -> None:
         """Ask the console for it as a row does."""
@@ -414,16 +451,15 @@ class Actions(QObject):
             raise TypeError(f"the row {spec.id} gives {type(intent).__name__}, which it does not say")
         return intent
 
-    def _call(self, spec: ActionSpec) -> None:
+    def _call(self, spec: ActionSpec) -> str:
+        """Gives why it is not done, as the method that does it says."""
         if spec.id in self._brought:
             handlers = self._brought[spec.id][1]
         else:
             handlers = self._answering.get(spec.group, self._handlers)
         handler = getattr(handlers, spec.callback)
-        if spec.argument is None:
-            handler()
-        else:
-            handler(spec.argument)
+        told = handler() if spec.argument is None else handler(spec.argument)
+        return told if isinstance(told, str) else ""
 
     def available(self, action_id: str) -> bool:
         spec = self.spec(action_id)

@@ -6,7 +6,8 @@ version would have it. Here the arrangement is the one truth, and what is seen f
 """
 
 from collections import deque
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 from PySide6.QtCore import QPoint, QRect, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QResizeEvent, QShowEvent
@@ -14,6 +15,7 @@ from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName
+from caris_desktop.ui.give_keys import give_keys
 from caris_desktop.ui.layout import arrangement as edits
 from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
 from caris_desktop.ui.layout.dock import Dock
@@ -165,10 +167,24 @@ class DockHost(DockArea):
         if self._arrangement is None or name not in self._arrangement.panels:
             return False
         what = tr("Close {panel}").format(panel=self._title(name))
-        if not self.edit(what, edits.remove(self._arrangement, (name,))):
-            return False
+        with self._keys_in_place_of(name):
+            if not self.edit(what, edits.remove(self._arrangement, (name,))):
+                return False
         self._forget(name)
         return True
+
+    @contextmanager
+    def _keys_in_place_of(self, name: PanelName) -> Iterator[None]:
+        """The panel goes: where it had the keys, the one that is seen in its place has them, unless bare keys would
+        drive there.
+        """
+        focused, area = QApplication.focusWidget(), self._area_of(name)
+        had = _holds(self._docks[name], focused)
+        group = next((group.panels for group in area.placing.groups if name in group.panels), ())
+        yield
+        seen = next((other for other in group if other != name and self._docks[other].isVisible()), None)
+        if had and seen is not None and not self._docks[seen].widget().drives:
+            self._go_to(seen)
 
     def is_open(self, name: PanelName) -> bool:
         """Whether the panel is there, be it behind another tab."""
@@ -195,7 +211,16 @@ class DockHost(DockArea):
         return dock
 
     def show_everything(self) -> None:
-        """Lay out what the arrangement says, on the screens that are there now."""
+        """Lay out what the arrangement says, on the screens that are there now. What had the keys in a panel keeps them
+        wherever that comes to lie, as long as it is seen.
+        """
+        focused = QApplication.focusWidget()
+        kept = focused if any(_holds(dock, focused) for dock in self._docks.values()) else None
+        self._show_arranged()
+        if kept is not None and kept.isVisible() and not kept.hasFocus():
+            give_keys(kept, Qt.FocusReason.OtherFocusReason)
+
+    def _show_arranged(self) -> None:
         arrangement = self._arrangement
         floating = () if arrangement is None else arrangement.floating
         while len(self._windows) > len(floating):
@@ -232,6 +257,7 @@ class DockHost(DockArea):
 
     def _follow(self, area: DockArea, window: int | None = None) -> None:
         area.tab_chosen.connect(self._on_tab_chosen)
+        area.tab_gone_to.connect(self._go_to)
         area.tab_drag_moved.connect(self._on_drag_moved)
         area.tab_drag_dropped.connect(self._on_drag_dropped)
         area.tab_menu_wanted.connect(self._open_menu)
@@ -270,6 +296,18 @@ class DockHost(DockArea):
         self._do(what, after)
         return True
 
+    def panel_with_keys(self) -> PanelName | None:
+        """The panel with the focus of its window: of the one in front, else of the main window."""
+        windows = [QApplication.activeWindow(), self.window()]
+        focused = [window.focusWidget() for window in windows if window is not None]
+        return next((name for each in focused for name, dock in self._docks.items() if _holds(dock, each)), None)
+
+    def _go_to(self, name: PanelName) -> None:
+        """The wizard went to this panel: it comes to the front of its tabs, and its main field has the keys."""
+        self._on_tab_chosen(name)
+        if self._docks[name].isVisible():
+            give_keys(self._docks[name].focus_target(), Qt.FocusReason.MouseFocusReason)
+
     def _do(self, what: str, after: Arrangement) -> None:
         before, self._arrangement = self._arrangement, after
         self.show_everything()
@@ -279,7 +317,8 @@ class DockHost(DockArea):
     def close_panel(self, name: PanelName) -> None:
         """Hide the panel; ``show_panel`` brings it back where it was."""
         if self._arrangement is not None and self.is_open(name):
-            self.edit(tr("Close {panel}").format(panel=self._title(name)), edits.hide(self._arrangement, name))
+            with self._keys_in_place_of(name):
+                self.edit(tr("Close {panel}").format(panel=self._title(name)), edits.hide(self._arrangement, name))
 
     def show_panel(self, name: PanelName) -> None:
         """Open the panel if it is closed and bring it to the front of its tabs."""
@@ -301,12 +340,15 @@ class DockHost(DockArea):
             comfort = COMFORT.get(name, _FLOATING)
             place = Rect(at.x(), at.y(), max(dock.width(), comfort[0]), max(dock.height(), comfort[1]))
         after = edits.float_panel(self._arrangement, name, on_a_screen(place, self.screens()))
-        self.edit(tr("Float {panel}").format(panel=self._title(name)), after)
+        if self.edit(tr("Float {panel}").format(panel=self._title(name)), after):
+            self._go_to(name)
 
     def dock_panel(self, name: PanelName) -> None:
         """Put a floating panel back where it was."""
         if self._arrangement is not None and name in self._arrangement.panels:
-            self.edit(tr("Put {panel} back").format(panel=self._title(name)), edits.dock(self._arrangement, name))
+            back = edits.dock(self._arrangement, name)
+            if self.edit(tr("Put {panel} back").format(panel=self._title(name)), back):
+                self._go_to(name)
 
     def toggle_floating(self, name: PanelName) -> None:
         if self._arrangement is not None and name in self._arrangement.afloat:
@@ -318,7 +360,8 @@ class DockHost(DockArea):
         """Put the panel beside another one or into its tabs."""
         if self._arrangement is not None:
             after = edits.move(self._arrangement, name, beside, side, at)
-            self.edit(tr("Move {panel}").format(panel=self._title(name)), after)
+            if self.edit(tr("Move {panel}").format(panel=self._title(name)), after):
+                self._go_to(name)
 
     def _title(self, name: PanelName) -> str:
         return self._docks[name].widget().title
@@ -449,7 +492,8 @@ class DockHost(DockArea):
             drop = found[1]
             if drop.beside is None:
                 after = edits.move_to_edge(self._arrangement, name, drop.side)
-                self.edit(tr("Move {panel}").format(panel=self._title(name)), after)
+                if self.edit(tr("Move {panel}").format(panel=self._title(name)), after):
+                    self._go_to(name)
             else:
                 self.move_panel(name, drop.beside, drop.side, drop.at)
 
@@ -502,6 +546,10 @@ class DockHost(DockArea):
 
     def _mover(self, name: PanelName, other: PanelName, side: Side) -> Callable[[], None]:
         return lambda: self.move_panel(name, other, side)
+
+
+def _holds(dock: Dock, widget: QWidget | None) -> bool:
+    return widget is not None and dock.isAncestorOf(widget)
 
 
 _MENU_SIDES: Mapping[Side, str] = {

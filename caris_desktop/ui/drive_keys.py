@@ -10,7 +10,9 @@ from PySide6.QtGui import (
     QAccessible,
     QActionEvent,
     QCloseEvent,
+    QFocusEvent,
     QKeyEvent,
+    QKeySequence,
     QMouseEvent,
     QMoveEvent,
     QPaintEvent,
@@ -30,11 +32,12 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import DriveEnded
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.give_keys import bar_of, follow_click, key_place_of, window_of
 from caris_desktop.ui.held_motion import WISHES, HeldMotion, Hold
 from caris_desktop.ui.kept_keys import KeptKeys, had_the_keys
 from caris_desktop.ui.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings, PressedKey, pressed_key
@@ -42,20 +45,27 @@ from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, KeyboardGrabs, PhysicalKeys
 
 DOUBLE_STOP_S = 0.6
+STOPS = "stops"
+"""Property of a button that stops the robot, which a key presses however the focus came there."""
 _NEVER = float("-inf"), 0
 _OF_NO_CONCERN = frozenset(
     (QChildEvent, QDynamicPropertyChangeEvent, QMoveEvent, QResizeEvent, QPaintEvent, QTimerEvent, QActionEvent)
 )
 
-KeyOwner = Literal["driving", "typing", "window", "dialog", "menu", "elsewhere", "off"]
-"""Who gets a key now: driving (bare keys drive), typing or another part of the window (Alt drives), a dialog, a menu,
-another program, or, with a scenario that does not drive, nobody."""
+NOWHERE_MS = 3000
+HELD_TO_TALK_MS = 300
+
+KeyOwner = Literal["driving", "typing", "window", "nowhere", "dialog", "menu", "elsewhere", "off"]
+"""Who gets a key now: driving (bare keys drive), typing or another part of the window (Alt drives), nobody as an act
+could not be done, a dialog, a menu, another program, or, with a scenario that does not drive, nobody."""
 
 _MODIFIER_KEYS = (
     Qt.Key.Key_Shift, Qt.Key.Key_Control, Qt.Key.Key_Alt, Qt.Key.Key_Meta, Qt.Key.Key_AltGr, Qt.Key.Key_CapsLock,
     Qt.Key.Key_NumLock,
 )  # fmt: skip
 _CTRL_SHIFT = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
+_PRESSING_KEYS = (Qt.Key.Key_Space, Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Select)
+_BY_TAB = (Qt.FocusReason.TabFocusReason, Qt.FocusReason.BacktabFocusReason)
 _TEXT_INPUTS = (QLineEdit, QPlainTextEdit, QTextEdit, QAbstractSpinBox)
 # In a list or a drop-down letters look for lines and arrows move between them.
 _KEEPS_ITS_KEYS = (*_TEXT_INPUTS, QComboBox, QAbstractItemView)
@@ -79,6 +89,8 @@ class HoldToDrive(QObject):
     windows_changed = Signal()  # a window, dialog or menu opened or closed
     escape_pressed = Signal()
     close_refused = Signal()  # a window was asked to close while something drives
+    nowhere_ended = Signal()
+    slipped = Signal(str)  # why a key does not do what it was probably pressed for
     mark_pressed = Signal(str)  # a key of an action of kind "mark" went down
     mark_released = Signal(str)  # and came up again, or can no longer be heard of
 
@@ -89,11 +101,16 @@ class HoldToDrive(QObject):
         self._window = window
         self._driving_panels: tuple[QWidget, ...] = ()
         self._always_pressable: QWidget | None = None
+        self._reached_by_tab: QWidget | None = None
+        self._followed_ms = 0
         self.motion = HeldMotion(console, actions, self._takes_keys, self)
         self._bindings = KeyBindings()
         self._alt_drove = False
         self._last_refused_s = float("-inf")
         self._marking: dict[int, str] = {}
+        self._about_to_talk: dict[int, QTimer] = {}
+        self._nowhere = QTimer(self, singleShot=True, interval=NOWHERE_MS)
+        self._nowhere.timeout.connect(self._on_nowhere_ended)
         self._question: tuple[str, Callable[[str], None], Qt.KeyboardModifier] | None = None
         self.captures: Callable[[PressedKey], None] | None = None
         """While there is one, it gets every key but Esc and Pause, which does nothing else."""
@@ -112,6 +129,7 @@ class HoldToDrive(QObject):
         app.applicationStateChanged.connect(self._on_application_state_changed)
         actions.rebuilt.connect(self._on_rebuilt)
         actions.rebound.connect(self._on_rebound)
+        actions.not_done.connect(self._on_not_done)
         actions.use_letters(self._keys.letters(position_codes(sys.platform)))
         console.state.drive.changed.connect(self._on_drive_changed)
         console.state.event_happened.connect(self._on_event)
@@ -119,8 +137,9 @@ class HoldToDrive(QObject):
 
     def close(self) -> None:
         """Stop listening; anything held is released."""
-        for identity in tuple(self._marking):
+        for identity in (*self._marking, *self._about_to_talk):
             self._end_marking(identity)
+        self._nowhere.stop()
         self.release_all(QT_TR_NOOP("The window was closed"))
         self._app.removeEventFilter(self)
         self._app.removeNativeEventFilter(self._grabs)
@@ -200,9 +219,13 @@ class HoldToDrive(QObject):
         if kind in (QEvent.Type.KeyPress, QEvent.Type.KeyRelease, QEvent.Type.ShortcutOverride):
             if QAccessible.isActive() and (kind == QEvent.Type.ShortcutOverride or not event.spontaneous()):
                 _come_first(self, self._app)
-            return isinstance(event, QKeyEvent) and self._filter_key(event)
+            if not isinstance(event, QKeyEvent):
+                return False
+            return self._filter_key(event) or (kind == QEvent.Type.KeyPress and self._is_kept_from_bar(watched, event))
         if kind == QEvent.Type.MouseButtonPress:
-            return isinstance(event, QMouseEvent) and self._filter_press(event)
+            return isinstance(event, QMouseEvent) and self._filter_press(watched, event)
+        if kind == QEvent.Type.FocusIn and isinstance(event, QFocusEvent) and isinstance(watched, QWidget):
+            return self._filter_focus(watched, event.reason())
         if kind == QEvent.Type.WindowDeactivate and self._is_ours(watched):
             # Between the main window and a floating panel nothing is lost: both belong to this window.
             if not self._is_ours(self._app.activeWindow()):
@@ -227,7 +250,13 @@ class HoldToDrive(QObject):
             QTimer.singleShot(0, self, self._on_windows_changed)
         return False
 
-    def _filter_press(self, event: QMouseEvent) -> bool:
+    def _filter_press(self, watched: QObject, event: QMouseEvent) -> bool:
+        self._end_nowhere()
+        # Who is asked first lies there: a press goes up from part to part until somebody wants it.
+        goes_up = bool(event.timestamp()) and event.timestamp() == self._followed_ms
+        if not goes_up and isinstance(watched, QWidget) and self._is_ours(window := window_of(watched)):
+            self._followed_ms = int(event.timestamp())
+            follow_click(watched, drives=self._drives_with(window.focusWidget()))
         # Qt spends the first press beside a menu or drop-down on closing it; a stop must not wait for a second one.
         button, popup = self._always_pressable, self._app.activePopupWidget()
         if button is None or popup is None or not button.isVisible():
@@ -239,6 +268,28 @@ class HoldToDrive(QObject):
         popup.close()
         self._emergency_stop()
         return True
+
+    def _filter_focus(self, watched: QWidget, reason: Qt.FocusReason) -> bool:
+        """A window that comes to the front without anybody having the keys in it gives them to its first button."""
+        bar = bar_of(watched)
+        if bar is None:
+            if key_place_of(watched) is not None:
+                self._reached_by_tab = None
+        elif reason in _BY_TAB:
+            self._reached_by_tab = watched
+        elif reason == Qt.FocusReason.ActiveWindowFocusReason and watched is not self._reached_by_tab:
+            window_of(watched).setFocus(reason)
+            return True
+        return False
+
+    def _is_kept_from_bar(self, watched: QObject, event: QKeyEvent) -> bool:
+        """Space and Enter press what stands in a bar only for who went there by Tab; the red button for everybody."""
+        if event.key() not in _PRESSING_KEYS or event.modifiers() & CHORD_MODIFIERS:
+            return False
+        target = watched if isinstance(watched, QWidget) else self._app.focusWidget()
+        if target is None or bar_of(target) is None or not self._is_ours(window_of(target)):
+            return False
+        return target is not self._reached_by_tab and not target.property(STOPS)
 
     def _filter_close(self, event: QCloseEvent) -> bool:
         """A window manager asks to close a window: not while the wizard drives, who meant another key."""
@@ -285,6 +336,12 @@ class HoldToDrive(QObject):
         if event.type() == QEvent.Type.KeyRelease:
             return self._on_release(identity, repeated=not self._keys.released(event))
         repeated = self._keys.repeated(event)
+        if self._goes_nowhere(code, event):
+            event.accept()
+            if event.type() == QEvent.Type.KeyPress:
+                self._nowhere.start()
+                self._owned.setdefault(identity, None)
+            return True
         if identity in self._owned and (repeated or self.motion.moves_by(identity)):
             event.accept()
             return True
@@ -306,15 +363,14 @@ class HoldToDrive(QObject):
             if event.type() == QEvent.Type.KeyPress:
                 self._end_marking(identity)
                 self._owned[identity] = None
-                self._marking[identity] = mark
-                self.mark_pressed.emit(mark)
+                self._press_mark(identity, mark)
             return True
         command = None if repeated else self._function_key_for(event)
         if command is not None:
             event.accept()
             if event.type() == QEvent.Type.KeyPress:
                 self._owned[identity] = None
-                self._actions.run(command)
+                self._actions.press(command)
             return True
         hold = self._hold_for(code, event)
         if hold is None:
@@ -322,10 +378,7 @@ class HoldToDrive(QObject):
                 # Qt takes this repeat for a press; a held F1 would say its phrase again and again.
                 event.accept()
                 return True
-            if event.type() == QEvent.Type.KeyPress and self._is_slip(event):
-                self._owned[identity] = None
-                return True
-            return False
+            return event.type() == QEvent.Type.KeyPress and self._is_in_vain(identity, code, event, repeated=repeated)
         event.accept()
         if event.type() == QEvent.Type.KeyPress and not repeated:
             self._alt_drove = bool(event.modifiers() & Qt.KeyboardModifier.AltModifier)
@@ -353,12 +406,30 @@ class HoldToDrive(QObject):
         answer("")
         return False
 
-    def _mark_for(self, event: QKeyEvent) -> str | None:
-        """The action of kind "mark" that this key means now."""
+    def _mark_for(self, event: QKeyEvent) -> Hold | None:
+        """The action of kind "mark" or "talk" that this key means now."""
         if not self._takes_keys():
             return None
         mark = self._bindings.mark(event, self._without_driving_alt(event), bare=self._actions.driving_focus)
-        return mark if mark is not None and self._actions.available(mark) else None
+        return mark if mark is not None and self._actions.spec(mark.action_id) is not None else None
+
+    def _press_mark(self, identity: int, mark: Hold) -> None:
+        action_id, spec = mark.action_id, self._actions.spec(mark.action_id)
+        if not self._actions.available(action_id):
+            self._actions.press(action_id, opens=not mark.bare)
+        elif mark.bare and spec is not None and spec.kind == "talk":
+            # Somebody who types where they thought to type opens no microphone.
+            timer = self._about_to_talk[identity] = QTimer(self, singleShot=True, interval=HELD_TO_TALK_MS)
+            timer.timeout.connect(lambda: self._begin_talking(identity, action_id))
+            timer.start()
+        else:
+            self._marking[identity] = action_id
+            self.mark_pressed.emit(action_id)
+
+    def _begin_talking(self, identity: int, action_id: str) -> None:
+        self._about_to_talk.pop(identity).deleteLater()
+        self._marking[identity] = action_id
+        self.mark_pressed.emit(action_id)
 
     def _function_key_for(self, event: QKeyEvent) -> str | None:
         """The command of a function key that is pressed beside an Alt that drives; Qt would take it for another key."""
@@ -375,6 +446,43 @@ class HoldToDrive(QObject):
             modifiers &= ~Qt.KeyboardModifier.AltModifier
         return modifiers
 
+    def _is_in_vain(self, identity: int, code: int | None, event: QKeyEvent, *, repeated: bool) -> bool:
+        """A press that nothing is bound to, and that was probably meant for something: that is told. Whether nobody
+        else gets it.
+        """
+        if not self._takes_keys():
+            return False
+        typing = isinstance(self._app.focusWidget(), _TEXT_INPUTS)
+        chord = event.modifiers() & CHORD_MODIFIERS
+        if not chord:
+            if repeated and typing and self._bindings.drives_bare(code) and self._actions.spec("drive_forward"):
+                self.slipped.emit(self._how_to_drive(tr("You are typing.")))
+            return False
+        if repeated:
+            return False
+        if absent := self._actions.absent(QKeySequence(event.keyCombination())):
+            self._owned[identity] = None
+            self._actions.not_done.emit(absent, True)
+            return True
+        if not self._is_slip(event):
+            return False
+        self._owned[identity] = None
+        if event.key() == Qt.Key.Key_Space and self._actions.spec("push_to_talk") is not None:
+            talk = self._actions.key_text("push_to_talk")
+            said = tr("Nothing is on Alt and Space. Hold {key} to speak through the robot.").format(key=talk)
+        elif self._actions.spec("drive_forward") is not None:
+            said = self._how_to_drive(tr("Nothing is on this key with Alt."))
+        else:
+            said = tr("Nothing is on this key with Alt.")
+        self.slipped.emit(said)
+        return True
+
+    def _how_to_drive(self, why_not: str) -> str:
+        how = tr("{why} Hold {key} to drive, or go back to driving with {back}.")
+        caps = [self._actions.caps(spec, spec.keys[:1])[0] for name in ("drive_forward", "focus_driving")
+                if (spec := self._actions.spec(name)) is not None and spec.keys]  # fmt: skip
+        return how.format(why=why_not, key=caps[0], back=caps[-1]) if len(caps) > 1 else why_not
+
     def _is_slip(self, event: QKeyEvent) -> bool:
         """Alt with a character that nothing is bound to: beside the drive key, or a direction the robot lacks.
 
@@ -385,15 +493,45 @@ class HoldToDrive(QObject):
             and event.modifiers() & CHORD_MODIFIERS == Qt.KeyboardModifier.AltModifier
             and event.text().isprintable()
             and bool(event.text())
-            and self._takes_keys()
-            and isinstance(self._app.focusWidget(), _TEXT_INPUTS)
         )
+
+    # ---- keys that go nowhere
+
+    @property
+    def keys_go_nowhere(self) -> bool:
+        """Whether what is typed is meant for something that could not be opened, so that nobody gets it."""
+        return self._nowhere.isActive()
+
+    def _on_not_done(self, _why: str, opens: bool) -> None:
+        if opens and not self.motion.moving:
+            self._nowhere.start()
+            self._update_key_owner()
+
+    def _goes_nowhere(self, code: int | None, event: QKeyEvent) -> bool:
+        """What types or drives by itself goes nowhere until the hands rest; another chord is another act."""
+        if not self._nowhere.isActive() or event.key() in _MODIFIER_KEYS or not self._takes_keys():
+            return False
+        pad = event.modifiers() & Qt.KeyboardModifier.KeypadModifier and not event.text()
+        if event.modifiers() & CHORD_MODIFIERS or Qt.Key.Key_F1 <= event.key() <= Qt.Key.Key_F35 or pad:
+            if event.type() == QEvent.Type.KeyPress:
+                self._end_nowhere()
+            return False
+        return True
+
+    def _end_nowhere(self) -> None:
+        if self._nowhere.isActive():
+            self._nowhere.stop()
+            self._on_nowhere_ended()
+
+    def _on_nowhere_ended(self) -> None:
+        self._update_key_owner()
+        self.nowhere_ended.emit()
 
     def _on_press(self, identity: int, hold: Hold) -> None:
         spec = self._actions.spec(hold.action_id)
         self._owned[identity] = hold
         if spec is not None and spec.kind != "hold":
-            self._actions.run(hold.action_id)
+            self._actions.press(hold.action_id, opens=not hold.bare)
         else:
             self.motion.press(identity, hold)
 
@@ -425,10 +563,14 @@ class HoldToDrive(QObject):
     def _forget_keys_that_went_up_elsewhere(self) -> None:
         still_down = self._keys.still_down(set(self._owned))
         self._owned = {identity: hold for identity, hold in self._owned.items() if identity in still_down}
-        for identity in [identity for identity in self._marking if identity not in still_down]:
+        for identity in [identity for identity in (*self._marking, *self._about_to_talk) if identity not in still_down]:
             self._end_marking(identity)
 
     def _end_marking(self, identity: int) -> None:
+        if (timer := self._about_to_talk.pop(identity, None)) is not None:
+            timer.stop()
+            timer.deleteLater()
+            self.slipped.emit(tr("Hold this key to speak. A tap opens no microphone."))
         mark = self._marking.pop(identity, None)
         if mark is not None:
             self.mark_released.emit(mark)
@@ -437,6 +579,7 @@ class HoldToDrive(QObject):
 
     def _on_stop_key(self, key: Qt.Key, *, pressed_ms: int = 0) -> None:
         """``pressed_ms``: by the system's clock, 0 where it does not tell. This thread may be late between two."""
+        self._end_nowhere()
         now_s, (last_s, last_ms) = time.monotonic(), self._last_escape
         twice = now_s - last_s <= DOUBLE_STOP_S
         if pressed_ms and last_ms:
@@ -528,16 +671,23 @@ class HoldToDrive(QObject):
     def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
         self._update_driving_focus(new)
 
-    def _update_driving_focus(self, focused: QWidget | None) -> None:
-        driving = (
+    def _drives_with(self, focused: QWidget | None) -> bool:
+        """Whether bare keys drive while ``focused`` has them."""
+        return (
             focused is not None
             and not isinstance(focused, _KEEPS_ITS_KEYS)
+            and focused.isVisible()
             and any(panel is focused or panel.isAncestorOf(focused) for panel in self._driving_panels)
         )
+
+    def _update_driving_focus(self, focused: QWidget | None) -> None:
+        driving = self._drives_with(focused)
         self._actions.set_driving_focus(driving)
         self._update_key_owner()
         if not driving:
             self.motion.end_bare_keys(QT_TR_NOOP("The driving panels lost the focus"))
+            for identity in tuple(self._about_to_talk):
+                self._end_marking(identity)
 
     def _on_windows_changed(self) -> None:
         self._update_key_owner()
@@ -560,6 +710,8 @@ class HoldToDrive(QObject):
         active = self._app.activeWindow()
         if not self._is_ours(active):
             return "dialog" if isinstance(active, QDialog) else "elsewhere"
+        if self._nowhere.isActive():
+            return "nowhere"
         if self._actions.driving_focus:
             return "driving"
         return "typing" if isinstance(self._app.focusWidget(), _TEXT_INPUTS) else "window"
@@ -568,7 +720,7 @@ class HoldToDrive(QObject):
         if state != Qt.ApplicationState.ApplicationActive:
             self.release_all(QT_TR_NOOP("Another program came to the front"))
             # The release of a held mark key goes to that program.
-            for identity in tuple(self._marking):
+            for identity in (*self._marking, *self._about_to_talk):
                 self._end_marking(identity)
         self._update_key_owner()
 

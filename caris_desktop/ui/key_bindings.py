@@ -57,11 +57,17 @@ class KeyBindings:
     def function_key(self, key: int) -> str | None:
         return self._function_keys.get(key)
 
-    def mark(self, event: QKeyEvent, modifiers: Qt.KeyboardModifier, *, bare: bool) -> str | None:
-        """The action of kind "mark"; ``bare``: a driving panel has the focus."""
+    def mark(self, event: QKeyEvent, modifiers: Qt.KeyboardModifier, *, bare: bool) -> Hold | None:
+        """What the key of an action of kind "mark" or "talk" means; ``bare``: a driving panel has the focus."""
         where = int(event.key()), (modifiers & ~Qt.KeyboardModifier.KeypadModifier).value
-        mark = self._marks.get(where)
-        return self._bare_marks.get(where) if mark is None and bare else mark
+        if (mark := self._marks.get(where)) is not None:
+            return Hold(mark, bare=False)
+        bare_mark = self._bare_marks.get(where) if bare else None
+        return None if bare_mark is None else Hold(bare_mark, bare=True)
+
+    def drives_bare(self, code: int | None) -> bool:
+        """Whether the letter at this place drives where bare keys drive."""
+        return position_of(sys.platform, code) in self._bare
 
     def hold(self, code: int | None, event: QKeyEvent, *, bare: bool) -> Hold | None:
         """What the key is held for; ``bare``: a driving panel has the focus."""

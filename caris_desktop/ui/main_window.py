@@ -1,6 +1,7 @@
 """The console's window: top bar, dock panels, status bar, and what belongs to none of them alone."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,9 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.status import DriveStatus
+from caris_desktop.live.status import IN_SESSION, DriveStatus
 from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
+from caris_desktop.scenario.file import ScenarioError, load_scenario
 from caris_desktop.scenario.library import ScenarioChoice, list_scenarios
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.ui import boxes, words
@@ -34,6 +36,7 @@ from caris_desktop.ui.face.face_windows import FaceWindows
 from caris_desktop.ui.first_use.first_use import FirstUse
 from caris_desktop.ui.gamepad_window import GamepadWindow
 from caris_desktop.ui.going_on_card import GoingOnCard
+from caris_desktop.ui.hint import Hints
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.kept_choices import KeptChoices
 from caris_desktop.ui.late_imports import LateImports
@@ -53,7 +56,7 @@ from caris_desktop.ui.practice.practice_strip import PracticeStrip
 from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
 from caris_desktop.ui.problems import ProblemCards, ProblemLine
 from caris_desktop.ui.protocol_strip import ProtocolStrip
-from caris_desktop.ui.read_aside import Remembered
+from caris_desktop.ui.read_aside import Remembered, read_for
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.same_panels import same_panels
 from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
@@ -62,7 +65,7 @@ from caris_desktop.ui.session_windows import SessionWindows
 from caris_desktop.ui.shortcuts.sheet import ShortcutSheet
 from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
 from caris_desktop.ui.status_bar import StatusBar
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import PanelWindow
 from caris_desktop.ui.talking import Talking
 from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
 from caris_desktop.ui.top_bar import TopBar
@@ -77,7 +80,7 @@ if TYPE_CHECKING:  # imported when they are first needed
     from caris_desktop.ui.robot_dialog import RobotExplorer
 
 
-class MainWindow(TabAsRead, QWidget):
+class MainWindow(PanelWindow, QWidget):
     """The wizard's window. Draws what ``console.state`` holds and turns input into intents.
 
     Parameters
@@ -120,7 +123,7 @@ class MainWindow(TabAsRead, QWidget):
         choice = as_choice(settings.value(THEME_KEY, "system")) if settings is not None else "system"
         self.theme = theme if theme is not None else Theme(app, choice, self)
         self.appearance = Appearance(self.theme, settings)
-        self._painted = False
+        self._painted = self._began = False
         self._shown_scenario: Scenario | None = None
         self._replay: ReplayControls | None = None
         self._replay_parts: ReplayWidgets | None = None
@@ -147,6 +150,7 @@ class MainWindow(TabAsRead, QWidget):
         first = KeyOwnerChip(self.theme, self.hold), alarms_button, to_check
         self._status_bar = StatusBar(self.theme, console, *first, news=line)
         self._arrange()
+        Hints(self.theme, self.dock_host, self.actions_table, self.hold)
         self._problems = ProblemCards(self.theme, self.dock_host, console.state, line)
         self._palette_overlay = CommandPalette(self.theme, self, PaletteMemory(self.wizards))
         self.wizard_keys = WizardKeys(self.wizards, self.actions_table, self._tell, self)
@@ -327,7 +331,9 @@ class MainWindow(TabAsRead, QWidget):
         if self._replay_parts is not None:
             self._replay_parts.fit()
         self.layout_keeper.begin_with(tree)
-        self._focus_first()
+        if not self._began:
+            self._began = True
+            self._focus_first()
 
     def _title(self, scenario: Scenario) -> str:
         session = "" if self._replay is None else self._replay.session.folder.name
@@ -343,7 +349,24 @@ class MainWindow(TabAsRead, QWidget):
         self.board.close(name)
 
     def _open_scenario(self, path: Path) -> None:
-        self._console.do(intents.OpenScenario(path))
+        """Another scenario; asks first where that would end the video or the sound of a running recording."""
+
+        def switch() -> None:
+            self._console.do(intents.OpenScenario(path))
+
+        def look(scenario: Scenario | None) -> None:
+            ends = [] if scenario is None else _ends_of_recording(self._console.scenario, scenario)
+            if scenario is None or not ends:
+                switch()
+                return
+            said = tr("“{title}” records no {what}. The recording goes on without it. Switch the scenario?")
+            title = words.shortened(scenario.title, 40)
+            self._question.ask(said.format(title=title, what=", ".join(ends)), tr("Switch"), switch)
+
+        if self._console.state.recording.value.state in IN_SESSION:
+            read_for(self, self._console, partial(_read_scenario, path), look)
+        else:
+            switch()
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
         shown = self._shown_scenario
@@ -377,14 +400,16 @@ class MainWindow(TabAsRead, QWidget):
             self.board.open("speak")
             panel.focus_list()
 
-    def edit_suggestion(self, rank: int) -> None:
+    def edit_suggestion(self, rank: int) -> str:
         """Let the wizard change a suggested reply in the Speak field before it is said."""
         console, panel = self._console, self.board.panels.get("speak")
         card = next((card for card in console.state.suggestions.value.cards if card.rank == rank), None)
-        if card is not None and panel is not None:
-            self.board.open("speak")
-            text = words.with_names(card.text, lambda person_id: name_of(console, person_id))
-            panel.edit_first(text, lambda said: not console.do(intents.SayEditedSuggestion(card.suggestion_id, said)))
+        if card is None or panel is None:
+            return tr("That is not suggested now.")
+        self.board.open("speak")
+        text = words.with_names(card.text, lambda person_id: name_of(console, person_id))
+        panel.edit_first(text, lambda said: not console.do(intents.SayEditedSuggestion(card.suggestion_id, said)))
+        return ""
 
     def show_next_phrases(self) -> None:
         state = self._console.state
@@ -482,3 +507,19 @@ class MainWindow(TabAsRead, QWidget):
         if not self._painted:
             self._painted = True
             QTimer.singleShot(0, self, self.painted.emit)
+
+
+def _read_scenario(path: Path) -> Scenario | None:
+    """None for a file that cannot be read: who opens it tells why."""
+    try:
+        return load_scenario(path)
+    except ScenarioError:
+        return None
+
+
+def _ends_of_recording(before: Scenario, after: Scenario) -> list[str]:
+    """What is recorded now and would be no longer; nothing unless that is video or sound."""
+    was, will_be = before.permissions, after.permissions
+    ends = [tr("video")] if was.video_recording and not will_be.video_recording else []
+    ends += [tr("sound")] if was.audio_recording and not will_be.audio_recording else []
+    return [*ends, tr("photos")] if ends and was.photos and not will_be.photos else ends

@@ -9,6 +9,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.bands import Band
+from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.glance import GlanceSigns
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -17,7 +18,7 @@ HEIGHT_PX = 38
 _ROOM_FOR_WORDS_PX, _ROOM_FOR_BANDS_PX = 1200, 1850
 
 
-class NoticeStrip(QWidget):
+class NoticeStrip(Bar, QWidget):
     """Always of the same height. The bands share its width; while there is none it says what the robot does now."""
 
     def __init__(self, theme: Theme, console: WizardConsole, bands: dict[Band, int]) -> None:

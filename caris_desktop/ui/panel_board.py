@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, QSize, QTimer, Signal
+from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -76,6 +76,7 @@ class PanelBoard(QObject):
         self._opened_in: set[PanelName] = set()
         self._has_library = False
         self._building: _Building | None = None
+        self._had_keys: PanelName | None = None
         self._outdated: deque[PanelName] = deque()  # they go on, and show what the scenario before said
         self._missing: deque[PanelName] = deque()
         self._behind: deque[PanelName] = deque()
@@ -116,6 +117,7 @@ class PanelBoard(QObject):
         that tree when all stands. Panels that go on with the scenario stay.
         """
         self._stop_building()
+        self._had_keys = self._docks.panel_with_keys()
         actions, hold = self._context.actions, self._context.hold
         hold.release_all(QT_TR_NOOP("The scenario was changed"))
         actions.bind_driving_panels(())
@@ -185,9 +187,17 @@ class PanelBoard(QObject):
             self._put_aside_all_but(building.arrangement.panels)
             self._docks.show_arrangement({**self._panels, **self._aside, **self._kept_places()}, building.arrangement)
             self._bind_driving()
+            self._keep_keys()
             building.arranged()
         elif self._behind:
             self._make_next(self._behind)
+
+    def _keep_keys(self) -> None:
+        """Where another scenario has the panel too, it goes on having the keys; else nobody has them."""
+        had, self._had_keys = self._had_keys, None
+        panel = None if had is None else self._panels.get(had)
+        if panel is not None and panel.isVisible() and self._docks.panel_with_keys() is None:
+            panel.focus_target().setFocus(Qt.FocusReason.OtherFocusReason)
 
     @property
     def _arranges_next(self) -> bool:

@@ -7,6 +7,7 @@ from PySide6.QtGui import QAccessible, QColor, QMouseEvent, QPainter, QPaintEven
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, draw_card
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -14,7 +15,7 @@ from caris_desktop.ui.widgets.cut_label import CutLabel
 _LEAST_TITLE_PX, _ANY_PX = 40, 16_777_215
 
 
-class PanelTitleBar(QWidget):
+class PanelTitleBar(Bar, QWidget):
     """Upper part of a panel's card: title left, live fact and controls right.
 
     Where there is no room for all, the fact is cut short first, then buttons that have an icon lose their words, those
@@ -116,7 +117,6 @@ class PanelTitleBar(QWidget):
         self.update()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        self._panel.focus_target().setFocus(Qt.FocusReason.MouseFocusReason)
         event.ignore()  # the dock is dragged by this press
 
     def paintEvent(self, _event: QPaintEvent) -> None:

@@ -16,6 +16,7 @@ from caris_desktop.scenario.protocol import ProtocolStep
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.protocol.step_cards import MOST_DIGITS, BranchesCard, StepsCard
 from caris_desktop.ui.protocol.step_pills import ShownStep, StepPills, StepState
 from caris_desktop.ui.protocol.step_words import is_late, record_words, time_words
@@ -40,7 +41,7 @@ _MOST_INLINE_TICKS = 2
 _FULL, _NO_NOTE, _TICKS_COUNTED, _NEXT_SHORT, _ACTS_SHORT, _BRANCH_SHORT, _ALL_SHORT = range(7)
 
 
-class ProtocolStrip(QWidget):
+class ProtocolStrip(Bar, QWidget):
     """Hidden where the scenario has no protocol. In a replay it shows where the wizard was then, and how long each step
     took in the whole session; ``moment_wanted`` is when a step began that was clicked there.
     """

@@ -22,6 +22,7 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens, words
+from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.status_button import StatusButton
@@ -136,7 +137,7 @@ class StatusItem(QWidget):
         painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), text)
 
 
-class StatusBar(QWidget):
+class StatusBar(Bar, QWidget):
     """Refreshes four times a second: ages grow by themselves."""
 
     accessible_role = QAccessible.Role.StatusBar

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from PySide6.QtCore import QRect, Qt
 from PySide6.QtWidgets import QScrollArea, QWidget
 
+from caris_desktop.ui.give_keys import pass_keys_on
 from caris_desktop.ui.overlay import Overlay
 
 _TOUCH_PX = 3  # parts of a row may overlap by so much, and rows by as much
@@ -20,6 +21,20 @@ class TabAsRead:
 
     def focusNextPrevChild(self, forward: bool, /) -> bool:
         return isinstance(self, QWidget) and move_focus(self, forward=forward)
+
+
+class PanelWindow(TabAsRead):
+    """The same for a window with panels, in which keys drive, speak and switch: Qt asks for the next one also where the
+    one that had the keys is hidden or disabled, and there nobody gets them whom the wizard did not choose.
+    """
+
+    def focusNextPrevChild(self, forward: bool, /) -> bool:
+        if isinstance(self, QWidget):
+            focused = self.focusWidget()
+            if focused is not None and focused is not self and not (focused.isVisible() and focused.isEnabled()):
+                pass_keys_on(self, focused)
+                return True
+        return super().focusNextPrevChild(forward)
 
 
 def move_focus(window: QWidget, *, forward: bool) -> bool:

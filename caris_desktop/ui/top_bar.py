@@ -13,6 +13,8 @@ from caris_desktop.live.status import IN_SESSION, DriveStatus, LiveRobotsStatus,
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.drive_keys import STOPS
+from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.cut_label import CutLabel
@@ -85,7 +87,7 @@ def _error_words(level: int) -> str:
     return tr("Wizard error") if level < _ERROR_SHRINKS else ""
 
 
-class TopBar(QWidget):
+class TopBar(Bar, QWidget):
     """Emits what the window has to do; everything about the session's state it reads itself."""
 
     start_requested = Signal()
@@ -143,6 +145,7 @@ class TopBar(QWidget):
         self.window_button.clicked.connect(self.window_menu_requested)
         self.emergency = ActionButton(theme, tr("Emergency stop"), key="Esc Esc", look="danger", height_px=40)
         self.emergency.setObjectName("emergency_stop")
+        self.emergency.setProperty(STOPS, True)
         self.emergency.setToolTip(tr("Stops the robot and keeps it stopped until you release it. Also Pause."))
         self.emergency.pressed.connect(self._on_emergency_pressed)
         row = boxes.row(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)

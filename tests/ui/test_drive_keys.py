@@ -210,9 +210,9 @@ def test_a_dialog_releases(window: MainWindow, view: QWidget, console: FakeConso
     dialog.close()
 
 
-def test_a_menu_releases(window: MainWindow, view: QWidget, console: FakeConsole, qtbot: QtBot) -> None:
+def test_a_menu_releases(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
     QTest.keyPress(view, Qt.Key.Key_W)
-    qtbot.mouseClick(find(window, "scenario_button"), Qt.MouseButton.LeftButton)
+    window.menus.open_scenario_menu()
     assert console.calls[-1] == ("release_drive", "A dialog or menu opened")
     menu = window.findChild(QMenu, "scenario_menu")
     assert menu is not None

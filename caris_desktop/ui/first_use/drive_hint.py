@@ -14,6 +14,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui import boxes
 from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -22,7 +23,7 @@ _FIRST_METRE_M = 1.0
 _PRAISED_MS = 20_000
 
 
-class DriveHint(QWidget):
+class DriveHint(Bar, QWidget):
     """``driven`` once the robot has gone a metre; from then on ``practise_wanted`` where the wizard goes on to practise
     the rest. Hidden until it is wanted.
     """

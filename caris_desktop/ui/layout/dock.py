@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui import tokens
+from caris_desktop.ui.give_keys import KeyPlace
 from caris_desktop.ui.layout.placing import TITLE_PX, Room
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
@@ -24,7 +25,7 @@ _BUTTON_PX = 26
 _MOST_NAMED = 4
 
 
-class Dock(QWidget):
+class Dock(KeyPlace):
     """Below the title lies the panel; where the dock is too small for it, the panel keeps the size that it needs at
     least, and a button in the title says what is cut off.
     """
@@ -67,6 +68,9 @@ class Dock(QWidget):
         panel.title_changed.connect(self._on_title_changed)
         self._on_title_changed(panel.shown_title)
         self.set_place(floating=False, locked=False)
+
+    def focus_target(self) -> QWidget:
+        return self._panel.focus_target()
 
     def widget(self) -> Panel:
         return self._panel

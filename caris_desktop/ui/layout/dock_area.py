@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QApplication, QMenu, QPushButton, QTabBar, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.model import LayoutNode, PanelName
+from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.fitting import COMFORT
 from caris_desktop.ui.layout.placing import GroupPlace, Handle, Placing, dragged, place
@@ -25,6 +26,7 @@ class DockArea(QWidget):
 
     laid_out = Signal()
     tab_chosen = Signal(object)  # PanelName
+    tab_gone_to = Signal(object)  # PanelName; by a click, so that the keys go there too
     tab_drag_moved = Signal(object, object)  # PanelName, QPoint on the desktop
     tab_drag_dropped = Signal(object, object)
     tab_menu_wanted = Signal(object, object)
@@ -55,13 +57,9 @@ class DockArea(QWidget):
         self.lay_out()
 
     def _adopt(self, dock: Dock) -> None:
-        """The dock comes from another window; what had the keys in it keeps them."""
-        focused = QApplication.focusWidget()
-        keeps = focused if focused is not None and dock.isAncestorOf(focused) else None
+        """The dock comes from another window."""
         dock.setParent(self)
         dock.lower()  # below what lies over the panels
-        if keeps is not None:
-            keeps.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def lay_out(self) -> None:
         tree = self.whole_tree
@@ -137,6 +135,7 @@ class DockArea(QWidget):
     def _new_bar(self) -> "PanelTabs":
         bar = PanelTabs(self)
         bar.chosen.connect(self.tab_chosen)
+        bar.gone_to.connect(self.tab_gone_to)
         bar.drag_moved.connect(self.tab_drag_moved)
         bar.drag_dropped.connect(self.tab_drag_dropped)
         bar.menu_wanted.connect(self.tab_menu_wanted)
@@ -174,10 +173,11 @@ def qrect(rect: Rect) -> QRect:
     return QRect(rect.left, rect.top, rect.width, rect.height)
 
 
-class PanelTabs(QTabBar):
+class PanelTabs(Bar, QTabBar):
     """The tabs of one group. A tab that is dragged leaves its group alone; the others stay."""
 
     chosen = Signal(object)  # PanelName
+    gone_to = Signal(object)
     drag_moved = Signal(object, object)
     drag_dropped = Signal(object, object)
     menu_wanted = Signal(object, object)
@@ -246,7 +246,7 @@ class PanelTabs(QTabBar):
 
     def _chooser(self, panel: PanelName) -> Callable[[], None]:
         # After the menu has closed: this bar may be another one then.
-        return lambda: self.chosen.emit(panel)
+        return lambda: self.gone_to.emit(panel)
 
     def minimumTabSizeHint(self, index: int) -> QSize:
         return self.tabSizeHint(index)
@@ -270,6 +270,8 @@ class PanelTabs(QTabBar):
         if event.button() == Qt.MouseButton.LeftButton and index >= 0:
             self._pressed, self._pressed_at = self.panels[index], event.globalPosition().toPoint()
         super().mousePressEvent(event)
+        if self._pressed is not None:
+            self.gone_to.emit(self._pressed)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         at = event.globalPosition().toPoint()

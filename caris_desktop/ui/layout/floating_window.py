@@ -11,14 +11,14 @@ from caris_desktop.ui import boxes
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea, qrect
 from caris_desktop.ui.layout.rect import Rect
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import PanelWindow
 from caris_desktop.ui.window_above import WindowAbove
 
 _MARGIN_PX = 8
 _SETTLES_MS = 400  # meanwhile a window manager puts its frame around the window
 
 
-class FloatingWindow(TabAsRead, WindowAbove):
+class FloatingWindow(PanelWindow, WindowAbove):
     """A tool window: it stays above the main window, whose keys work in it too."""
 
     moved_by_hand = Signal(object)  # Rect
@@ -27,6 +27,8 @@ class FloatingWindow(TabAsRead, WindowAbove):
     def __init__(self, docks: Mapping[PanelName, Dock], parent: QWidget) -> None:
         super().__init__(parent, Qt.WindowType.Tool)
         self.setObjectName("floating_panels")
+        # It comes back by itself when a card closes or a scenario changes; who goes to it gives it the keys.
+        self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.area = DockArea(docks, self)
         column = boxes.column(self, margins_px=_MARGIN_PX)
         column.addWidget(self.area)

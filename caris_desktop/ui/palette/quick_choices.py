@@ -51,14 +51,17 @@ class QuickChoices:
             tr("Your name or initials"), known, lambda typed: chosen(typed, tr("New wizard: {name}").format(name=typed))
         )
 
-    def name_person(self) -> None:
+    def name_person(self) -> str:
         """Open the field for the name of who is in front of the robot; Enter keeps what is typed."""
         state, panels = self._parts.console.state, self._parts.panels
         person = in_front(state.persons.value, selected=state.selected_person.value)
+        if person is None:
+            return tr("Nobody is in view, so there is nobody to name.")
         panels.open("people")
         panel = panels.panels.get("people")
-        if panel is not None and person is not None:
+        if panel is not None:
             panel.show_person(person.person_id, rename=True)
+        return ""
 
     def _with_digits(self, entries: Sequence[Entry]) -> Sequence[Entry]:
         letter = self._parts.actions.letter

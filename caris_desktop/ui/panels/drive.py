@@ -22,7 +22,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui import boxes, speed_steps, tokens, words
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.drive_keys import STOPS, HoldToDrive
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -76,6 +76,7 @@ class DrivePanel(Panel):
         self._head.stick.moved.connect(self._on_head_stick_moved)
         self._stop = ActionButton(self.theme, tr("Stop"), icon="hand-palm", height_px=30)
         self._stop.setObjectName("stop_button")
+        self._stop.setProperty(STOPS, True)
         self._stop.clicked.connect(lambda: self.console.do(intents.Stop()))
         self._stop.set_key(self.table.key_text("stop"))
         self._other = ActionButton(self.theme, "", icon="game-controller", height_px=30)
@@ -297,7 +298,7 @@ class DrivePanel(Panel):
             return told, "dim" if as_drive_says else "amber"
         owner = self.hold.key_owner
         sentence = owner_sentence(owner, [self.table.key_text(action_id) for action_id in _DIRECTIONS])
-        return sentence, "amber" if owner in ("dialog", "menu", "elsewhere") else "dim"
+        return sentence, "amber" if owner in ("nowhere", "dialog", "menu", "elsewhere") else "dim"
 
     def _show_guard(self, drive: DriveStatus) -> None:
         self._guard.setVisible(drive.guard != "absent")

@@ -13,6 +13,7 @@ from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.practice.training_record import PracticeRun, keep, practised
 from caris_desktop.ui.theme import Theme
@@ -69,7 +70,7 @@ class StepDots(QWidget):
                 painter.drawText(dot, Qt.AlignmentFlag.AlignCenter, str(number + 1))
 
 
-class PracticeStrip(QWidget):
+class PracticeStrip(Bar, QWidget):
     """Below the notice strip while somebody practises, and until they have read how it went."""
 
     accessible_role = QAccessible.Role.Grouping

@@ -157,7 +157,7 @@ class CodingStrip(QWidget):
         menu.aboutToHide.connect(menu.deleteLater)
         menu.popup(self._more.mapToGlobal(QPoint(0, -menu.sizeHint().height())))
 
-    def _runner(self, number: int) -> Callable[[], None]:
+    def _runner(self, number: int) -> Callable[[], object]:
         return lambda: self._actions.run(f"code_{number}")
 
     def _style(self) -> None:

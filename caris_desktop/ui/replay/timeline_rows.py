@@ -68,7 +68,7 @@ class TimelineRows(QObject):
         """Why no row is shown, where there are some."""
         return tr("No row has these words.") if self.filter.text().strip() else tr("All rows are hidden.")
 
-    def _runner(self, action_id: str) -> Callable[[], None]:
+    def _runner(self, action_id: str) -> Callable[[], object]:
         return lambda: self._actions.run(action_id)
 
     def open_tier_dialog(self) -> None:

@@ -189,7 +189,7 @@ class TimelineView(QWidget):
     def _open_rows_menu(self) -> None:
         self.rows.open_rows_menu(self._named_buttons[0][0])
 
-    def _runner(self, action_id: str) -> Callable[[], None]:
+    def _runner(self, action_id: str) -> Callable[[], object]:
         return lambda: self._actions.run(action_id)
 
     def sizeHint(self) -> QSize:

@@ -17,6 +17,7 @@ _WORDS: dict[KeyOwner, tuple[str, str, str]] = {
     "driving": (QT_TR_NOOP("Keys drive"), "blue", "game-controller"),
     "typing": (QT_TR_NOOP("You type · Alt drives"), "text", "text-aa"),
     "window": (QT_TR_NOOP("Alt drives"), "dim", "keyboard"),
+    "nowhere": (QT_TR_NOOP("Keys go nowhere: Esc"), "amber", "keyboard"),
     "dialog": (QT_TR_NOOP("No keys: dialog open"), "amber", "keyboard"),
     "menu": (QT_TR_NOOP("No keys: menu open"), "amber", "keyboard"),
     "elsewhere": (QT_TR_NOOP("Keys go elsewhere"), "amber", "keyboard"),

@@ -71,7 +71,7 @@ def asked(console: FakeConsole) -> list[tuple[str, object]]:
 
 
 @pytest.mark.panels()
-def test_the_card_opens_beside_the_row_and_takes_no_key_from_driving(
+def test_the_card_opens_beside_the_row_and_leaves_the_keys_in_its_panel(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     view = find(window, "video_view")
@@ -82,7 +82,7 @@ def test_the_card_opens_beside_the_row_and_takes_no_key_from_driving(
     assert card.isVisible()
     assert card.person_id == "p-luis"
     assert not card.isWindow()
-    assert view.hasFocus()
+    assert panel.focus_target().hasFocus()
     place = QRect(card.pos(), card.size())
     assert window.rect().contains(place)
     assert not place.intersects(QRect(view.mapTo(window, view.rect().topLeft()), view.size()))

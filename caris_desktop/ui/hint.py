@@ -1,0 +1,105 @@
+"""A sentence for a moment beside what has the keys, where the wizard looks: why a key did not do what it should."""
+
+import shiboken6
+from PySide6.QtCore import QObject, QPoint, QRect, Qt, QTimer
+from PySide6.QtGui import QAccessible, QPaintEvent
+from PySide6.QtWidgets import QApplication, QLabel, QWidget
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui import tokens
+from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.announcing import announce
+from caris_desktop.ui.drive_keys import NOWHERE_MS, HoldToDrive
+from caris_desktop.ui.give_keys import window_of
+from caris_desktop.ui.theme import Theme
+
+_FIELD_PX = 120
+"""What is no higher is a field, which the hint stands beside; in a picture or a list it stands inside."""
+_GAP_PX, _MOST_PX = 6, 460
+
+
+class Hints(QObject):
+    """One at a time, as long as keys go nowhere by it. ``middle`` is where it stands while no part has the keys."""
+
+    def __init__(self, theme: Theme, middle: QWidget, actions: Actions, hold: HoldToDrive) -> None:
+        super().__init__(middle)
+        self._theme, self._middle, self._hold = theme, middle, hold
+        self._hint: Hint | None = None
+        self._by_nowhere = False
+        self._goes = QTimer(self, singleShot=True, interval=NOWHERE_MS)
+        self._goes.timeout.connect(self._on_time)
+        actions.not_done.connect(self._on_not_done)
+        hold.slipped.connect(self.say)
+        hold.escape_pressed.connect(self.take_away)
+        hold.nowhere_ended.connect(self._on_nowhere_ended)
+
+    def _on_not_done(self, why: str, _opens: bool) -> None:
+        nowhere = self._hold.keys_go_nowhere
+        ends = tr("{why} What you type now goes nowhere; Esc or a click ends that.")
+        self.say(ends.format(why=why) if nowhere else why)
+        self._by_nowhere = nowhere
+
+    def say(self, text: str) -> None:
+        self.take_away()
+        focused = QApplication.focusWidget()
+        beside = self._middle if focused is None or focused.isWindow() else focused
+        # Anew each time: it is gone with a panel's own window.
+        self._hint = Hint(self._theme, beside, text)
+        self._goes.start()
+
+    def take_away(self) -> None:
+        hint, self._hint, self._by_nowhere = self._hint, None, False
+        self._goes.stop()
+        if hint is not None and shiboken6.isValid(hint):
+            hint.hide()
+            hint.deleteLater()
+
+    def _on_nowhere_ended(self) -> None:
+        if self._by_nowhere:
+            self.take_away()
+
+    def _on_time(self) -> None:
+        if self._by_nowhere and self._hold.keys_go_nowhere:
+            self._goes.start()
+        else:
+            self.take_away()
+
+
+class Hint(QLabel):
+    """Takes no click and no key."""
+
+    accessible_role = QAccessible.Role.AlertMessage
+
+    def __init__(self, theme: Theme, beside: QWidget, text: str) -> None:
+        window = window_of(beside)
+        super().__init__(text, window)
+        self.setObjectName("key_hint")
+        self.setTextFormat(Qt.TextFormat.PlainText)
+        self.setWordWrap(True)
+        self.setMargin(10)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setAccessibleName(text)
+        self._theme = theme
+        theme.style_text(self, "text")
+        width = min(_MOST_PX, window.width() - 2 * _GAP_PX, self.fontMetrics().horizontalAdvance(text) + 24)
+        self.resize(width, self.heightForWidth(width))
+        self._stand(QRect(beside.mapTo(window, QPoint()), beside.size()), window.rect())
+        self.show()
+        self.raise_()
+        announce(self, text)
+
+    def _stand(self, beside: QRect, room: QRect) -> None:
+        place = QRect(QPoint(), self.size())
+        if beside.height() > _FIELD_PX:
+            place.moveCenter(beside.center())
+            place.moveBottom(beside.bottom() - 2 * _GAP_PX)
+        else:
+            place.moveBottomLeft(QPoint(beside.left(), beside.top() - _GAP_PX))
+            if place.top() < room.top():
+                place.moveTop(beside.bottom() + _GAP_PX)
+        place.moveRight(min(place.right(), room.right() - _GAP_PX))
+        self.move(max(place.left(), _GAP_PX), max(place.top(), _GAP_PX))
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        self._theme.paint_box(self, ground="amber_soft", line="amber", radius_px=tokens.CONTROL_RADIUS_PX)
+        super().paintEvent(event)

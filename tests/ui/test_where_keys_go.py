@@ -1,0 +1,513 @@
+"""Where the next key goes: after each click, tab, float, close, switch and shortcut, with real key and mouse events."""
+
+import dataclasses
+import os
+import random
+from collections.abc import Iterator
+
+import pytest
+import shiboken6
+from PySide6.QtCore import QEvent, QPoint, Qt
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractButton, QApplication, QDialog, QMenu, QWidget
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.live.status import SavedScenario
+from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.model import PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.ui.give_keys import bar_of
+from caris_desktop.ui.hint import Hint
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.theme import Theme
+from tests.ui import samples
+from tests.ui.conftest import MemorySettings, find, open_window
+from tests.ui.fake_console import FakeConsole
+
+NONE = Qt.KeyboardModifier.NoModifier
+SENTENCE = "was that a wide road 2 see?"
+WORDS = [*SENTENCE.split(), "Mara", "Tom", "kitchen", "stop", "yes", "no", "/", "9", "Qt", "edge", "zoo", "can", "2"]
+SENTENCES = 200 if os.environ.get("CARIS_TEST_LONG") else 2
+ASKED_BY_NOBODY = ("drive", "turn_head", "open_scenario", "say", "go_to_place", "push_to_talk")
+TABBED = dataclasses.replace(
+    samples.TOUR,
+    layout=SplitNode(
+        "horizontal",
+        (
+            SplitNode("vertical", (PanelLeaf("video"), TabNode(("speak", "notes", "map"), "speak")), (0.6, 0.4)),
+            TabNode(("conversation", "assistant", "people", "drive", "session", "photos"), "conversation"),
+        ),
+        (0.6, 0.4),
+    ),
+)
+
+
+def focused() -> QWidget:
+    widget = QApplication.focusWidget()
+    assert widget is not None, "no widget has the keys"
+    return widget
+
+
+def panel_with_keys(window: MainWindow) -> str | None:
+    holds = (name for name, dock in window.dock_host.docks.items() if dock.isAncestorOf(focused()))
+    return next(holds, None)
+
+
+def type_on(text: str = SENTENCE) -> None:
+    """As a person does who looks elsewhere: each key goes wherever the keys are by then, and Enter comes last."""
+    for key in (*text, Qt.Key.Key_Return):
+        target = QApplication.activePopupWidget() or QApplication.focusWidget() or QApplication.activeWindow()
+        assert target is not None
+        QTest.keyClick(target, key)
+
+
+def click(widget: QWidget, at: QPoint | None = None) -> None:
+    """By way of the window, so that Qt finds who is under the pointer and who gets the focus by the click."""
+    window = widget.window()
+    handle = window.windowHandle()
+    assert handle is not None
+    place = widget.mapTo(window, widget.rect().center() if at is None else at)
+    QTest.mouseClick(handle, Qt.MouseButton.LeftButton, NONE, place)
+
+
+def click_tab(window: MainWindow, name: PanelName) -> None:
+    bar = next(bar for bar in window.dock_host.bars if name in bar.panels)
+    index = bar.panels.index(name)
+    if bar.isTabVisible(index):
+        click(bar, bar.tabRect(index).center())
+        return
+    click(find(bar, "more_tabs"))  # there is no room for it
+    menu = QApplication.activePopupWidget()
+    assert isinstance(menu, QMenu)
+    next(action for action in menu.actions() if action.text() == bar.tabText(index)).trigger()
+    menu.close()
+
+
+def asked(console: FakeConsole) -> list[str]:
+    return [name for name, _arguments in console.calls if name in ASKED_BY_NOBODY]
+
+
+# ---- saving in the scenario's editor
+
+
+@pytest.fixture
+def edited(
+    qtbot: QtBot, theme: Theme, settings: MemorySettings, tmp_path: object
+) -> Iterator[tuple[MainWindow, FakeConsole]]:
+    scenario = load_scenario(layouts_dir() / "tour-guide.yaml")
+    console = FakeConsole(scenario)
+    window = open_window(qtbot, console, settings, theme)
+    window.editor.open()
+    qtbot.waitUntil(lambda: window.editor.editor is not None)
+    editor = window.editor.editor
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is editor)
+    yield window, console
+    window.editor.close()
+
+
+@pytest.mark.parametrize("page", ["title", "text"])
+def test_saving_a_scenario_leaves_the_keys_in_its_editor(
+    qtbot: QtBot, edited: tuple[MainWindow, FakeConsole], page: str
+) -> None:
+    window, console = edited
+    editor = window.editor.editor
+    assert editor is not None
+    if page == "text":
+        editor.show_page(editor.text_page)
+        editor.text_page.editor.setFocus()
+        QTest.keyClicks(editor.text_page.editor, "#")
+    else:
+        assert editor.reveal(("title",)) is not None
+        QTest.keyClicks(focused(), "x")
+    before = focused()
+    QTest.keyClick(before, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
+    ((text, path, _edited, _replaces),) = console.named("save_scenario")
+    console.state.saved_scenario.set_anew(SavedScenario(path, text, "1" * 64))
+    changed = dataclasses.replace(console.scenario, title="Another", phrases=("One",), sha256="1" * 64)
+    console.scenario = changed
+    console.state.scenario.set_anew(changed)
+    window.board.complete()
+    QApplication.processEvents()
+    assert QApplication.activeWindow() is editor
+    assert focused() is before
+    console.calls.clear()
+    type_on()
+    assert asked(console) == []
+
+
+@pytest.mark.panels("video", "speak", "drive")
+def test_a_scenario_that_changes_gives_the_keys_to_nobody_who_had_them_not(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    find(window, "speak_field").setFocus()
+    console.state.scenario.set_anew(dataclasses.replace(console.scenario, title="Another", phrases=("One",)))
+    window.board.complete()
+    assert focused().objectName() == "speak_field"
+    assert not window.actions_table.driving_focus
+
+
+# ---- clicks, tabs, floats and closes
+
+
+@pytest.fixture
+def tabbed(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> Iterator[tuple[MainWindow, FakeConsole]]:
+    console = FakeConsole(TABBED, {samples.MENTAL.path: samples.MENTAL, TABBED.path: TABBED})
+    yield open_window(qtbot, console, settings, theme), console
+
+
+def test_a_click_on_a_tab_gives_the_keys_to_that_panels_main_field(tabbed: tuple[MainWindow, FakeConsole]) -> None:
+    window, console = tabbed
+    for bar in list(window.dock_host.bars):
+        for name in (*bar.panels, *bar.panels):  # the second time it is in front already
+            find(window, "video_view").setFocus()
+            click_tab(window, name)
+            panel = window.panels[name]
+            assert focused() is panel.focus_target(), name
+            assert window.actions_table.driving_focus == panel.drives
+            if not panel.drives and name != "speak":
+                console.calls.clear()
+                type_on()
+                assert asked(console) == [], name
+
+
+@pytest.mark.parametrize("name", ["speak", "conversation", "people", "assistant", "notes", "map", "drive"])
+def test_a_panel_that_floats_or_comes_back_or_is_moved_has_the_keys_in_its_main_field(
+    tabbed: tuple[MainWindow, FakeConsole], name: PanelName
+) -> None:
+    window, _console = tabbed
+    host = window.dock_host
+    for act in (lambda: host.toggle_floating(name), lambda: host.toggle_floating(name),
+                lambda: host.move_panel(name, "video", "below")):  # fmt: skip
+        find(window, "video_view").setFocus()
+        click_tab(window, name) if any(name in bar.panels for bar in host.bars) else None
+        find(window, "video_view").setFocus()
+        act()
+        QApplication.processEvents()
+        assert focused() is window.panels[name].focus_target()
+        assert focused().isActiveWindow()
+
+
+def test_no_panel_that_goes_leaves_the_keys_to_a_bar_or_to_driving(tabbed: tuple[MainWindow, FakeConsole]) -> None:
+    window, console = tabbed
+    for name in ("conversation", "assistant", "people", "session", "photos", "speak", "notes"):
+        window.open_panel(name)
+        window.board.focus(name)
+        assert panel_with_keys(window) == name
+        window.close_panel(name)
+        QApplication.processEvents()
+        assert bar_of(focused()) is None
+        assert not window.actions_table.driving_focus
+        assert focused() is window or focused().isVisible()
+        console.calls.clear()
+        if panel_with_keys(window) != "speak":
+            type_on()
+        assert asked(console) == [], name
+
+
+@pytest.mark.panels("video", "speak", "people")
+def test_a_field_that_goes_leaves_the_keys_in_its_panel(window: MainWindow) -> None:
+    panel = window.panels["people"]
+    panel._open_search()
+    assert focused().objectName() == "people_search"
+    panel._search.hide()
+    assert focused() is panel.focus_target()
+
+
+@pytest.mark.panels("video", "speak", "drive", "people")
+@pytest.mark.parametrize("bar", ["top_bar", "status_bar", "dock_people", "dock_speak"])
+def test_bare_keys_drive_no_longer_after_a_click_elsewhere(window: MainWindow, console: FakeConsole, bar: str) -> None:
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyPress(view, Qt.Key.Key_W)
+    assert console.named("drive")
+    click(find(window, bar), QPoint(find(window, bar).width() // 2, 3))
+    assert console.named("release_drive")
+    QTest.keyRelease(focused(), Qt.Key.Key_W)
+    console.calls.clear()
+    if bar != "dock_speak":
+        type_on()
+    assert asked(console) == []
+    assert not window.actions_table.driving_focus
+    click(view)
+    assert window.actions_table.driving_focus
+
+
+@pytest.mark.panels("video", "speak")
+def test_driving_by_alt_goes_on_whatever_is_clicked(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    QTest.keyPress(field, Qt.Key.Key_W, Qt.KeyboardModifier.AltModifier)
+    click(find(window, "status_bar"), QPoint(3, 3))
+    assert console.named("drive") and not console.named("release_drive")
+    assert focused() is field, "a bar takes no keys"
+
+
+@pytest.mark.panels("video", "speak")
+def test_space_presses_what_stands_in_a_bar_only_for_who_went_there_by_tab(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    button = find(window, "window_menu_button")
+    button.setFocus()
+    for key in (Qt.Key.Key_Space, Qt.Key.Key_Return):
+        QTest.keyClick(button, key)
+        assert QApplication.activePopupWidget() is None
+    button.clearFocus()
+    button.setFocus(Qt.FocusReason.TabFocusReason)
+    QTest.keyClick(button, Qt.Key.Key_Space)
+    popup = QApplication.activePopupWidget()
+    assert popup is not None
+    popup.close()
+    stop = find(window, "emergency_stop")
+    stop.setFocus()
+    QTest.keyClick(stop, Qt.Key.Key_Space)
+    assert console.named("emergency_stop")
+
+
+@pytest.mark.panels("video", "speak")
+def test_a_window_that_comes_to_the_front_gives_nobody_the_keys_by_itself(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    focused().clearFocus()
+    other = QWidget()
+    qtbot.addWidget(other)
+    other.show()
+    other.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is other)
+    window.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is window)
+    assert focused() is window
+    type_on()
+    assert asked(console) == []
+
+
+# ---- a switch while something is recorded
+
+
+@pytest.mark.panels("video", "speak")
+def test_a_switch_that_ends_the_video_of_a_recording_asks(window: MainWindow, console: FakeConsole) -> None:
+    blank, tour = layouts_dir() / "blank.yaml", layouts_dir() / "tour-guide.yaml"
+    assert console.state.recording.value.state == "recording"
+    window._open_scenario(blank)
+    assert console.named("open_scenario") == []
+    band = find(window, "question_band")
+    assert "video" in band.accessibleName() and "Blank" in band.accessibleName()
+    window.hold.escape_pressed.emit()
+    assert not band.isVisible() and console.named("open_scenario") == []
+    window._open_scenario(blank)
+    click(find(window, "question_yes"))
+    assert console.named("open_scenario") == [blank]
+    window._open_scenario(tour)
+    assert console.named("open_scenario") == [blank, tour], "it records all of it"
+    console.state.recording.set(dataclasses.replace(console.state.recording.value, state="idle"))
+    window._open_scenario(blank)
+    assert console.named("open_scenario") == [blank, tour, blank], "nothing is recorded that would end"
+    console.state.recording.set(dataclasses.replace(console.state.recording.value, state="paused"))
+    window._open_scenario(samples.MENTAL.path or layouts_dir())
+    assert console.named("open_scenario")[3:] == [samples.MENTAL.path], "who opens it says that it is not there"
+
+
+# ---- generated: each thing that can be clicked, begun where one drives, where one types, and with the keys nowhere
+
+
+def settle(window: MainWindow) -> None:
+    """Nothing is open or asked any more."""
+    while (popup := QApplication.activePopupWidget()) is not None:
+        popup.close()
+    for widget in QApplication.topLevelWidgets():
+        if widget.isVisible() and isinstance(widget, QDialog):
+            widget.reject()
+    window.hold.escape_pressed.emit()
+    window.editor.close()
+    for _ in range(3):
+        QApplication.processEvents()
+    window.activateWindow()
+
+
+def clickable(window: MainWindow) -> list[QWidget]:
+    """Each button, tab bar, panel, title bar and bar that can be seen."""
+    kinds = [*window.findChildren(QAbstractButton), *window.dock_host.bars, *window.panels.values()]
+    kinds += [dock.titleBarWidget() for dock in window.dock_host.docks.values()]
+    kinds += window.findChildren(QWidget, "top_bar") + window.findChildren(QWidget, "status_bar")
+    return [widget for widget in kinds if widget.isVisible() and widget.isEnabled()]
+
+
+LEFT_OUT = {"emergency_stop", "stop_button"}  # they stop; nothing goes on after them
+
+
+@pytest.mark.parametrize("begun_in", ["video_view", "speak_field", "nowhere"])
+def test_after_no_click_do_sentences_drive_speak_or_switch(
+    tabbed: tuple[MainWindow, FakeConsole], begun_in: str
+) -> None:
+    window, console = tabbed
+    window.resize(1366, 768)
+    chance = random.Random(25)  # noqa: S311
+    count = 0
+    for widget in clickable(window):
+        if not shiboken6.isValid(widget) or not widget.isVisible() or widget.objectName() in LEFT_OUT:
+            continue
+        named = f"{type(widget).__name__} {widget.objectName()!r} {widget.accessibleName()!r}, begun in {begun_in}"
+        holder = next((n for n, dock in window.dock_host.docks.items() if dock.isAncestorOf(widget)), None)
+        of_a_bar = widget in window.dock_host.bars
+        (window if begun_in == "nowhere" else find(window, begun_in)).setFocus()
+        click(widget)
+        QApplication.processEvents()
+        in_front = QApplication.activePopupWidget() or QApplication.activeModalWidget()
+        covered = any(card.isVisible() for card in window.findChildren(Overlay))
+        assert bar_of(focused()) is None, named
+        if in_front is None and not covered and QApplication.activeWindow() is window:
+            asked_for = {"speak": {"say"}, "video": {"drive", "say", "turn_head", "go_to_place", "push_to_talk"}}
+            drives = panel_with_keys(window) in ("video", "map", "drive")
+            if drives:
+                assert holder in ("video", "map", "drive") or of_a_bar, named
+            may = asked_for["video"] if drives else asked_for.get(panel_with_keys(window) or "", set())
+            for _ in range(SENTENCES):
+                console.calls.clear()
+                type_on(" ".join(chance.sample(WORDS, 5)))
+                assert set(asked(console)) <= may, named
+                count += 1
+        settle(window)
+        console.clear_emergency_stop()
+    assert count >= SENTENCES * 20
+
+
+# ---- what cannot be done
+
+
+def nobody_in_view(console: FakeConsole) -> None:
+    console.state.persons.set(())
+
+
+CTRL, SHIFT, ALT = (
+    Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier, Qt.KeyboardModifier.AltModifier,
+)  # fmt: skip
+
+
+def hint_in(window: MainWindow) -> str:
+    return next((hint.text() for hint in window.findChildren(Hint) if hint.isVisible()), "")
+
+
+def not_recording(console: FakeConsole) -> None:
+    console.state.recording.set(dataclasses.replace(console.state.recording.value, state="idle"))
+
+
+def without_naming(console: FakeConsole) -> None:
+    permitted = dataclasses.replace(console.scenario.permissions, naming_people=False)
+    console.scenario = dataclasses.replace(console.scenario, permissions=permitted)
+    console.state.scenario.set_anew(console.scenario)
+
+
+IN_VAIN = {
+    "name nobody": (nobody_in_view, Qt.Key.Key_I, CTRL, "Nobody is in view"),
+    "name in a scenario without names": (without_naming, Qt.Key.Key_I, CTRL, "no “Name who is in front”"),
+    "note without a recording": (not_recording, Qt.Key.Key_N, CTRL, "Nothing is being recorded"),
+    "error without a recording": (not_recording, Qt.Key.Key_M, CTRL | SHIFT, "Nothing is being recorded"),
+    "edit what is not suggested": (lambda _console: None, Qt.Key.Key_1, CTRL | SHIFT, "not suggested"),
+    "say what is not suggested": (lambda _console: None, Qt.Key.Key_2, CTRL, "not suggested"),
+    "change an empty queue": (lambda _console: None, Qt.Key.Key_L, CTRL | SHIFT, "Nothing waits to be said"),
+}
+
+
+@pytest.mark.panels("video", "speak", "people", "assistant")
+@pytest.mark.parametrize("begun_in", ["speak_field", "video_view"])
+@pytest.mark.parametrize("case", IN_VAIN)
+def test_what_cannot_be_done_says_so_and_takes_what_is_typed_nowhere(
+    window: MainWindow, console: FakeConsole, case: str, begun_in: str
+) -> None:
+    happens, key, modifiers, said = IN_VAIN[case]
+    happens(console)
+    window.board.complete()
+    field = find(window, "speak_field")
+    find(window, begun_in).setFocus()
+    console.calls.clear()
+    QTest.keyClick(focused(), key, modifiers)
+    assert said in hint_in(window)
+    type_on("Mara Wade")
+    assert field.property("plainText") == "" and asked(console) == []
+    assert window.hold.key_owner == "nowhere"
+    # A stop and the release of a key always work; Esc ends it.
+    QTest.keyClick(focused(), Qt.Key.Key_Escape)
+    assert console.named("stop") and hint_in(window) == ""
+    field.setFocus()
+    type_on("Hello")
+    assert console.named("say") == [("Hello", "typed")]
+    # So does a click.
+    happens(console)
+    QTest.keyClick(focused(), key, modifiers)
+    assert window.hold.keys_go_nowhere
+    click(field)
+    assert not window.hold.keys_go_nowhere and hint_in(window) == ""
+    # And rest.
+    QTest.keyClick(focused(), key, modifiers)
+    window.hold._nowhere.timeout.emit()
+    window.hold._nowhere.stop()
+    QTest.keyClicks(focused(), "x")
+    assert field.property("plainText") == "x"
+
+
+@pytest.mark.panels("video", "speak", "people")
+def test_a_key_that_drives_stays_with_driving_when_an_act_cannot_be_done(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    nobody_in_view(console)
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyPress(view, Qt.Key.Key_W)
+    QTest.keyClick(view, Qt.Key.Key_I, CTRL)
+    assert "Nobody is in view" in hint_in(window)
+    QTest.keyPress(view, Qt.Key.Key_A)
+    assert len(console.named("drive")) == 2, "who drives goes on steering"
+    QTest.keyRelease(view, Qt.Key.Key_A)
+    QTest.keyRelease(view, Qt.Key.Key_W)
+    assert console.calls[-1] == ("release_drive", "")
+    QTest.keyClick(view, Qt.Key.Key_I, CTRL)
+    QTest.keyPress(view, Qt.Key.Key_W)
+    assert len(console.named("drive")) == 3, "what is typed now is no driving"
+    QTest.keyRelease(view, Qt.Key.Key_W)
+    QTest.keyPress(view, Qt.Key.Key_W, ALT)
+    assert len(console.named("drive")) == 4, "a chord is another act"
+    QTest.keyRelease(view, Qt.Key.Key_W, ALT)
+
+
+@pytest.mark.panels("video", "speak")
+def test_keys_that_do_nothing_in_a_field_say_what_would(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    QTest.keyPress(field, Qt.Key.Key_W)
+    assert hint_in(window) == ""
+    QApplication.sendEvent(field, QKeyEvent(QEvent.Type.KeyPress, Qt.Key.Key_W, NONE, 25, 0, 0, "w", True))
+    assert "Hold Alt W to drive" in hint_in(window)
+    window.hold.escape_pressed.emit()
+    for key, character in ((Qt.Key.Key_F, "f"), (Qt.Key.Key_Space, " "), (Qt.Key.Key_7, "7")):
+        QApplication.sendEvent(field, QKeyEvent(QEvent.Type.KeyPress, key, ALT, character))
+        assert hint_in(window), character
+        window.hold.escape_pressed.emit()
+    assert field.property("plainText") in ("w", "ww")
+    assert not window.hold.keys_go_nowhere and asked(console) == []
+
+
+@pytest.mark.panels("video", "speak")
+@pytest.mark.parametrize("modifiers", [NONE, SHIFT], ids=["talk", "dictate"])
+def test_a_bare_key_opens_the_microphone_only_when_it_is_held(
+    qtbot: QtBot, theme: Theme, settings: MemorySettings, modifiers: Qt.KeyboardModifier
+) -> None:
+    permitted = dataclasses.replace(samples.TOUR.permissions, own_voice=True, transcription=True, audio_recording=True)
+    console = FakeConsole(dataclasses.replace(samples.TOUR, permissions=permitted))
+    window = open_window(qtbot, console, settings, theme)
+    view = find(window, "video_view")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_T, modifiers)
+    assert not console.named("push_to_talk")
+    assert "Hold" in hint_in(window)
+    QTest.keyPress(view, Qt.Key.Key_T, modifiers)
+    (timer,) = window.hold._about_to_talk.values()
+    assert timer.interval() == 300
+    qtbot.waitUntil(lambda: bool(console.named("push_to_talk")))
+    QTest.keyRelease(view, Qt.Key.Key_T, modifiers)
+    assert len(console.named("push_to_talk")) == 2
+    QTest.keyPress(view, Qt.Key.Key_T, modifiers)
+    find(window, "speak_field").setFocus()
+    assert not window.hold._about_to_talk, "the panel in which it was pressed lost the keys"
+    QTest.keyRelease(focused(), Qt.Key.Key_T, modifiers)
+    assert len(console.named("push_to_talk")) == 2
