@@ -379,6 +379,12 @@ class SecuritySettings:
         "Certificates (PEM) to trust besides the system's, for `wss://`, in the folder of the profile.", shortest=1,
         longest=300, external="path",
     )] = None  # fmt: skip
+    certificate_sha256: Annotated[str | None, Rule(
+        "The fingerprint (SHA-256) of the robot's certificate, read on the robot itself: that certificate alone is"
+        " accepted for `wss://`, whatever its name, dates and signer.",
+        pattern="^([0-9A-Fa-f]{2}:?){31}[0-9A-Fa-f]{2}$",
+        allowed="64 hexadecimal digits, with or without colons.", quiet=True,
+    )] = None  # fmt: skip
     rosauth_secret_env: Annotated[str | None, Rule(
         "The environment variable that holds the secret of rosauth; the secret itself is never in a file.", longest=100,
         external="variable",

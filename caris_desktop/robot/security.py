@@ -3,23 +3,27 @@
 The secret lies in an environment variable. It is read at the moment of use, goes into one SHA-512 and is kept nowhere.
 """
 
+import asyncio
 import hashlib
 import os
 import secrets
 import ssl
 import time
-from pathlib import Path
 from typing import Any
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.certificates import (
+    OtherCertificateError,
+    certificate_of,
+    client_context,
+    confirmed_context,
+    fingerprint_of,
+    why_refused,
+)
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.robot.profile import SecuritySettings
 
 _AUTHORIZED_FOR_S = 3600
 _LEVEL = "user"
-
-_EXPIRED, _NOT_YET_VALID = 10, 9
-_WRONG_NAME, _WRONG_IP = 62, 64
-_UNTRUSTED = (18, 19, 20, 21)
 
 
 class SecurityError(Exception):
@@ -31,31 +35,77 @@ class SecurityError(Exception):
         self.advice = advice
 
 
-def tls_context(settings: SecuritySettings) -> ssl.SSLContext:
-    """Trusts what the system trusts, and the profile's own file; checks the server's name.
+async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.SSLContext:
+    """Trusts the one certificate that the profile confirms; without one what the system trusts, and the profile's own
+    file, and checks the server's name.
 
     Raises
     ------
     SecurityError
-        When the profile's file cannot be used.
+        When the profile's file cannot be used, or the server has another certificate than the confirmed one.
+    OSError
+        When the server does not answer.
     """
-    context = ssl.create_default_context()
-    if settings.ca_file is not None:
-        try:
-            context.load_verify_locations(Path(settings.ca_file).expanduser())
-        except (OSError, ssl.SSLError) as error:
-            reason = error.strerror if isinstance(error, OSError) and error.strerror else "no certificate is in it"
-            raise SecurityError(
-                filled(
-                    QT_TR_NOOP("The file with trusted certificates cannot be used: {ca_file} ({reason})."),
-                    ca_file=settings.ca_file,
-                    reason=reason,
-                ),
-                QT_TR_NOOP(
-                    "Correct the certificate file under Security ('ca_file' in the robot profile); it is a PEM file."
-                ),
-            ) from error
-    return context
+    fingerprint = settings.certificate_sha256
+    try:
+        if fingerprint is None:
+            return client_context(settings.ca_file)
+        return await asyncio.to_thread(confirmed_context, fingerprint, host, port)
+    except OtherCertificateError as error:
+        raise SecurityError(
+            filled(
+                QT_TR_NOOP("{host} has another certificate than the one that was confirmed. It was sent nothing."),
+                host=host,
+            ),
+            QT_TR_NOOP(
+                "If the robot got a new certificate, correct the fingerprint under Security ('certificate_sha256' in"
+                " the robot profile). If not, somebody else may be answering."
+            ),
+        ) from error
+    except ValueError as error:
+        if fingerprint is None:
+            raise
+        raise SecurityError(
+            QT_TR_NOOP("The fingerprint of the robot's certificate is none of SHA-256."),
+            QT_TR_NOOP(
+                "Correct it under Security ('certificate_sha256' in the robot profile): 64 digits, 0-9 and A-F."
+            ),
+        ) from error
+    except OSError as error:
+        if fingerprint is not None:
+            raise
+        # ssl.SSLError is an OSError, with numbers of its own.
+        reason = "no certificate is in it" if isinstance(error, ssl.SSLError) or not error.strerror else error.strerror
+        raise SecurityError(
+            filled(
+                QT_TR_NOOP("The file with trusted certificates cannot be used: {ca_file} ({reason})."),
+                ca_file=settings.ca_file,
+                reason=reason,
+            ),
+            QT_TR_NOOP(
+                "Correct the certificate file under Security ('ca_file' in the robot profile); it is a PEM file."
+            ),
+        ) from error
+
+
+async def certificate_refusal(error: ssl.SSLCertVerificationError, host: str, port: int) -> SecurityError:
+    """Why the server's certificate is not accepted, with its fingerprint for whoever can compare it."""
+    try:
+        shown = await asyncio.to_thread(certificate_of, host, port)
+    except (OSError, ValueError):
+        shown = None
+    what, advice = why_refused(error, host, shown)
+    advice = (
+        *advice,
+        QT_TR_NOOP("If it is the robot's own, name its file under Security ('ca_file' in the robot profile)."),
+    )
+    if shown is not None:
+        confirm = QT_TR_NOOP(
+            "Or confirm its SHA-256 fingerprint there ('certificate_sha256'), if the robot itself has the same:"
+            " {fingerprint}"
+        )
+        advice = (*advice, filled(confirm, fingerprint=fingerprint_of(shown)))
+    return SecurityError(joined(what), joined(advice))
 
 
 def secret_is_missing(settings: SecuritySettings) -> bool:
@@ -112,53 +162,11 @@ def no_tls(address: str) -> tuple[str, str]:
 
 def explain_tls_failure(error: ssl.SSLError, name: str, address: str) -> tuple[str, str]:
     """Why the secured connection to ``name`` did not come about, and what to do, for the wizard."""
-    if not isinstance(error, ssl.SSLCertVerificationError):
-        if error.reason in ("WRONG_VERSION_NUMBER", "HTTP_REQUEST", "PACKET_LENGTH_TOO_LONG"):
-            return no_tls(address)
-        return (
-            filled(
-                QT_TR_NOOP("No secured connection to {name} came about ({error})."),
-                name=name,
-                error=error.reason or error,
-            ),
-            QT_TR_NOOP("Check the TLS settings of the robot's rosbridge (certfile, keyfile)."),
-        )
-    code = error.verify_code
-    if code == _EXPIRED:
-        return (
-            filled(QT_TR_NOOP("The certificate of {name} has expired."), name=name),
-            QT_TR_NOOP("Renew it on the robot. If it is still valid, check this computer's date."),
-        )
-    if code == _NOT_YET_VALID:
-        return (
-            filled(QT_TR_NOOP("The certificate of {name} is not valid yet."), name=name),
-            QT_TR_NOOP("Check the date of this computer and of the robot."),
-        )
-    if code in (_WRONG_NAME, _WRONG_IP):
-        return (
-            filled(
-                QT_TR_NOOP("The certificate of what answers at {address} is for another name than {name}."),
-                address=address,
-                name=name,
-            ),
-            QT_TR_NOOP(
-                "Use the name that stands in the certificate as the address, or give the robot a certificate for"
-                " this one."
-            ),
-        )
-    if code in _UNTRUSTED:
-        return (
-            filled(
-                QT_TR_NOOP("The certificate of {name} is not trusted: nobody known to this computer signed it."),
-                name=name,
-            ),
-            QT_TR_NOOP("If it is the robot's own, name its file under Security ('ca_file' in the robot profile)."),
-        )
+    if error.reason in ("WRONG_VERSION_NUMBER", "HTTP_REQUEST", "PACKET_LENGTH_TOO_LONG"):
+        return no_tls(address)
     return (
         filled(
-            QT_TR_NOOP("The certificate of {name} was not accepted ({verify_message})."),
-            name=name,
-            verify_message=error.verify_message,
+            QT_TR_NOOP("No secured connection to {name} came about ({error})."), name=name, error=error.reason or error
         ),
-        QT_TR_NOOP("Check the certificate on the robot."),
+        QT_TR_NOOP("Check the TLS settings of the robot's rosbridge (certfile, keyfile)."),
     )

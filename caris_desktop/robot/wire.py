@@ -29,7 +29,7 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import SecuritySettings
-from caris_desktop.robot.security import SecurityError, explain_tls_failure, no_tls, tls_context
+from caris_desktop.robot.security import SecurityError, certificate_refusal, explain_tls_failure, no_tls, tls_context
 
 if sys.platform != "win32":
     import fcntl
@@ -521,27 +521,28 @@ async def open_wire(
     OSError, TimeoutError, websockets.exceptions.InvalidHandshake, websockets.exceptions.InvalidURI
         When no rosbridge answers there within ``timings.handshake_s``; ``ssl.SSLError`` is an OSError.
     caris_desktop.robot.security.SecurityError
-        When the trusted certificates of ``security`` cannot be used.
+        When the server's certificate is not accepted, or the trusted ones of ``security`` cannot be used.
     """
     parts = urlsplit(url)
     secure = parts.scheme == "wss"
-    context = tls_context(security or SecuritySettings()) if secure else None
+    host, port = parts.hostname or "", parts.port or (443 if secure else 80)
+    context = await tls_context(security or SecuritySettings(), host, port) if secure else None
     made: list[Wire] = []
 
     def make() -> Wire:
-        tls = TlsLayer(context, parts.hostname or "") if context is not None else None
+        tls = TlsLayer(context, host) if context is not None else None
         made.append(Wire(url, owner, timings, largest_frame_bytes, tls))
         return made[-1]
 
     try:
         async with asyncio.timeout(timings.handshake_s):
-            await asyncio.get_running_loop().create_connection(
-                make, parts.hostname or "", parts.port or (443 if secure else 80)
-            )
+            await asyncio.get_running_loop().create_connection(make, host, port)
             await made[-1].opened
-    except BaseException:
+    except BaseException as error:
         for wire in made:
             wire.abort(QT_TR_NOOP("the handshake did not complete"))
+        if isinstance(error, ssl.SSLCertVerificationError):
+            raise await certificate_refusal(error, host, port) from error
         raise
     return made[-1]
 

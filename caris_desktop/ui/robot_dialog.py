@@ -136,12 +136,17 @@ class RobotDialog(TabAsRead, QDialog):
         self._certificates = self._optional_field(
             "robot_certificates", tr("a PEM file, if it is not signed by a known one")
         )
+        self._fingerprint = self._optional_field("robot_fingerprint", tr("64 digits, read on the robot itself"))
         self._secret = self._optional_field("robot_secret", tr("for example MY_ROBOT_SECRET"))
         self._security = QWidget()
         security = QGridLayout(self._security)
         security.setContentsMargins(0, 0, 0, 0)
         for line, (text, field) in enumerate(
-            ((tr("Certificate file"), self._certificates), (tr("Environment variable with its secret"), self._secret))
+            (
+                (tr("Certificate file"), self._certificates),
+                (tr("Fingerprint of its certificate (SHA-256)"), self._fingerprint),
+                (tr("Environment variable with its secret"), self._secret),
+            )
         ):
             field.setAccessibleName(text)
             security.addWidget(QLabel(text), 2 * line, 0)
@@ -336,7 +341,11 @@ class RobotDialog(TabAsRead, QDialog):
         return " ".join(self.name_field.text().split())
 
     def _security_settings(self) -> SecuritySettings:
-        return SecuritySettings(self._certificates.text().strip() or None, self._secret.text().strip() or None)
+        return SecuritySettings(
+            ca_file=self._certificates.text().strip() or None,
+            certificate_sha256=self._fingerprint.text().strip() or None,
+            rosauth_secret_env=self._secret.text().strip() or None,
+        )
 
     def _with_profile(self, use: Callable[[RobotProfile], None]) -> None:
         """Have ``use`` called with the profile as chosen now, once anything was found; that of another robot is read

@@ -181,7 +181,7 @@ def _types_drives_and_speaks(desk: Desk) -> str:
 
 @pytest.mark.parametrize("way", [*WAYS, "tls"])
 def test_beside_it_every_key_arrives_the_robot_moves_on_and_speaks(desk: Desk, way: str) -> None:
-    model, expected = ("ollama:unproven", "its certificate is not accepted")
+    model, expected = ("ollama:unproven", "cannot prove who it is")
     if way in WAYS:
         model, expected = "openai:unsteady", WAYS[way][1]
     desk.desktop.say(f"choose {model}")

@@ -270,6 +270,7 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + CONTROL % f"button, {PUBLISH.replace('a/B', 'a/Twist') % 1}", 6, ["Only driving"]),
         (GOOD + CONTROL % f"button, {PUBLISH.replace('/t', 'cmd_vel') % 1}", 6, ["Only driving"]),
         (GOOD + CONTROL % f"button, {PUBLISH % 1}" + CONTROL.split("\n")[1] % f"text, {PUBLISH % 1}", 7, ["twice"]),
+        (GOOD + "security: {certificate_sha256: 'AB:CD'}\n", 5, ["certificate_sha256", "64 hexadecimal digits"]),
         (GOOD + "security: {rosauth_secret_env: my secret}\n", 5, ["rosauth_secret_env", "environment variable"]),
     ],
 )  # fmt: skip
@@ -612,7 +613,10 @@ title: Everything
 ros: 1
 address: wss://robot:9090
 namespace: lab
-security: {ca_file: lab.pem, rosauth_secret_env: SECRET}
+security:
+  ca_file: lab.pem
+  certificate_sha256: "0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A:0A"
+  rosauth_secret_env: SECRET
 simulation_time: true
 velocity: {topic: cmd, type: TwistStamped, frame_id: base, timeout_s: 0.5, timeout_source: its manual}
 command_rate_hz: 10

@@ -5,9 +5,11 @@ import hashlib
 import json
 import logging
 import pickle
+import re
 import ssl
+import subprocess
 from collections.abc import Awaitable, Callable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -20,6 +22,7 @@ from websockets.exceptions import ConnectionClosed
 
 from caris_desktop.domain.events import LinkChanged, TrafficMeasured
 from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry
+from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import LinkSettings, run_control_link
 from caris_desktop.robot.profile import SecuritySettings, load_profile
@@ -177,9 +180,101 @@ def test_a_certificate_that_has_expired_is_refused(authority: Authority) -> None
 @pytest.mark.parametrize("issued_for", ["robot.example", "10.0.0.9"])
 def test_a_certificate_for_somebody_else_is_refused(authority: Authority, issued_for: str) -> None:
     async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
-        await is_told(observer, "is for another name than 127.0.0.1")
+        await is_told(observer, f"for another name: {issued_for}")
 
     connect(use, rosbridge(files=authority.issue(issued_for)), trusting(authority))
+
+
+KINDS: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
+    ({"by_itself": True}, ("not trusted: it is signed by itself",)),
+    ({}, ("not trusted: nobody known to this computer signed it",)),
+    ({"by_itself": True, "expired": True}, ("signed by itself", "has expired", "Renew it")),
+    ({"expired": True, "host": "robot.example"}, ("nobody known", "has expired", "for another name: robot.example")),
+    ({"by_itself": True, "early": True}, ("signed by itself", "is not valid yet", "Check the date")),
+    ({"by_itself": True, "named": False}, ("signed by itself", "subjectAltName is missing")),
+    ({"by_itself": True, "host": "10.0.0.9"}, ("signed by itself", "for another name: 10.0.0.9")),
+)
+
+
+def issued(authority: Authority, kind: dict[str, Any]) -> ServerFiles:
+    return authority.issue(**{"host": "127.0.0.1", **kind})
+
+
+def fingerprint(files: ServerFiles) -> str:
+    """As the guide says to read it on the robot."""
+    command = ["openssl", "x509", "-in", files.certificate, "-noout", "-fingerprint", "-sha256"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip().partition("=")[2]
+
+
+@pytest.mark.parametrize(("kind", "told"), KINDS)
+def test_everything_that_is_wrong_with_a_certificate_is_told_with_its_fingerprint(
+    authority: Authority, kind: dict[str, Any], told: tuple[str, ...]
+) -> None:
+    files = issued(authority, kind)
+
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, *told, fingerprint(files))
+        assert server.operations == []
+
+    connect(use, rosbridge(files=files), SecuritySettings())
+
+
+@pytest.mark.parametrize("kind", [kind for kind, _ in KINDS])
+def test_a_confirmed_certificate_is_accepted_and_no_other(authority: Authority, kind: dict[str, Any]) -> None:
+    files, other = issued(authority, kind), issued(authority, kind)
+
+    async def let_in(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await until(lambda: "connected" in observer.told, "connected")
+        assert await ros.ask("/any", "std_srvs/Empty") == {}
+
+    async def not_let_in(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, "another certificate than the one that was confirmed")
+        assert server.operations == []
+
+    confirmed = SecuritySettings(certificate_sha256=fingerprint(files))
+    connect(let_in, rosbridge(files=files), confirmed)
+    connect(not_let_in, rosbridge(files=other), confirmed)
+    # One that this computer trusts is another one too.
+    trusted = replace(confirmed, ca_file=str(authority.file))
+    connect(not_let_in, rosbridge(files=authority.issue("127.0.0.1")), trusted)
+
+
+def test_a_fingerprint_that_is_none_is_named(authority: Authority) -> None:
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await is_told(observer, "none of SHA-256", "certificate_sha256")
+
+    connect(use, rosbridge(files=authority.issue("127.0.0.1")), SecuritySettings(certificate_sha256="AB:CD"))
+
+
+@pytest.mark.parametrize("by_itself", [True, False])
+def test_a_certificate_that_the_profile_names_itself_is_trusted(authority: Authority, by_itself: bool) -> None:
+    """Whoever signed it, and without the extensions that Python 3.13 asks for."""
+    files = authority.issue("127.0.0.1", by_itself=by_itself)
+
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await until(lambda: "connected" in observer.told, "connected")
+
+    connect(use, rosbridge(files=files), SecuritySettings(ca_file=str(files.certificate)))
+
+
+def test_a_certificate_made_as_the_guide_says_is_accepted_here_and_by_the_strictest(tmp_path: Path) -> None:
+    guide = (resources_dir() / "guide" / "robot-profiles.md").read_text("utf-8")
+    (command,) = re.findall(r"^    (openssl req (?:.*\\\n)+.*)$", guide, re.MULTILINE)
+    command = command.replace("robot2.lab.example", "localhost").replace("192.168.1.20", "127.0.0.1")
+    subprocess.run(["sh", "-ec", command], cwd=tmp_path, capture_output=True, check=True)
+    files = ServerFiles(tmp_path / "cert.pem", tmp_path / "key.pem")
+
+    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+        await until(lambda: "connected" in observer.told, "connected")
+        strict = ssl.create_default_context(cafile=str(files.certificate))
+        strict.verify_flags |= ssl.VERIFY_X509_STRICT
+        _, writer = await asyncio.open_connection("localhost", server.port, ssl=strict)
+        writer.close()
+        with suppress(ssl.SSLError, OSError):
+            await writer.wait_closed()
+
+    for host in ("127.0.0.1", "localhost"):
+        connect(use, rosbridge(files=files), SecuritySettings(ca_file=str(files.certificate)), host=host)
 
 
 def test_a_server_without_tls_and_a_client_without_tls_are_told_apart(authority: Authority) -> None:

@@ -43,27 +43,34 @@ class Authority:
         self.file = folder / f"{name.replace(' ', '-').lower()}.pem"
         self.file.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
 
-    def issue(self, host: str, *, expired: bool = False) -> ServerFiles:
-        """For a server that is reached as ``host``, a name or an IP address."""
+    def issue(
+        self, host: str, *, expired: bool = False, early: bool = False, named: bool = True, by_itself: bool = False
+    ) -> ServerFiles:
+        """For a server that is reached as ``host``, a name or an IP address; ``by_itself`` without this authority.
+
+        Like most that people make it has no key identifiers, which Python 3.13 looks for.
+        """
         key = ec.generate_private_key(ec.SECP256R1())
         now = datetime.datetime.now(datetime.UTC)
-        end = now - _DAY if expired else now + _DAY
+        start = now + _DAY if early else now - 3 * _DAY
+        subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, host)])
         try:
             name: x509.GeneralName = x509.IPAddress(ipaddress.ip_address(host))
         except ValueError:
             name = x509.DNSName(host)
-        certificate = (
+        builder = (
             x509.CertificateBuilder()
-            .subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, host)]))
-            .issuer_name(self._name)
+            .subject_name(subject)
+            .issuer_name(subject if by_itself else self._name)
             .public_key(key.public_key())
             .serial_number(x509.random_serial_number())
-            .not_valid_before(now - 2 * _DAY)
-            .not_valid_after(end)
-            .add_extension(x509.SubjectAlternativeName([name]), critical=False)
-            .sign(self._key, hashes.SHA256())
+            .not_valid_before(start)
+            .not_valid_after(start + (2 if expired else 5) * _DAY)
         )
-        stem = f"{host.replace('.', '-')}{'-expired' if expired else ''}"
+        if named:
+            builder = builder.add_extension(x509.SubjectAlternativeName([name]), critical=False)
+        certificate = builder.sign(key if by_itself else self._key, hashes.SHA256())
+        stem = f"{host.replace('.', '-')}-{certificate.serial_number:x}"
         files = ServerFiles(self._folder / f"{stem}.pem", self._folder / f"{stem}.key")
         files.certificate.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
         files.key.write_bytes(

@@ -215,7 +215,8 @@ async def _one_try(
         failure = failures.of_httpx(endpoint, error, answer_started=began)
         # A program that does not run here is not there in a second either; a server elsewhere may be.
         refused_here = isinstance(error, httpx.ConnectError) and is_loopback(endpoint.base_url)
-        if began or refused_here or failures.is_about_tls(error) or not isinstance(error, httpx.TransportError):
+        hopeless = failures.tls_error(error) is not None or not isinstance(error, httpx.TransportError)
+        if began or refused_here or hopeless:
             raise failure from error
         raise _TryAgainError(failure) from error
     except TimeoutError as error:

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, bad_address
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
 from caris_desktop.domain.address import is_loopback, is_loopback_host
+from caris_desktop.domain.certificates import as_on_every_python
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def _certificates() -> ssl.SSLContext:
     """Who may vouch for a server. To read them takes longer than to open a connection, so they are read once."""
     import httpx
 
-    return httpx.create_ssl_context()
+    return as_on_every_python(httpx.create_ssl_context())
 
 
 @cache

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
-from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
+from caris_desktop.domain.certificates import why_refused
+from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined
 
 if TYPE_CHECKING:
     import httpx
@@ -171,9 +172,10 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
     place = endpoint.place
     # Whoever asked is told; where nobody did, as at the end of the program, nobody needs to be warned.
     _log.info("exchange with %s failed: %s %s", place, type(error).__name__, error)
-    if is_about_tls(error):
+    if (refused := tls_error(error)) is not None:
+        why, _ = why_refused(refused, place, None)
         return LanguageModelError(
-            filled(QT_TR_NOOP("{place} cannot prove who it is: its certificate is not accepted."), place=place),
+            filled(QT_TR_NOOP("{place} cannot prove who it is. {why}"), place=place, why=joined(why)),
             QT_TR_NOOP("Nothing was sent to it."),
             QT_TR_NOOP(
                 "Check the address and this computer's clock; a server of the lab needs a certificate that this"
@@ -197,10 +199,8 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
     )
 
 
-def is_about_tls(error: BaseException | None) -> bool:
-    """Whether it is the server's certificate or the handshake that failed."""
-    while error is not None:
-        if isinstance(error, ssl.SSLError):
-            return True
+def tls_error(error: BaseException | None) -> ssl.SSLError | None:
+    """What failed of the server's certificate or the handshake, if that is the reason."""
+    while error is not None and not isinstance(error, ssl.SSLError):
         error = error.__cause__ or error.__context__
-    return False
+    return error

@@ -12,7 +12,7 @@ import ssl
 import time
 from collections.abc import Callable
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 import cv2
 import numpy as np
@@ -21,12 +21,21 @@ from websockets.exceptions import InvalidHandshake, InvalidStatus, InvalidURI, W
 from websockets.sync.client import ClientConnection, connect
 
 from caris_desktop.domain.address import is_loopback, without_credentials
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.certificates import (
+    OtherCertificateError,
+    certificate_of,
+    client_context,
+    confirmed_context,
+    fingerprint_of,
+    why_refused,
+)
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.perception.detector import Detections, DetectorAwayError
 
 log = logging.getLogger(__name__)
 
 PROTOCOL = 1
+FINGERPRINT_VARIABLE = "CARIS_PERCEPTION_SHA256"
 TOKEN_VARIABLE = "CARIS_PERCEPTION_TOKEN"  # noqa: S105 - the name of a variable, not what is in it
 _CONNECT_WITHIN_S = 3.0
 ANSWER_WITHIN_S = 3.0
@@ -113,6 +122,7 @@ class RemoteDetector:
             )
         token = os.environ.get(TOKEN_VARIABLE, "")
         try:
+            trusted = None if address.scheme == "ws" else _trusted(address.hostname or "", address.port or 443)
             self._connection = self._open.enter_context(
                 connect(
                     self._address,
@@ -122,6 +132,7 @@ class RemoteDetector:
                     max_size=_MESSAGE_AT_MOST_BYTES,
                     compression=None,
                     proxy=None,
+                    ssl=trusted,
                 )
             )
             hello = _greeting(self._connection.recv(timeout=_CONNECT_WITHIN_S))
@@ -129,10 +140,11 @@ class RemoteDetector:
             refused = error.response.status_code in (401, 403)
             words = f"{self._shown} refuses the token" if refused else f"{self._shown} is no server of perception"
             raise DetectorAwayError(words) from error
+        except OtherCertificateError as error:
+            other = QT_TR_NOOP("{shown} has another certificate than the one that was confirmed")
+            raise DetectorAwayError(filled(other, shown=self._shown)) from error
         except ssl.SSLError as error:
-            raise DetectorAwayError(
-                filled(QT_TR_NOOP("{shown} cannot prove who it is ({reason})"), shown=self._shown, reason=error.reason)
-            ) from error
+            raise DetectorAwayError(_not_proven(error, address, self._shown)) from error
         except (OSError, TimeoutError, socket.gaierror, InvalidHandshake, InvalidURI, WebSocketException) as error:
             self.close()
             raise DetectorAwayError(filled(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
@@ -166,6 +178,28 @@ class RemoteDetector:
             self._tried_s = self._monotonic_s()
             raise DetectorAwayError(filled(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
         return dict(answer)
+
+
+def _trusted(host: str, port: int) -> ssl.SSLContext:
+    """By its fingerprint, where the user has confirmed one."""
+    confirmed = os.environ.get(FINGERPRINT_VARIABLE, "").strip()
+    try:
+        return confirmed_context(confirmed, host, port) if confirmed else client_context()
+    except ValueError as error:
+        unknown = QT_TR_NOOP("{variable} holds no SHA-256 fingerprint")
+        raise DetectorAwayError(filled(unknown, variable=FINGERPRINT_VARIABLE)) from error
+
+
+def _not_proven(error: ssl.SSLError, address: SplitResult, shown: str) -> str:
+    host = address.hostname or ""
+    certificate = None
+    with contextlib.suppress(OSError, ValueError):
+        certificate = certificate_of(host, address.port or 443)
+    why, _ = why_refused(error, host, certificate)
+    if certificate is not None:
+        confirm = QT_TR_NOOP("If it is the right one, set {variable} to its SHA-256 fingerprint: {fingerprint}")
+        why = (*why, filled(confirm, variable=FINGERPRINT_VARIABLE, fingerprint=fingerprint_of(certificate)))
+    return filled(QT_TR_NOOP("{shown} cannot prove who it is. {why}"), shown=shown, why=joined(why))
 
 
 def _greeting(message: str | bytes) -> dict[str, Any]:

@@ -151,8 +151,17 @@ def test_over_tls_the_server_has_to_prove_who_it_is(tmp_path: Path, monkeypatch:
     context.load_cert_chain(files.certificate, files.key)
     running = Serving(tls=context)
     try:
-        with pytest.raises(DetectorAwayError, match="cannot prove who it is"):
+        with pytest.raises(DetectorAwayError, match="cannot prove who it is") as refused:
             RemoteDetector(running.address, confidence=0.1)
+        fingerprint = str(refused.value).rpartition(" ")[2]
+        assert "nobody known to this computer signed it" in str(refused.value) and fingerprint.count(":") == 31
+        with monkeypatch.context() as confirmed:
+            confirmed.setenv("CARIS_PERCEPTION_SHA256", fingerprint)
+            RemoteDetector(running.address, confidence=0.1).close()
+            for wrong, told in (("00" + fingerprint[2:], "another certificate"), ("AB", "no SHA-256")):
+                confirmed.setenv("CARIS_PERCEPTION_SHA256", wrong)
+                with pytest.raises(DetectorAwayError, match=told):
+                    RemoteDetector(running.address, confidence=0.1)
         monkeypatch.setenv("SSL_CERT_FILE", str(authority.file))
         detector = RemoteDetector(running.address, confidence=0.1)
         assert len(detector.detect(picture()).confidences) == 2

@@ -1,0 +1,171 @@
+"""Certificates of servers: which are accepted, and why one is not, in words.
+
+The same ones on every Python: from 3.13 on it refuses those without extensions that most self-signed ones do not have
+(``VERIFY_X509_STRICT``). Those are no secret that an impostor lacks; who signed it, its name and its dates are checked.
+"""
+
+import datetime
+import functools
+import hashlib
+import ipaddress
+import ssl
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
+
+if TYPE_CHECKING:
+    from cryptography import x509
+
+_NO_CHECK_TIME = 0x200000  # X509_V_FLAG_NO_CHECK_TIME of OpenSSL, which the ssl module does not name
+_EXPIRED, _NOT_YET_VALID = 10, 9
+_OTHER_NAME = (62, 64)
+_SELF_SIGNED = 18
+_UNTRUSTED = (_SELF_SIGNED, 19, 20, 21)
+_LOOK_WITHIN_S = 3.0
+_MOST_NAMES, _LONGEST_NAME = 5, 80
+
+
+class OtherCertificateError(ssl.SSLError):
+    """The server has another certificate than the one that the user confirmed."""
+
+
+def client_context(ca_file: str | None = None) -> ssl.SSLContext:
+    """Trusts what the system trusts, and the certificates in a file; each of these by itself, whoever signed it.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be used; ``ssl.SSLError``, which is one, when there is no certificate in it.
+    """
+    context = as_on_every_python(ssl.create_default_context())
+    if ca_file is not None:
+        context.load_verify_locations(Path(ca_file).expanduser())
+    return context
+
+
+def as_on_every_python(context: ssl.SSLContext) -> ssl.SSLContext:
+    """The same context, with the checks of a Python before 3.13."""
+    context.verify_flags = (context.verify_flags | ssl.VERIFY_X509_PARTIAL_CHAIN) & ~ssl.VERIFY_X509_STRICT
+    return context
+
+
+def confirmed_context(fingerprint: str, host: str, port: int) -> ssl.SSLContext:
+    """Trusts one certificate alone, whatever its name, its dates and its signer.
+
+    Asks the server for it, and so blocks; OpenSSL sees to it that the server of the connection proper has the same.
+
+    Raises
+    ------
+    OtherCertificateError
+        When the server has another one.
+    OSError
+        When the server does not answer.
+    """
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    context.verify_flags = as_on_every_python(context).verify_flags | _NO_CHECK_TIME
+    context.load_verify_locations(cadata=_confirmed(fingerprint_bytes(fingerprint), host, port))
+    return context
+
+
+@functools.lru_cache(maxsize=16)
+def _confirmed(fingerprint: bytes, host: str, port: int) -> bytes:
+    certificate = certificate_of(host, port)
+    if hashlib.sha256(certificate).digest() != fingerprint:
+        raise OtherCertificateError("another certificate")
+    return certificate
+
+
+def certificate_of(host: str, port: int) -> bytes:
+    """What a server shows of itself (DER), unchecked. Raises OSError when it does not answer with one."""
+    return ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate((host, port), timeout=_LOOK_WITHIN_S))
+
+
+def fingerprint_bytes(fingerprint: str) -> bytes:
+    """Of SHA-256 as people copy it. Raises ValueError for something else."""
+    digest = bytes.fromhex(fingerprint.replace(":", ""))
+    if len(digest) != hashlib.sha256().digest_size:
+        raise ValueError("no SHA-256")
+    return digest
+
+
+def fingerprint_of(certificate: bytes) -> str:
+    """As ``openssl x509 -noout -fingerprint -sha256`` writes it."""
+    return hashlib.sha256(certificate).digest().hex(":").upper()
+
+
+def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Everything that is wrong with the certificate of ``name``, and what to do about it, as sentences.
+
+    OpenSSL tells the first mistake only; the others are found in the ``certificate`` that the server shows.
+    """
+    if not isinstance(error, ssl.SSLCertVerificationError):
+        told = QT_TR_NOOP("No secured connection to {name} came about ({reason}).")
+        return (filled(told, name=name, reason=error.reason or error),), ()
+    code = error.verify_code
+    shown = None if certificate is None else _read(certificate)
+    now = datetime.datetime.now(datetime.UTC)
+    what: list[str] = []
+    advice: list[str] = []
+    if code in _UNTRUSTED:
+        by_itself = code == _SELF_SIGNED or (shown is not None and shown.issuer == shown.subject)
+        what.append(
+            QT_TR_NOOP("The certificate of {name} is not trusted: it is signed by itself.")
+            if by_itself
+            else QT_TR_NOOP("The certificate of {name} is not trusted: nobody known to this computer signed it.")
+        )
+    if code == _EXPIRED or (shown is not None and now > shown.not_valid_after_utc):
+        what.append(QT_TR_NOOP("The certificate of {name} has expired."))
+        advice.append(QT_TR_NOOP("Renew it on the server. If it is still valid, check this computer's date."))
+    if code == _NOT_YET_VALID or (shown is not None and now < shown.not_valid_before_utc):
+        what.append(QT_TR_NOOP("The certificate of {name} is not valid yet."))
+        advice.append(QT_TR_NOOP("Check the date of this computer and of the server."))
+    names = None if shown is None else _names_of(shown)
+    if code in _OTHER_NAME or (names is not None and not any(_is_name_of(each, name) for each in names)):
+        told = QT_TR_NOOP("The certificate of what answers as {name} is for another name: {names}.")
+        if names == ():
+            told = QT_TR_NOOP("The certificate of {name} names no server: the extension subjectAltName is missing.")
+        elif names is None:
+            told = QT_TR_NOOP("The certificate of what answers as {name} is for another name.")
+        what.append(filled(told, names=", ".join(names or ())))
+        advice.append(
+            QT_TR_NOOP("Use a name of the certificate as the address, or give the server a certificate for this one.")
+        )
+    if not what:
+        told = QT_TR_NOOP("The certificate of {name} was not accepted ({reason}).")
+        what.append(filled(told, reason=error.verify_message))
+        advice.append(QT_TR_NOOP("Check the certificate on the server."))
+    return tuple(filled(sentence, name=name) for sentence in what), tuple(advice)
+
+
+def _read(certificate: bytes) -> "x509.Certificate | None":
+    from cryptography import x509
+
+    try:
+        return x509.load_der_x509_certificate(certificate)
+    except ValueError:
+        return None
+
+
+def _names_of(certificate: "x509.Certificate") -> tuple[str, ...] | None:
+    """Of servers and addresses, as plain text; None where they cannot be read."""
+    from cryptography import x509
+
+    try:
+        held = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except x509.ExtensionNotFound:
+        return ()
+    except ValueError:
+        return None
+    found = [*held.get_values_for_type(x509.DNSName), *map(str, held.get_values_for_type(x509.IPAddress))]
+    return tuple("".join(filter(str.isprintable, name))[:_LONGEST_NAME] for name in found[:_MOST_NAMES])
+
+
+def _is_name_of(given: str, name: str) -> bool:
+    """For what is told alone; whether a certificate is accepted is OpenSSL's to say."""
+    try:
+        return ipaddress.ip_address(given) == ipaddress.ip_address(name)
+    except ValueError:
+        given, name = given.lower(), name.lower().rstrip(".")
+        return given == name or (given.startswith("*.") and given[1:] == name[name.find(".") :])
