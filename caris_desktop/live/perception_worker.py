@@ -164,6 +164,10 @@ class PerceptionWorker(QObject):
         """Whether what people agreed to before counts only once they have said so again."""
         self._inputs.put(_AskConsents(again))
 
+    def practise(self, on: bool) -> None:
+        """Who is seen and named in practice is kept apart from the study, and gone with the practice."""
+        self._inputs.put(_Practise(on))
+
     def note(self, event: HistoryEvent) -> None:
         """What belongs into the history of the people here."""
         self._inputs.put(event)
@@ -187,6 +191,8 @@ class PerceptionWorker(QObject):
     def _run(self) -> None:
         presence, problems = self._open_presence()
         presence.portraits = self._portraits
+        practising = False
+        recognition, consents_again = _Recognise(RecognitionSettings(), True), False
         self._publish_all(problems)
         self._start_child()
         child = self._child
@@ -218,10 +224,22 @@ class PerceptionWorker(QObject):
                 entries = presence.history(item.person_id, item.text)
                 self.history_found.emit(PersonHistory(item.person_id, item.text, entries))
             elif isinstance(item, _Recognise):
+                recognition = item
                 presence.use_settings(item.settings, may_decide=item.may_decide)
                 self._faces = item.settings.recognise == "faces"
             elif isinstance(item, _AskConsents):
+                consents_again = item.again
                 presence.ask_consents_again(item.again)
+                self._everybody_told_ns = 0
+            elif isinstance(item, _Practise) and item.on != practising:
+                practising = item.on
+                self._publish_all(presence.restart_tracks(clock.now_ns()))
+                presence.close()
+                presence, problems = (Presence(), []) if practising else self._open_presence()
+                presence.portraits = self._portraits
+                presence.use_settings(recognition.settings, may_decide=recognition.may_decide)
+                presence.ask_consents_again(consents_again)
+                self._publish_all(problems)
                 self._everybody_told_ns = 0
             elif isinstance(item, HistoryEvent):
                 presence.note(item)
@@ -364,6 +382,11 @@ class _LookUp:
 class _Recognise:
     def __init__(self, settings: RecognitionSettings, may_decide: bool) -> None:
         self.settings, self.may_decide = settings, may_decide
+
+
+class _Practise:
+    def __init__(self, on: bool) -> None:
+        self.on = on
 
 
 class _AskConsents:

@@ -179,6 +179,10 @@ class Identities:
                     held.pop(by)
         self._galleries = None
 
+    def people(self) -> frozenset[str]:
+        """Everybody whom somebody can be taken for."""
+        return frozenset(self._root.get(each, each) for each in self._settled)
+
     def knows(self, person_id: str) -> bool:
         """Whether somebody can be taken for this person."""
         return person_id in self._settled
@@ -204,6 +208,13 @@ class Identities:
         if not recent.unlike:
             return "yes"
         return "somebody else" if recent.unlike >= _MISTAKEN_LOOKS else "doubtful"
+
+    def likeness(self, person_id: str, looks: PersonLooks) -> float | None:
+        """How much somebody who looks like that resembles whom that visit's views were learned from, as a cosine; None
+        where nothing was learned by that network.
+        """
+        views = self._views.get(person_id, {}).get((looks.kind, looks.model))
+        return None if views is None or not views.count else float((views.vectors() @ looks.vector).max())
 
     def see(self, person_id: str, looks: PersonLooks) -> bool:
         """Somebody looks like that; whether that was a view to learn and to judge from."""

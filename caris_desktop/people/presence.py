@@ -31,6 +31,7 @@ from caris_desktop.people.patience import Patience
 from caris_desktop.people.portraits import Portraits
 from caris_desktop.people.several_cameras import SeveralCameras
 from caris_desktop.people.store import HistoryEntry
+from caris_desktop.people.track_joining import SHORT_GAP_NS, Candidate, is_lost, same_visit
 from caris_desktop.people.visits import Track, Visit, Visits
 
 CONFIRM_FRAMES = 3
@@ -127,21 +128,15 @@ PortraitsOf = Literal["everybody", "consenting", "nobody"]
 class RecognitionSettings:
     """Whom the console recognises: nobody, people by their clothes within a day, or by their faces too.
 
-    It decides by itself from a confidence of ``confirm_at`` on; at 1 it never does. ``portraits`` are those of whom a
+    It asks the wizard from a confidence of ``ask_at`` on, about people of whom something is written down. It decides by
+    itself from ``confirm_at`` on; at 1 it never does. ``portraits`` are those of whom a
     picture may be kept: ``consenting`` are those whose consent to photos is noted.
     """
 
     recognise: Recognise = "clothing"
     confirm_at: float = 0.95
     portraits: PortraitsOf = "everybody"
-
-
-@dataclass(slots=True)
-class _Candidate:
-    """A track that was seen in too few frames to be a person yet."""
-
-    frames: int
-    last_seen_ns: int
+    ask_at: float = 0.7
 
 
 class Presence:
@@ -168,10 +163,11 @@ class Presence:
         self._known = KnownPeople() if known is None else known
         self._confirm_frames = confirm_frames
         self._settings = settings
-        self._candidates: dict[Track, _Candidate] = {}
+        self._candidates: dict[Track, Candidate] = {}
         self._visits = Visits()
         self._decisions = Decisions(self._known, self._visits, self.portraits)
         self._cameras = SeveralCameras(self._visits, self._decisions, self._known)
+        self._in_frame: dict[str, frozenset[Track]] = {}
         self._patience = Patience(round(leave_after_s * 1e9))
         self._speaking = ""
         self._heard = HeardHistory(self._known)
@@ -203,6 +199,7 @@ class Presence:
         now_ns = people.stamp_ns
         self._patience.note_look(people.camera, now_ns, now_ns if known_ns is None else known_ns)
         events: list[Event] = []
+        self._in_frame[people.camera] = frozenset((people.camera, box.track) for box in people.boxes)
         for box in people.boxes:
             self._cameras.see((people.camera, box.track), now_ns)
             events += self._see((people.camera, box.track), now_ns)
@@ -231,6 +228,9 @@ class Presence:
         if self._settings.recognise != "nobody":
             self._cameras.take_looks(looks)
         visit = self._visits.of_track((looks.camera, looks.track))
+        candidate = self._candidates.get((looks.camera, looks.track))
+        if visit is None and candidate is not None and self._settings.recognise != "nobody":
+            candidate.take_looks(looks)
         if visit is None or not visit.here or visit.forgotten or not self._may_look(visit, looks):
             return []
         if looks.kind == "clothing" and not visit.by_hand and len({camera for camera, _ in visit.tracks}) == 1:
@@ -268,9 +268,13 @@ class Presence:
     def _note_places(self, places: PeopleInMap, map_from_robot: Pose2D) -> None:
         """Seen from the robot, where it is now."""
         for place in places.people:
+            candidate = self._candidates.get((places.camera, place.track))
+            if candidate is not None:
+                candidate.spot = place.x_m, place.y_m
             visit = self._visits.of_track((places.camera, place.track)) or self._visits.find(place.person_id)
             if visit is None or not visit.here:
                 continue
+            visit.spot = place.x_m, place.y_m
             in_robot = map_from_robot.inverse() @ Pose2D(place.x_m, place.y_m, 0.0)
             distance_m, bearing_rad = math.hypot(in_robot.x_m, in_robot.y_m), math.atan2(in_robot.y_m, in_robot.x_m)
             moved = (
@@ -345,6 +349,7 @@ class Presence:
     def restart_tracks(self, now_ns: int) -> list[Event]:
         """The tracker began to count anew: its numbers no longer mean the people that they meant."""
         self._candidates.clear()
+        self._in_frame.clear()
         self._cameras.forget()
         events = [event for visit in self._visits.here() for event in self._leave(visit, now_ns)]
         self._visits.forget_tracks()
@@ -363,10 +368,24 @@ class Presence:
             self._visits.detach(track)
             visit = None
         if visit is None:
-            candidate = self._candidates.setdefault(track, _Candidate(0, now_ns))
+            candidate = self._candidates.setdefault(track, Candidate(0, now_ns, now_ns))
             candidate.frames += 1
             candidate.last_seen_ns = now_ns
-            return self._appear(track, now_ns) if candidate.frames >= self._confirm_frames else []
+            if candidate.frames < self._confirm_frames:
+                return []
+            lost = [each for each in self._visits if self._is_lost(each, now_ns)]
+            joined = same_visit(candidate, lost, self._known.identities.likeness, now_ns)
+            if joined is None:
+                learned = self._settings.recognise != "nobody" and any(
+                    self._known.identities.views_of(each.visit_id) for each in lost
+                )
+                waits = learned and candidate.is_undecided(now_ns)
+                return [] if waits else self._appear(track, now_ns)
+            for before in [each for each in joined.tracks if each[0] == track[0]]:
+                self._visits.detach(before)
+            self._visits.attach(joined, track)
+            del self._candidates[track]
+            visit = joined
         visit.last_seen_ns = now_ns
         if track == (visit.camera, visit.track) or now_ns - visit.seen_by_camera_ns > _OTHER_CAMERA_AFTER_NS:
             visit.camera, visit.track = track
@@ -378,6 +397,16 @@ class Presence:
         visit.from_utc_ns = self._known.utc_now_ns()
         number = self._visits.number_of(visit.person_id)
         return [PersonAppeared(now_ns, visit.person_id, visit.track, number)] if alone else []
+
+    def _is_lost(self, visit: Visit, now_ns: int) -> bool:
+        """Whether a new track may be of that visit, which no track in view is of."""
+        if now_ns - visit.last_seen_ns > SHORT_GAP_NS and visit.spot is None:
+            return False
+        in_view = any(track in self._in_frame.get(track[0], ()) for track in visit.tracks)
+        return not in_view and is_lost(visit, now_ns) and not self._is_here_as_another(visit)
+
+    def _is_here_as_another(self, visit: Visit) -> bool:
+        return any(other.here and other is not visit for other in self._visits.of_person(visit.person_id))
 
     def _has_to_be_recognised(self, visit: Visit, now_ns: int) -> bool:
         """A tracker finds again by a glance who was away; a name takes several looks."""
@@ -413,7 +442,7 @@ class Presence:
             from_utc_ns=visit.from_utc_ns,
             to_utc_ns=self._known.utc_now_ns(),
         )
-        if not visit.settled and not visit.suggested_id:
+        if not visit.settled and not visit.resembles_somebody:
             self._settle(visit)
         if visit.settled or visit.identified:
             self._known.keep_looks(visit.visit_id)
@@ -485,6 +514,7 @@ class Presence:
             visit.visit_id, impossible=impossible, confused=self._known.confused()
         )
         best, second = judgement.best, judgement.runner_up
+        visit.resembles_somebody = best is not None
         if best is None:
             visit.suggested_id = ""
             if not visit.settled and visit.looks >= _STRANGER_AFTER_LOOKS and judgement.stranger >= _STRANGER_FROM:
@@ -495,6 +525,15 @@ class Presence:
         if sure and not self._contested(visit, here):
             visit.suggested_id = ""
             return self._decisions.identify(visit, best.person_id, looks.stamp_ns)
+        # A question about somebody without a name, who left, is none that a wizard could answer.
+        nameless = {each for each in self._known.identities.people() if not self._known.is_known(each)}
+        visit.judgement = judgement = self._known.identities.judge(
+            visit.visit_id, impossible=impossible | nameless, confused=self._known.confused()
+        )
+        best, second = judgement.best, judgement.runner_up
+        if best is None or best.confidence < self._settings.ask_at:
+            visit.suggested_id = ""
+            return []
         if best.person_id == visit.suggested_id:
             return []
         visit.suggested_id = best.person_id

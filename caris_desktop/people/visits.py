@@ -10,6 +10,7 @@ MOST_LEFT = 200
 """So many visits that are over are kept in memory, the newest ones."""
 
 Track = tuple[str, int]  # camera, and its tracker's number
+Spot = tuple[float, float]  # x_m, y_m in the map
 
 
 @dataclass(slots=True, eq=False)
@@ -30,12 +31,14 @@ class Visit:
     forgotten: bool = False  # asked to be: nothing about how they look is learned or kept any more
     judgement: Judgement = UNDECIDED
     suggested_id: str = ""
+    resembles_somebody: bool = False  # of whom it is open whether they are the same
     confidence: float = 0.0
     portrait_quality: float = 0.0
     portraits: int = 0
     distance_m: float | None = None
     bearing_rad: float | None = None
     placed_ns: int = 0
+    spot: Spot | None = None  # where they were seen last
     posture: str = ""
     hand_raised: bool | None = None
     facing: bool | None = None

@@ -247,6 +247,16 @@ class PerceptionSettings:
             "whom consent is noted, where the study has a network for faces. Never without `naming_people`."
         ),
     ] = "clothing"
+    ask_at: Annotated[
+        float,
+        Rule(
+            "How likely somebody has to be a known person for the wizard to be asked whether it is them.",
+            title="Ask from",
+            at_least=0.7,
+            at_most=1,
+            quiet=True,
+        ),
+    ] = 0.7
     confirm_at: Annotated[
         float,
         Rule(

@@ -1,7 +1,9 @@
 """The perception worker: newest frame in, people out, and a crash costs boxes only."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,8 +18,10 @@ from caris_desktop.domain.sensing import People
 from caris_desktop.live.child_process import ProcessBody, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.perception_worker import PerceptionWorker
+from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.portraits import Portraits
 from caris_desktop.people.presence import Presence
+from caris_desktop.people.store import PeopleStore
 from tests.live import bodies
 
 
@@ -94,8 +98,10 @@ def test_who_comes_back_is_known_by_how_they_look_and_their_picture_is_at_hand(q
     _show_until(qtbot, setup, 202, lambda: setup.rows[-1] and setup.rows[-1][0].person_id == person.person_id)
     (row,) = setup.rows[-1]
     assert (row.name, row.known) == ("Mara", True)
-    (found,) = setup.of(PersonIdentified)
-    assert (found.person_id, found.is_person_id, found.by) == (row.visit_id, person.person_id, "console")
+    # Back at once it is the same visit still; later, somebody who was recognised.
+    found = [(event.person_id, event.is_person_id, event.by) for event in setup.of(PersonIdentified)]
+    joined = row.visit_id == person.person_id
+    assert found == ([] if joined else [(row.visit_id, person.person_id, "console")])
     assert setup.portraits.get(row.portrait) == b"\xff\xd8"
     (everybody,) = setup.everybody[-1]
     assert everybody.person_id == person.person_id
@@ -186,3 +192,26 @@ def test_another_robot_begins_with_nobody(qtbot: QtBot, setup: Setup) -> None:
     assert setup.of(PersonLeft)[0].person_id == before
     _show_until(qtbot, setup, 200, lambda: setup.rows[-1])
     assert setup.rows[-1][0].person_id != before
+
+
+def test_people_of_the_practice_stay_in_the_practice(qtbot: QtBot, setup: Setup, tmp_path: Path) -> None:
+    def names() -> set[str]:
+        return {row.name for row in setup.everybody[-1]} if setup.everybody else set()
+
+    setup.worker._open_presence = lambda: (Presence(KnownPeople(PeopleStore(tmp_path / "people.sqlite"))), [])
+    for name, practice in (("Bo", True), ("Ada", False)):
+        setup.worker.practise(practice)
+        setup.rows.clear()
+
+        def somebody_is_here() -> bool:
+            setup.show(200)
+            return bool(setup.rows and setup.rows[-1])
+
+        qtbot.waitUntil(somebody_is_here, timeout=20_000)
+        setup.worker.ask(NamePerson(setup.rows[-1][0].person_id, name))
+        qtbot.waitUntil(lambda name=name: name in names(), timeout=20_000)  # type: ignore[misc]
+    assert "Bo" not in names()
+    setup.worker.practise(True)
+    qtbot.waitUntil(lambda: "Ada" not in names(), timeout=20_000)
+    with closing(PeopleStore(tmp_path / "people.sqlite")) as store:
+        assert {person.name for person in store.everybody() if person.name} == {"Ada"}

@@ -20,7 +20,7 @@ from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToR
 from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import GoingOnStatus, PerceptionStatus
+from caris_desktop.live.status import GoingOnStatus, PerceptionStatus, PracticeStatus
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.presence import HistoryEvent, PortraitsOf, Presence, RecognitionSettings
 from caris_desktop.perception.inference_settings import InferenceSettings
@@ -75,6 +75,7 @@ class PeopleService(Service):
         state.own_cameras.changed.connect(self._on_cameras_changed)
         state.camera.changed.connect(self._on_camera_changed)
         state.going_on.changed.connect(self._on_going_on_changed)
+        state.practice.changed.connect(self._on_practice_changed)
         bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens, DepthGrid))
 
     def handlers(self) -> Handlers:
@@ -91,7 +92,10 @@ class PeopleService(Service):
         asked = scenario.perception
         # Where people get no names there is nobody to recognise, so nothing is learned about them.
         self._recognition = RecognitionSettings(
-            asked.recognise if names else "nobody", asked.confirm_at, _PORTRAITS[scenario.blur.who]
+            asked.recognise if names else "nobody",
+            asked.confirm_at,
+            _PORTRAITS[scenario.blur.who],
+            asked.ask_at,
         )
         self._may_decide = names
         self._cover = scenario.covers_people
@@ -132,6 +136,7 @@ class PeopleService(Service):
         worker.recognise(self._recognition, may_decide=self._may_decide)
         worker.look_to_cover(self._cover)
         worker.ask_consents_again("consent" in self._state.going_on.value.unconfirmed)
+        worker.practise(_is_practice(self._state.practice.value))
         self._thread.started.connect(worker.run)
         self._worker = worker
         self._on_cameras_changed(None)
@@ -217,5 +222,14 @@ class PeopleService(Service):
         if self._worker is not None:
             self._worker.ask_consents_again("consent" in status.unconfirmed)
 
+    def _on_practice_changed(self, status: PracticeStatus) -> None:
+        if self._worker is not None:
+            self._worker.practise(_is_practice(status))
+
     def _on_status(self, status: PerceptionStatus) -> None:
         self._state.perception.set(status)
+
+
+def _is_practice(status: PracticeStatus) -> bool:
+    """Whether the people in view are those of the practice; its robot stays until its end is put away."""
+    return status.state != PracticeStatus().state

@@ -397,6 +397,8 @@ TEXTS = (
     QT_TR_NOOP("Nobody"),
     QT_TR_NOOP("Clothing"),
     QT_TR_NOOP("Faces"),
+    QT_TR_NOOP("Ask from"),
+    QT_TR_NOOP("How likely somebody has to be a known person for the wizard to be asked whether it is them."),
     QT_TR_NOOP("Sure enough at"),
     QT_TR_NOOP("How sure the console has to be, over several looks, to decide by itself who it is; at 1 it never does."),
     QT_TR_NOOP("Microphone and loudspeaker"),

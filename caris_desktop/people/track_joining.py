@@ -1,0 +1,79 @@
+"""One visit seen as several tracks, since the camera turned away or lost somebody: joined by appearance and place."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import field
+
+from caris_desktop.domain.people import PersonLooks
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.people.gallery import GOOD_QUALITY
+from caris_desktop.people.visits import Spot, Visit
+
+JOINED_WITHIN_NS = 30_000_000_000
+"""Whoever was lost for longer is recognised anew."""
+SHORT_GAP_NS = 3_000_000_000
+"""For so long a tracker or a turn of the camera loses somebody; then appearance or place alone is enough."""
+DECIDED_WITHIN_NS = 1_500_000_000
+"""A track that may be somebody who was lost waits for its looks no longer than this."""
+_LOOKS_KEPT, _LOOKS_TO_JOIN = 6, 2
+# The same clothes come to 0.89 to 0.98, the most alike of strangers to 0.88 (see LINES of the identities).
+_ALIKE_FROM, _AHEAD_BY = 0.89, 0.02
+_STANDS_WITHIN_M, _WALKS_MPS, _NEAR_M = 0.8, 1.5, 0.6
+
+
+@dataclass(slots=True)
+class Candidate:
+    """A track that is no person yet."""
+
+    frames: int
+    first_seen_ns: int
+    last_seen_ns: int
+    looks: list[PersonLooks] = field(default_factory=list)
+    spot: Spot | None = None
+
+    def take_looks(self, looks: PersonLooks) -> None:
+        if looks.kind == "clothing" and looks.quality >= GOOD_QUALITY:
+            self.looks = [*self.looks, looks][-_LOOKS_KEPT:]
+
+    def is_undecided(self, now_ns: int) -> bool:
+        """Whether another look may still tell who it is."""
+        return len(self.looks) < _LOOKS_TO_JOIN and now_ns - self.first_seen_ns < DECIDED_WITHIN_NS
+
+
+Likeness = Callable[[str, PersonLooks], float | None]
+
+
+def is_lost(visit: Visit, now_ns: int) -> bool:
+    """Whether the person of a visit that no track is of now may come into view again as another one."""
+    return not visit.forgotten and now_ns - visit.last_seen_ns <= JOINED_WITHIN_NS
+
+
+def same_visit(candidate: Candidate, lost: Iterable[Visit], likeness: Likeness, now_ns: int) -> Visit | None:
+    """Whose of the ``lost`` visits that track is: one alone that it can be, and that it resembles or stands at."""
+    possible: list[tuple[float, Visit]] = []
+    for visit in lost:
+        gap_ns = now_ns - visit.last_seen_ns
+        away_m = _apart_m(candidate.spot, visit.spot)
+        if away_m is not None and away_m > _STANDS_WITHIN_M + _WALKS_MPS * gap_ns / 1e9:
+            continue
+        if away_m is None and gap_ns > SHORT_GAP_NS:
+            continue
+        alike = _alike(visit, candidate.looks, likeness)
+        if alike is not None:
+            if alike >= _ALIKE_FROM:
+                possible.append((alike, visit))
+        elif gap_ns <= SHORT_GAP_NS and away_m is not None and away_m <= _NEAR_M:
+            possible.append((0.0, visit))
+    possible.sort(key=lambda each: -each[0])
+    if not possible or (len(possible) > 1 and possible[0][0] - possible[1][0] < _AHEAD_BY):
+        return None
+    return possible[0][1]
+
+
+def _alike(visit: Visit, looks: Sequence[PersonLooks], likeness: Likeness) -> float | None:
+    told = [alike for each in looks if (alike := likeness(visit.visit_id, each)) is not None]
+    return sum(told) / len(told) if told else None
+
+
+def _apart_m(one: Spot | None, other: Spot | None) -> float | None:
+    return None if one is None or other is None else math.dist(one, other)
