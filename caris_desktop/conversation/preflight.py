@@ -9,9 +9,11 @@ from typing import Any
 
 from caris_desktop.conversation.embedded_messages import SLOTS
 from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, missing_for_embedded
-from caris_desktop.conversation.models.chat import ChatTimeouts, Retries, stream_chat
+from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Retries, stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
-from caris_desktop.conversation.models.words import LanguageModelError
+from caris_desktop.conversation.models.reasoning import Withdrawn
+from caris_desktop.conversation.models.words import LanguageModelError, shortened
+from caris_desktop.conversation.spoken_text import spoken
 from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.conversation.voices.engine_process import VoiceEngine
 from caris_desktop.domain.events import ChatMessage
@@ -20,6 +22,9 @@ from caris_desktop.domain.value_class import dataclass
 _log = logging.getLogger(__name__)
 
 _PROBE_TIMEOUTS = ChatTimeouts(first_token_s=30.0)
+_QUESTION = "What is the capital of France? Answer in one short sentence."
+_ANSWER_TOKENS = 128
+_ANSWERS_WITHIN_S = 60.0
 _SOUND_WITHIN_S = 15.0
 SOUND_ADVICE = (
     "Connect loudspeakers or start the sound server (Debian, Ubuntu: libportaudio2, and libasound2-plugins for "
@@ -37,7 +42,7 @@ class ProbeResult:
 
 
 def probe_language_model(model: str, *, local_only: bool, embedded_url: str | None = None) -> ProbeResult:
-    """Ask ``model`` for one word. Blocks, for half a minute at the most.
+    """Ask ``model`` a question and hear its answer to the end. Blocks, for a minute at the most.
 
     ``embedded`` without an address is only looked for, since nothing serves it yet.
     """
@@ -46,26 +51,44 @@ def probe_language_model(model: str, *, local_only: bool, embedded_url: str | No
         return ProbeResult(False, missing, INSTALL_EMBEDDED) if missing else ProbeResult(True, "embedded, installed")
     try:
         endpoint = resolve_endpoint(model, embedded_url=embedded_url)
-        seconds = asyncio.run(_seconds_to_answer(endpoint, local_only=local_only))
+        return asyncio.run(_probe_answer(model, endpoint, local_only=local_only))
     except LanguageModelError as error:
         return ProbeResult(False, error.what, error.advice)
-    if seconds is None:
-        return ProbeResult(False, f"{model} answers with nothing", "Choose another model.")
-    return ProbeResult(True, f"{model} began to answer after {seconds:.1f} s")
+    except TimeoutError:
+        return ProbeResult(False, f"{model} did not come to the end of its answer", "Choose a faster model.")
 
 
-async def _seconds_to_answer(endpoint: ModelEndpoint, *, local_only: bool) -> float | None:
-    asked_s = time.monotonic()
-    question = [ChatMessage("user", "Say yes.")]
-    answer = stream_chat(
-        endpoint, question,
-        local_only=local_only, max_tokens=64, temperature=0.0, timeouts=_PROBE_TIMEOUTS, retries=Retries(0),
+async def _probe_answer(model: str, endpoint: ModelEndpoint, *, local_only: bool) -> ProbeResult:
+    notes = AnswerNotes()
+    asked_s, first_s = time.monotonic(), 0.0
+    pieces: list[str] = []
+    stream = stream_chat(
+        endpoint, [ChatMessage("user", _QUESTION)],
+        local_only=local_only, max_tokens=_ANSWER_TOKENS, temperature=0.0, timeouts=_PROBE_TIMEOUTS, retries=Retries(0),
         slot=SLOTS - 1,  # what those are told who wait for an answer is not to be read anew because of this
+        notes=notes,
     )  # fmt: skip
-    async with aclosing(answer):
-        async for _ in answer:
-            return time.monotonic() - asked_s
-    return None
+    async with asyncio.timeout(_ANSWERS_WITHIN_S), aclosing(stream):
+        async for piece in stream:
+            first_s = first_s or time.monotonic() - asked_s
+            if isinstance(piece, Withdrawn):
+                pieces.clear()
+            pieces.append(piece)
+    said, all_s = spoken("".join(pieces)), time.monotonic() - asked_s
+    answer = shortened(said or "".join(pieces), 60)
+    text = f"{model} answers “{answer}” (first word after {first_s:.1f} s, all after {all_s:.1f} s)"
+    found = []
+    if notes.reasoned:
+        found.append("it reasons first, which is not said")
+    if notes.left_out:
+        found.append(f"it is asked without {', '.join(notes.left_out)}, which it does not take")
+    if notes.cut:
+        found.append("its answer is cut off")
+    text = "; ".join((text, *found))
+    if not said:
+        return ProbeResult(False, text, "Nothing of that can be said: choose another model.")
+    advice = {"": "", "length": "Choose a model that answers in a few words.", "filter": "Choose another model."}
+    return ProbeResult(not notes.cut, text, advice[notes.cut])
 
 
 def probe_sound() -> ProbeResult:

@@ -1,4 +1,5 @@
-"""The messages for a question to the assistant: pure, and bounded so that the smallest model can hold them.
+"""The messages for a question to the assistant: pure, and bounded, but for the system prompt: its limit is
+that of the scenario file.
 
 What people said, their names, notes and what is in view stand in quotation marks, which nothing within can end: they
 are data for the model, and the program's own words say so. What stays the same from question to question comes first,
@@ -14,7 +15,6 @@ from caris_desktop.domain import person_marks
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.value_class import dataclass
 
-MAX_SYSTEM_CHARACTERS = 3000
 MAX_QUESTION_CHARACTERS = 1500
 MAX_CONVERSATION_CHARACTERS = 1500
 MAX_TURN_CHARACTERS = 300
@@ -64,7 +64,7 @@ def build_messages(question: str, *, system_prompt: str, along: Along = Along())
     """
     turns = _newest_turns(along)
     data = context_lines(along)
-    system = cut_to(system_prompt.strip(), MAX_SYSTEM_CHARACTERS)
+    system = system_prompt.strip()
     if turns or data:
         system = f"{system}\n\n{DATA_RULE}".strip()
     messages = [ChatMessage("system", system)] if system else []

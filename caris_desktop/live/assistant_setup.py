@@ -4,10 +4,14 @@ from typing import Literal
 
 from caris_desktop.conversation.prompts import system_text
 from caris_desktop.live.status import AssistantSetup
-from caris_desktop.scenario.assistant import AssistantSettings, NamedText
+from caris_desktop.scenario.assistant import PROMPT_CHARACTERS, TEXT_CHARACTERS, AssistantSettings, NamedText
 
 Kind = Literal["system_prompt", "notes", "role", "style"]
-MAX_TEXT_CHARACTERS = 4000
+
+
+def most_characters(kind: Kind) -> int:
+    """Of a text that the wizard changes: as many as the scenario file takes."""
+    return PROMPT_CHARACTERS if kind == "system_prompt" else TEXT_CHARACTERS
 
 
 class Setup:

@@ -14,9 +14,11 @@ from typing import Any, Literal, Protocol
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from caris_desktop.conversation.embedded_messages import REPLIES_SLOT, SLOTS
-from caris_desktop.conversation.models.chat import ChatTimeouts
+from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.listing import model_version
+from caris_desktop.conversation.models.question import Cut
+from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
@@ -39,6 +41,11 @@ _TIMEOUTS: dict[Purpose, ChatTimeouts] = {
 }
 # How often the words so far are told: a person reads no faster, a suggestion begins to be shown.
 _TELL_EVERY_NS: dict[Purpose, int] = {"question": 30_000_000, "replies": 10_000_000, "actions": 30_000_000}
+_CUT_WORDS: dict[Cut, str] = {
+    "": "",
+    "length": QT_TR_NOOP("The answer is cut off: it reached its limit of length (assistant.max_tokens)."),
+    "filter": QT_TR_NOOP("The answer is cut off: the server's filter stopped it."),
+}
 StreamChat = Callable[..., AsyncIterator[str]]
 
 
@@ -77,6 +84,7 @@ class _Heard:
     pieces: list[str] = field(default_factory=list)
     first_token_ns: int | None = None
     version: str = ""
+    notes: AnswerNotes = field(default_factory=AnswerNotes)
     exchange: LlmExchange | None = None
 
 
@@ -345,9 +353,12 @@ class ModelClient(QObject):
                 slot=asked.slot,
                 told_version=take_version,
                 told_wait=lambda why: self._waits.emit(asked.exchange_id, why),
+                notes=heard.notes,
                 timeouts=_TIMEOUTS[asked.purpose],
             ):
                 now_ns = clock.now_ns()
+                if isinstance(piece, Withdrawn):
+                    heard.pieces.clear()
                 heard.first_token_ns = heard.first_token_ns or now_ns
                 heard.pieces.append(piece)
                 if now_ns - told_ns >= _TELL_EVERY_NS[asked.purpose]:
@@ -363,6 +374,8 @@ class ModelClient(QObject):
                 "failed",
                 filled(QT_TR_NOOP("The answer could not be read ({error}). Ask again."), error=type(error).__name__),
             )
+        if outcome == "answered":
+            detail = _CUT_WORDS[heard.notes.cut]
         exchange = _exchange(asked, heard, outcome, detail, self._versions.get(asked.endpoint, ""))
         if outcome != "cancelled":
             heard.exchange = exchange
@@ -391,7 +404,9 @@ class ModelClient(QObject):
 
 
 def _exchange(asked: _Asked, heard: _Heard, outcome: LlmOutcome, detail: str, version: str) -> LlmExchange:
-    parameters: dict[str, float | int | str] = {"max_tokens": asked.max_tokens, "temperature": asked.temperature}
+    parameters: dict[str, float | int | str] = {"max_tokens": asked.max_tokens}
+    if "temperature" not in heard.notes.left_out:
+        parameters["temperature"] = asked.temperature
     return LlmExchange(
         stamp_ns=clock.now_ns(),
         exchange_id=asked.exchange_id,
@@ -406,10 +421,11 @@ def _exchange(asked: _Asked, heard: _Heard, outcome: LlmOutcome, detail: str, ve
         detail=detail,
         model_version=heard.version or version,
         server=asked.endpoint.server,
-        seed=asked.seed,
+        seed=None if "seed" in heard.notes.left_out else asked.seed,
         actor=asked.actor,
         photo=asked.photo,
         purpose=asked.purpose,
         turn_id=asked.turn_id,
         revision=asked.revision,
+        cut=heard.notes.cut if outcome == "answered" else "",
     )

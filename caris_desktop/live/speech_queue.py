@@ -10,6 +10,7 @@ from typing import Protocol
 from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.conversation.placeholders import gaps
+from caris_desktop.conversation.spoken_text import spoken
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, VoiceOutput
@@ -26,6 +27,7 @@ NO_VOICE: dict[VoiceKind, str] = {
     "computer": QT_TR_NOOP("the computer has no voice now"),
     "both": QT_TR_NOOP("neither the robot nor the computer has a voice now"),
 }
+_OF_A_MODEL: tuple[UtteranceOrigin, ...] = ("assistant", "suggestion")
 _ENDS = ("finished", "interrupted", "failed")
 
 
@@ -98,8 +100,10 @@ class SpeechQueue(QObject):
 
         Without a ``person_id`` it is said to whom the wizard means, or who is nearest. ``recorded`` stands in the
         record where ``text`` holds a name, with ``{p-...}`` in its place. ``gesture`` goes along with it. A gap that
-        is left in ``text`` is never spoken: the utterance has failed then.
+        is left in ``text`` is never spoken: the utterance has failed then. Of what a model wrote no Markdown is spoken.
         """
+        if origin in _OF_A_MODEL:
+            text, recorded = spoken(text), spoken(recorded)
         text = " ".join(text.split())
         if not text:
             return ""

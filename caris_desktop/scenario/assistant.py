@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 from caris_desktop.domain.declared import Rule
 from caris_desktop.domain.value_class import dataclass
 
+PROMPT_CHARACTERS, TEXT_CHARACTERS = 8000, 4000
+"""The longest system prompt, and the longest of the other texts: in the file and as the wizard changes them."""
 MODEL_PATTERN = "^(embedded|ollama:.+|openai:.+|gemini:.+)$"
 MODEL_ALLOWED = "embedded, ollama:NAME, openai:NAME or gemini:NAME."
 
@@ -14,7 +16,7 @@ class NamedText:
     """A text that is chosen by its name."""
 
     name: Annotated[str, Rule("How the wizard finds it.", shortest=1, longest=40)]
-    text: Annotated[str, Rule("What it says.", prose=True, longest=4000)]
+    text: Annotated[str, Rule("What it says.", prose=True, longest=TEXT_CHARACTERS)]
 
 
 AssistantPeople = Literal["numbers", "names", "history"]
@@ -33,9 +35,9 @@ class AssistantSettings:
             external="language_model",
         ),
     ] = "embedded"
-    system_prompt: Annotated[str, Rule("What the model is told before the conversation.", prose=True, longest=8000)] = (
-        ""
-    )
+    system_prompt: Annotated[
+        str, Rule("What the model is told before the conversation.", prose=True, longest=PROMPT_CHARACTERS)
+    ] = ""
     max_tokens: Annotated[
         int, Rule("The longest answer, in tokens.", title="Longest answer", at_least=1, at_most=8192)
     ] = 96

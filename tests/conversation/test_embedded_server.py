@@ -188,7 +188,7 @@ def test_preflight_asks_it(url: str) -> None:
     assert probe_language_model("embedded", local_only=True).ok
     asked = probe_language_model("embedded", local_only=True, embedded_url=url)
     assert asked.ok, asked
-    assert "began to answer" in asked.text
+    assert "answers “" in asked.text
 
 
 def test_it_closes_when_asked() -> None:

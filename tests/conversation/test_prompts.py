@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.conversation import prompts
 from caris_desktop.conversation.prompts import DATA_RULE, Along, build_messages
+from caris_desktop.conversation.suggestions.prompt import ReplyGrounds, reply_messages
 from caris_desktop.conversation.transcript import Turn, turns_of
 from caris_desktop.domain.events import Speaker, UtteranceChanged, UtteranceCorrected, UtteranceState
 
@@ -74,7 +74,7 @@ def test_prompts_stay_small_and_keep_the_newest() -> None:
     said = [event(f"u{number}", "finished", f"{number} " + "word " * 200) for number in range(100)]
     messages = asked(
         "q" * 9000,
-        system_prompt="s" * 9000,
+        system_prompt="s" * 3000,
         conversation=said,
         people=[f"P{n}" for n in range(50)],
         notes=[f"{n} " + "note " * 100 for n in range(50)],
@@ -84,7 +84,12 @@ def test_prompts_stay_small_and_keep_the_newest() -> None:
     assert "\n10 word" not in messages[1][1]
     assert '"P7" and 42 more.' in messages[-1][1] and "P8" not in messages[-1][1]
     assert "49 note" in messages[-1][1] and '"10 note' not in messages[-1][1]
-    assert len(messages[0][1]) < prompts.MAX_SYSTEM_CHARACTERS + 200
+
+
+def test_of_the_system_prompt_nothing_is_cut() -> None:
+    long = "Facts. " * 1100 + "The end."
+    assert long in asked("Where?", system_prompt=long)[0][1]
+    assert long in reply_messages(ReplyGrounds(long, "Hi."), with_examples=False)[0].content
 
 
 def test_what_stays_the_same_comes_first_so_that_it_is_read_once() -> None:

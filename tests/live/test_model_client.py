@@ -11,6 +11,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.conversation.embedded_messages import REPLIES_SLOT
 from caris_desktop.conversation.models import failures
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain.events import ChatMessage, LlmExchange
 from caris_desktop.domain.failure import ToldFailure
@@ -45,6 +46,13 @@ class Talk:
         question = messages[-1].content
         for word in question.split():
             yield f"{word} "
+        if "reasons" in question:
+            yield Withdrawn()
+            yield "Only this."
+            given["notes"].reasoned = True
+        if "is cut" in question:
+            given["notes"].cut = "length"
+            given["notes"].left_out = ("temperature", "seed")
         if "busy" in question:
             given["told_wait"]("It is busy.")
         if "broken off" in question:
@@ -232,3 +240,20 @@ def test_it_is_told_that_another_model_is_in_use(talk: Talk, qtbot: QtBot) -> No
         talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
     with qtbot.assertNotEmitted(talk.client.model_changed):
         talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
+
+
+def test_what_turns_out_to_be_reasoning_is_not_in_the_answer(talk: Talk, qtbot: QtBot) -> None:
+    asking = talk.ask("it reasons and answers")
+    qtbot.waitUntil(lambda: bool(talk.ended))
+    assert talk.published[0].answer == "Only this."
+    assert not talk.texts[asking.exchange_id] or "Only this." not in talk.texts[asking.exchange_id][0]
+
+
+def test_an_answer_that_is_cut_is_marked_with_what_was_left_out(talk: Talk, qtbot: QtBot) -> None:
+    talk.ask("this is cut")
+    talk.ask("this is whole")
+    qtbot.waitUntil(lambda: len(talk.ended) == 2)
+    cut, whole = sorted(talk.published, key=lambda exchange: exchange.answer)
+    assert (cut.outcome, cut.cut, cut.parameters) == ("answered", "length", {"max_tokens": 9})
+    assert "cut off" in cut.detail and cut.seed is None
+    assert (whole.cut, whole.detail, whole.parameters["temperature"]) == ("", "", 0.0)

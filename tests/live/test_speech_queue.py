@@ -11,7 +11,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin
 from caris_desktop.domain.sound import PlayedSound
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
@@ -71,6 +71,18 @@ def test_one_after_the_other_with_the_origin_the_wizard_gave(qtbot: QtBot) -> No
         ("Hello there", "started", "phrase"),
         ("Hello there", "finished", "phrase"),
     ]
+
+
+@pytest.mark.parametrize(("origin", "cleaned"), [("assistant", True), ("suggestion", True), ("typed", False)])
+def test_of_what_a_model_wrote_no_markdown_is_spoken(qtbot: QtBot, origin: UtteranceOrigin, *, cleaned: bool) -> None:
+    queue, voice, published, _ = _setup()
+    written = "<think>secret</think>**The lab** closes at six.\n\n- Bring `your card`\n- Ask [Ada](https://lab.example)"
+    queue.say(written, origin, recorded=written.replace("Ada", "{p-1f}"))
+    said = "The lab closes at six. Bring your card. Ask Ada"
+    assert voice.spoken == [said if cleaned else " ".join(written.split())]
+    assert published[0].text == (said.replace("Ada", "{p-1f}") if cleaned else " ".join(published[0].text.split()))
+    queue.say("<img src='/dev/zero'>", origin)
+    assert len(published) == (1 if cleaned else 2), "nothing of it can be said"
 
 
 def test_silence_interrupts_and_drops_what_waits(qtbot: QtBot) -> None:

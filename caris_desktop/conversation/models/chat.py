@@ -1,6 +1,7 @@
 """Asking a language model and hearing its answer piece by piece, with time-outs and another try before it begins."""
 
 import asyncio
+import contextlib
 import email.utils
 import logging
 import random
@@ -9,14 +10,16 @@ from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import aclosing
 from dataclasses import replace
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from caris_desktop.conversation.models import failures, gemini, ollama, openai
 from caris_desktop.conversation.models.connection import api_key, check_place, connected
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, Provider
-from caris_desktop.conversation.models.question import Chunk, Question, Request
-from caris_desktop.conversation.models.stream import check_type, documents, small_object
-from caris_desktop.conversation.models.words import LanguageModelError, without
+from caris_desktop.conversation.models.question import Chunk, Cut, Question, Request
+from caris_desktop.conversation.models.reasoning import SpokenPart, Withdrawn
+from caris_desktop.conversation.models.refused_parameters import LIMITS, leave_out, named_parameter, parameters_sent
+from caris_desktop.conversation.models.stream import check_type, documents, object_in, small_body
+from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
@@ -30,6 +33,10 @@ MAX_ANSWER_CHARACTERS = 200_000
 _MAX_ERROR_BODY_BYTES = 65_536
 _DIALECTS: dict[Provider, ModuleType] = {"embedded": openai, "openai": openai, "ollama": ollama, "gemini": gemini}
 _BUSY = (429, 500, 502, 503, 504, 529)
+_REFUSED = (400, 422)
+_CHARACTERS_PER_TOKEN = 5
+"""Of usual models and languages, where the answer is held to its limit here."""
+_DRAINED_WITHIN_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +69,36 @@ class Retries:
         return max(told_s or 0.0, backed_off_s)
 
 
+@dataclass(slots=True)
+class AnswerNotes:
+    """What is found out about an answer while it comes. ``left_out`` are parameters that the server refused."""
+
+    cut: Cut = ""
+    reasoned: bool = False
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(slots=True)
+class _Habits:
+    """How a server was found to take questions and to answer them, for as long as the program runs."""
+
+    left_out: tuple[str, ...] = ()
+    begins_within: bool = False
+
+
+_HABITS: dict[ModelEndpoint, _Habits] = {}
+
+
 class _OtherSchemaError(Exception):
     """The server wants to be told of the schema in the other way."""
+
+
+class _LeaveOutError(Exception):
+    """The server refuses this parameter, or never comes to its answer because of it."""
+
+    def __init__(self, parameter: str) -> None:
+        super().__init__(parameter)
+        self.parameter = parameter
 
 
 class _TryAgainError(Exception):
@@ -88,17 +123,20 @@ async def stream_chat(
     slot: int | None = None,
     told_version: Callable[[str], None] = lambda _version: None,
     told_wait: Callable[[str], None] = lambda _why: None,
+    notes: AnswerNotes | None = None,
     timeouts: ChatTimeouts = ChatTimeouts(),
     retries: Retries = Retries(),
 ) -> AsyncGenerator[str]:
-    """Yield the answer piece by piece as the model writes it.
+    """Yield the answer piece by piece as the model writes it, without what it thinks. A piece that is ``Withdrawn``
+    says that those before it were reasoning.
 
     With ``local_only`` nothing leaves this computer. ``seed`` makes the same model answer the same question alike; it
     is sent only to servers of which `ModelEndpoint.takes_seed` knows that they take it. ``told_version`` is called with
     what the server tells of the model in the stream, when it does and differently from before; Ollama tells nothing
     there, see `model_version`. ``told_wait`` is called with why it is waited before another try, in words. ``jpegs``
     are pictures that go with the last message; the embedded model takes none. ``schema`` is a JSON schema that the
-    answer has to follow. ``slot`` is which memory of the embedded server answers.
+    answer has to follow. ``slot`` is which memory of the embedded server answers. ``notes`` are filled in on the way. A
+    parameter that the server refuses by its name is left out, then and for as long as the program runs.
 
     Closing the generator, or cancelling the task that iterates it, closes the HTTP stream, which makes the servers
     stop generating; before the first piece it also ends the waiting.
@@ -110,22 +148,29 @@ async def stream_chat(
     """
     check_place(endpoint, local_only=local_only)
     question = Question(messages, max_tokens, temperature, seed, jpegs, schema, slot=slot)
-    request: Request = _DIALECTS[endpoint.provider].request(endpoint, question)
+    notes = AnswerNotes() if notes is None else notes
+    habits = _HABITS.setdefault(endpoint, _Habits())
     key = await api_key(endpoint)
     give_up_s = asyncio.get_running_loop().time() + timeouts.connect_s + timeouts.first_token_s
     tried = 0
     while True:
         tried += 1
+        request: Request = leave_out(_DIALECTS[endpoint.provider].request(endpoint, question), habits.left_out)
+        notes.left_out = habits.left_out
         try:
             answer = _one_try(
-                endpoint, request, key, give_up_s, timeouts, local_only=local_only, told_version=told_version
-            )
+                endpoint, request, question, key, give_up_s, timeouts,
+                local_only=local_only, told_version=told_version, notes=notes, habits=habits,
+            )  # fmt: skip
             async with aclosing(answer) as pieces:
                 async for piece in pieces:
                     yield piece
         except _OtherSchemaError:
             question = replace(question, schema_in_object=True)
-            request = _DIALECTS[endpoint.provider].request(endpoint, question)
+            tried -= 1
+        except _LeaveOutError as refused:
+            _log.info("%s is asked without %s", endpoint.place, refused.parameter)
+            habits.left_out = (*habits.left_out, refused.parameter)
             tried -= 1
         except _TryAgainError as again:
             wait_s = retries.wait_s(tried, again.told_s)
@@ -155,24 +200,32 @@ def _with_time(again: _TryAgainError) -> LanguageModelError:
     )
 
 
-async def _one_try(
+async def _one_try(  # noqa: PLR0917 - all of one call
     endpoint: ModelEndpoint,
     request: Request,
+    question: Question,
     key: str | None,
     deadline_s: float,
     timeouts: ChatTimeouts,
     *,
     local_only: bool,
     told_version: Callable[[str], None],
+    notes: AnswerNotes,
+    habits: _Habits,
 ) -> AsyncGenerator[str]:
-    """Raises LanguageModelError, and _TryAgainError before the first piece where another try may help."""
+    """Raises LanguageModelError; before the first piece _TryAgainError where another try may help, _OtherSchemaError
+    and _LeaveOutError.
+    """
     import httpx
 
     loop = asyncio.get_running_loop()
     limits = httpx.Timeout(connect=timeouts.connect_s, read=None, write=timeouts.connect_s, pool=timeouts.connect_s)
     began = ended = unfinished = closed = False
-    characters = 0
-    version = ""
+    read_characters = said_characters = 0
+    most_characters = None if request.bounded else question.max_tokens * _CHARACTERS_PER_TOKEN
+    version = why = ""
+    useless: LanguageModelError | None = None
+    part = SpokenPart(within=habits.begins_within)
     try:
         async with connected(endpoint, local_only=local_only) as client:
             headers = _key_header(endpoint, key)
@@ -191,24 +244,43 @@ async def _one_try(
                                 document = await anext(messages)
                         except StopAsyncIteration:
                             break
-                        chunk: Chunk = _DIALECTS[endpoint.provider].parse(endpoint, document, key)
+                        try:
+                            chunk: Chunk = _DIALECTS[endpoint.provider].parse(endpoint, document, key)
+                        except failures.UnusableError as error:
+                            useless = useless or error
+                            continue
                         closed = chunk.closed
                         unfinished = unfinished or chunk.unfinished
                         # A server that tells when an answer is finished did not finish one that it only closes.
                         ended = chunk.ended or (closed and not unfinished)
+                        notes.cut, why = chunk.cut or notes.cut, chunk.why or why
                         if chunk.version and chunk.version != version:
                             version = chunk.version
                             told_version(version)
                         if chunk.text or chunk.alive:
                             began = True
                             deadline_s = loop.time() + timeouts.between_tokens_s
-                        if chunk.text:
-                            characters += len(chunk.text)
-                            if characters > MAX_ANSWER_CHARACTERS:
-                                raise failures.nonsense(endpoint, QT_TR_NOOP("the answer does not end"))
+                        read_characters += len(chunk.text) + chunk.alive
+                        if read_characters > MAX_ANSWER_CHARACTERS:
+                            raise failures.nonsense(endpoint, QT_TR_NOOP("the answer does not end"))
+                        notes.reasoned = notes.reasoned or chunk.alive
+                        said = part.take(chunk.text)
+                        if ended or closed:
+                            said += part.end(whole=notes.cut != "length")
+                        for piece in said:
+                            if isinstance(piece, Withdrawn):
+                                habits.begins_within = True
+                                said_characters = 0
+                            said_characters += len(piece)
                             before_s = loop.time()
-                            yield chunk.text
+                            yield piece
                             deadline_s += loop.time() - before_s
+                        notes.reasoned = notes.reasoned or part.reasoned
+                        if most_characters is not None and said_characters >= most_characters and not ended:
+                            notes.cut, ended = "length", True
+                            break
+                    else:
+                        await _drain(messages)
             finally:
                 await response.aclose()
     except httpx.HTTPError as error:
@@ -222,10 +294,32 @@ async def _one_try(
     except TimeoutError as error:
         waited_s = timeouts.between_tokens_s if began else timeouts.first_token_s
         raise failures.too_slow(endpoint, seconds=waited_s, answer_started=began) from error
-    if not characters:
-        raise failures.nothing(endpoint)
+    if not said_characters:
+        _raise_nothing_said(endpoint, request, notes, why, useless)
     if not ended:
         raise failures.broke_off(endpoint)
+
+
+def _raise_nothing_said(
+    endpoint: ModelEndpoint, request: Request, notes: AnswerNotes, why: str, useless: LanguageModelError | None
+) -> NoReturn:
+    limit = next((name for name in LIMITS if name in parameters_sent(request)), "")
+    if notes.cut == "length" and limit and endpoint.provider != "embedded":
+        # It was used up by what the model thinks, told or not.
+        raise _LeaveOutError(limit)
+    if notes.cut == "filter":
+        raise failures.blocked(endpoint, why)
+    if notes.reasoned or notes.cut:
+        raise failures.only_reasoned(endpoint, cut=notes.cut == "length")
+    raise useless or failures.nothing(endpoint)
+
+
+async def _drain(messages: AsyncGenerator[str]) -> None:
+    """Read the little that follows an answer, so that the connection serves the next question too."""
+    with contextlib.suppress(TimeoutError, LanguageModelError):
+        async with asyncio.timeout(_DRAINED_WITHIN_S):
+            async for _ in messages:
+                pass
 
 
 def _key_header(endpoint: ModelEndpoint, key: str | None) -> dict[str, str]:
@@ -235,11 +329,16 @@ def _key_header(endpoint: ModelEndpoint, key: str | None) -> dict[str, str]:
 
 
 async def _raise_status(endpoint: ModelEndpoint, request: Request, response: "httpx.Response", key: str | None) -> None:
-    body = await small_object(response, _MAX_ERROR_BODY_BYTES)
+    raw = await small_body(response, _MAX_ERROR_BODY_BYTES)
+    body = object_in(raw)
     detail = without(key, failures.error_in(body)) if body else ""
+    if not body and "text/plain" in response.headers.get("content-type", ""):
+        detail = without(key, shortened(raw.decode("utf-8", "replace")))
     if openai.refuses_schema(request, response.status_code, str(body)):
         _log.info("%s is asked for a JSON object in the other way", endpoint.place)
         raise _OtherSchemaError
+    if response.status_code in _REFUSED and (refused := named_parameter(request, body, detail)):
+        raise _LeaveOutError(refused)
     failure = failures.of_status(endpoint, response.status_code, detail)
     if response.status_code in _BUSY:
         raise _TryAgainError(failure, _told_wait_s(response.headers.get("retry-after", ""), body))

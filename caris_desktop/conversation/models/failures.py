@@ -1,6 +1,7 @@
 """Every way in which a language model fails, as the wizard reads it."""
 
 import logging
+import re
 import ssl
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,16 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 _NO_ANSWER = QT_TR_NOOP("The assistant cannot answer.")
 _HALF = QT_TR_NOOP("The answer is missing or incomplete.")
+
+
+class UnusableError(LanguageModelError):
+    """One message of a stream is of no use; the others may be."""
+
+
+def unusable(endpoint: ModelEndpoint, why: str) -> UnusableError:
+    """What is told where nothing better comes."""
+    failure = nonsense(endpoint, why)
+    return UnusableError(failure.what, failure.meaning, failure.advice)
 
 
 def nonsense(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
@@ -57,6 +68,20 @@ def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
     )
 
 
+def only_reasoned(endpoint: ModelEndpoint, *, cut: bool) -> LanguageModelError:
+    """What it thinks is for nobody's eyes."""
+    what = (
+        QT_TR_NOOP("{place} reached the limit of its answer while it was still reasoning.")
+        if cut
+        else QT_TR_NOOP("{place} reasoned and gave no answer.")
+    )
+    return LanguageModelError(
+        filled(what, place=endpoint.place),
+        _NO_ANSWER,
+        QT_TR_NOOP("Choose a model that does not reason, or switch its reasoning off at the server."),
+    )
+
+
 def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -> LanguageModelError:
     if answer_started:
         return LanguageModelError(
@@ -81,10 +106,20 @@ def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -
 
 def error_in(message: dict[str, Any]) -> str:
     """The reason that a server gives, in any of the ways in which they do."""
-    error = message.get("error", message.get("message", ""))
+    error = message.get("error") or message.get("message") or message.get("detail") or ""
     if isinstance(error, dict):
         error = error.get("message", "")
+    if isinstance(error, list):
+        error = "; ".join(map(_as_fastapi_says, error))
     return shortened(str(error)) if error else "no reason given"
+
+
+def _as_fastapi_says(error: object) -> str:
+    if not isinstance(error, dict):
+        return str(error)
+    where = error.get("loc")
+    named = [str(part) for part in where if part != "body"] if isinstance(where, list) else []
+    return ": ".join((*named, str(error.get("msg", "")))).strip(": ")
 
 
 def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> None:
@@ -162,8 +197,22 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
             said=said,
         ),
         _NO_ANSWER,
-        QT_TR_NOOP("Check the model's name and the assistant settings of the scenario."),
+        _advice_for(detail),
     )
+
+
+def _advice_for(reason: str) -> str:
+    """What to do, by the reason that the server gave."""
+    reason = reason.lower()
+    if re.search(r"context|too long|too large|too many tokens|prompt.{0,20}long|exceed", reason):
+        return QT_TR_NOOP("Shorten the system prompt, the question or what goes along, or choose a larger model.")
+    if re.search(r"memory|overload", reason):
+        return QT_TR_NOOP("Close other programs on the computer that it runs on, or choose a smaller model.")
+    if re.search(r"\bmodel\b.*(not found|not exist|not loaded|unknown|invalid|not available)|invalid model", reason):
+        return QT_TR_NOOP("Check the model's name.")
+    if re.search(r"image|picture|vision|multimodal", reason):
+        return QT_TR_NOOP("Ask without the picture, or choose another model.")
+    return QT_TR_NOOP("Change in the scenario, under assistant, what the reason names, or choose another model.")
 
 
 def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_started: bool) -> LanguageModelError:

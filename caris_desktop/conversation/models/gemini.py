@@ -1,16 +1,26 @@
 """The dialect of Gemini's v1beta. https://ai.google.dev/api/generate-content"""
 
 import base64
+import re
 from typing import Any
 from urllib.parse import quote, urlsplit
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failures import blocked, nonsense, raise_error_object
-from caris_desktop.conversation.models.question import Chunk, Question, Request, Schema, json_object
+from caris_desktop.conversation.models.failures import blocked, raise_error_object, unusable
+from caris_desktop.conversation.models.question import (
+    REASONING_TOKENS,
+    Chunk,
+    Cut,
+    Question,
+    Request,
+    Schema,
+    json_object,
+)
 from caris_desktop.conversation.models.words import shortened, without
 
 _ROLES = {"user": "user", "assistant": "model"}
-_ENDED_WELL = ("STOP", "MAX_TOKENS")
+_CUTS: dict[str, Cut] = {"STOP": "", "MAX_TOKENS": "length"}
+_VERSION = re.compile(r"gemini-(\d+)(?:\.(\d+))?")
 # What https://ai.google.dev/api/caching#Schema knows; any other key makes it refuse the whole question.
 _SCHEMA_KEYS = (
     "format", "title", "description", "nullable", "enum", "maxItems", "minItems", "required", "minProperties",
@@ -28,7 +38,11 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
     for jpeg in question.jpegs:
         picture = {"mimeType": "image/jpeg", "data": base64.b64encode(jpeg).decode()}
         contents[-1]["parts"].append({"inlineData": picture})
-    config: dict[str, Any] = {"maxOutputTokens": question.max_tokens, "temperature": question.temperature}
+    thinks, thinking = _thinking(endpoint.model)
+    limit = question.max_tokens + (REASONING_TOKENS if thinks else 0)
+    config: dict[str, Any] = {"maxOutputTokens": limit, "temperature": question.temperature}
+    if thinking:
+        config["thinkingConfig"] = thinking
     if question.seed is not None:
         config["seed"] = question.seed
     if question.schema is not None:
@@ -38,7 +52,23 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
         body["systemInstruction"] = {"parts": [{"text": "\n\n".join(system)}]}
     version = "" if urlsplit(endpoint.base_url).path else "v1beta/"
     name = quote(endpoint.model, safe="")
-    return Request(f"{version}models/{name}:streamGenerateContent?alt=sse", body)
+    return Request(f"{version}models/{name}:streamGenerateContent?alt=sse", body, bounded=not thinks)
+
+
+def _thinking(model: str) -> tuple[bool, dict[str, Any]]:
+    """Whether the model may think, which counts against its limit, and how it is told to think as little as it can.
+
+    https://ai.google.dev/gemini-api/docs/thinking
+    """
+    told = _VERSION.match(model)
+    if told is None:
+        return not model.startswith("gemma"), {}
+    version = int(told[1]), int(told[2] or 0)
+    if version < (2, 5):
+        return "thinking" in model, {}
+    if version >= (3, 0):
+        return True, {"thinkingLevel": "low"}
+    return True, {"thinkingBudget": 128 if "pro" in model else 0}
 
 
 def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
@@ -48,31 +78,30 @@ def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
     feedback = message.get("promptFeedback")
     if isinstance(feedback, dict) and feedback.get("blockReason"):
         raise blocked(endpoint, str(feedback["blockReason"]))
-    candidates = message.get("candidates", [])
+    candidates = message.get("candidates") or []
     if not isinstance(candidates, list):
-        raise nonsense(endpoint, "a message has no candidates")
+        raise unusable(endpoint, "a message has no candidates")
     told = message.get("modelVersion")
     version = shortened(without(key, told), 100) if isinstance(told, str) else ""
     if not candidates:
         return Chunk(version=version)
     candidate = candidates[0]
     if not isinstance(candidate, dict):
-        raise nonsense(endpoint, "a candidate is no object")
-    text, alive = _text_of(endpoint, candidate.get("content", {}))
-    reason = candidate.get("finishReason")
-    if reason and reason not in _ENDED_WELL:
-        raise blocked(endpoint, str(reason))
-    return Chunk(text=text, alive=alive, ended=bool(reason), version=version)
+        raise unusable(endpoint, "a candidate is no object")
+    text, alive = _text_of(endpoint, candidate.get("content") or {})
+    reason = str(candidate.get("finishReason") or "")
+    cut = _CUTS.get(reason, "filter") if reason else ""
+    return Chunk(text, alive, ended=bool(reason), version=version, cut=cut, why=reason)
 
 
 def _text_of(endpoint: ModelEndpoint, content: object) -> tuple[str, bool]:
     """What it says, and whether it thinks, which nobody reads."""
-    parts = content.get("parts", []) if isinstance(content, dict) else None
+    parts = (content.get("parts") or []) if isinstance(content, dict) else None
     if not isinstance(parts, list) or not all(isinstance(part, dict) for part in parts):
-        raise nonsense(endpoint, "a candidate has no parts")
-    texts = [part.get("text", "") for part in parts if not part.get("thought")]
+        raise unusable(endpoint, "a candidate has no parts")
+    texts = [part.get("text") or "" for part in parts if not part.get("thought")]
     if not all(isinstance(text, str) for text in texts):
-        raise nonsense(endpoint, "a part is not text")
+        raise unusable(endpoint, "a part is not text")
     return "".join(texts), any(part.get("thought") for part in parts)
 
 

@@ -4,8 +4,8 @@ import base64
 from typing import Any
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failures import nonsense, raise_error_object
-from caris_desktop.conversation.models.question import Chunk, Question, Request, json_object
+from caris_desktop.conversation.models.failures import raise_error_object, unusable
+from caris_desktop.conversation.models.question import Chunk, Cut, Question, Request, json_object
 
 
 def request(endpoint: ModelEndpoint, question: Question) -> Request:
@@ -18,6 +18,8 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
     if question.seed is not None:
         options["seed"] = question.seed
     body: dict[str, Any] = {"model": endpoint.model, "messages": written, "stream": True, "options": options}
+    # A conversation does not wait for what a model thinks. Models that cannot think take it as well.
+    body["think"] = False
     if question.schema is not None:
         body["format"] = question.schema
     return Request("api/chat", body)
@@ -28,9 +30,12 @@ def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
     message = json_object(endpoint, document)
     raise_error_object(endpoint, message, key)
     ended = message.get("done") is True
+    reason = str(message.get("done_reason", ""))
+    cut: Cut = "length" if reason == "length" else ""
     inner = message.get("message")
-    if inner is None and ended:
-        return Chunk(ended=True)
-    if not isinstance(inner, dict) or not isinstance(inner.get("content", ""), str):
-        raise nonsense(endpoint, "a message has no content")
-    return Chunk(text=inner.get("content", ""), alive=bool(inner.get("thinking")), ended=ended)
+    if inner is None:
+        return Chunk(ended=ended, cut=cut, why=reason)
+    text = inner.get("content") or "" if isinstance(inner, dict) else None
+    if not isinstance(inner, dict) or not isinstance(text, str):
+        raise unusable(endpoint, "a message has no content")
+    return Chunk(text, alive=bool(inner.get("thinking")), ended=ended, cut=cut, why=reason)

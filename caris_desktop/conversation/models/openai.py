@@ -4,14 +4,27 @@ https://platform.openai.com/docs/api-reference/chat
 """
 
 import base64
+import re
 from typing import Any
 from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failures import blocked, nonsense, raise_error_object
-from caris_desktop.conversation.models.question import Chunk, Question, Request, Schema, json_object
+from caris_desktop.conversation.models.failures import blocked, raise_error_object, unusable
+from caris_desktop.conversation.models.question import (
+    REASONING_TOKENS,
+    Chunk,
+    Cut,
+    Question,
+    Request,
+    Schema,
+    json_object,
+)
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
 from caris_desktop.domain.translation import QT_TR_NOOP
+
+_REASONS = re.compile(r"o\d|gpt-[5-9]")
+_CUTS: dict[object, Cut] = {"length": "length", "max_tokens": "length", "content_filter": "filter"}
+_PARTS = ("text", "output_text")
 
 
 def request(endpoint: ModelEndpoint, question: Question) -> Request:
@@ -33,13 +46,17 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
         written[-1]["content"] = [{"type": "text", "text": written[-1]["content"]}, *pictures]
     # OpenAI's newer models refuse the old name, the servers that copy its API often know no other.
     limit_name = "max_completion_tokens" if endpoint.is_openai else "max_tokens"
+    reasons = endpoint.is_openai and bool(_REASONS.match(endpoint.model))
     body: dict[str, Any] = {
         "model": endpoint.model,
         "messages": written,
         "stream": True,
-        limit_name: question.max_tokens,
+        # What a model of theirs thinks counts too.
+        limit_name: question.max_tokens + (REASONING_TOKENS if reasons else 0),
         "temperature": question.temperature,
     }
+    if reasons:
+        body["reasoning_effort"] = "low"
     if question.seed is not None and endpoint.takes_seed:
         body["seed"] = question.seed
     if question.schema is not None and question.schema_in_object:
@@ -55,34 +72,45 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
         body["cache_prompt"] = True
         if question.slot is not None:
             body["id_slot"] = question.slot
-    return Request(("" if urlsplit(endpoint.base_url).path else "v1/") + "chat/completions", body)
+    path = ("" if urlsplit(endpoint.base_url).path else "v1/") + "chat/completions"
+    return Request(path, body, bounded=not reasons)
 
 
 def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
-    """One message of the stream. Raises LanguageModelError."""
+    """One message of the stream, or all of the answer of a server that does not stream. Raises LanguageModelError."""
     if document.strip() == "[DONE]":
         return Chunk(closed=True)
     message = json_object(endpoint, document)
     raise_error_object(endpoint, message, key)
-    choices = message.get("choices")
-    if not isinstance(choices, list):
-        raise nonsense(endpoint, QT_TR_NOOP("a message has no choices"))
     version = _told_version(endpoint, message, key)
+    choices = message.get("choices")
     if not choices:
-        return Chunk(version=version)
-    choice = choices[0]
-    delta = choice.get("delta") if isinstance(choice, dict) else None
-    if not isinstance(delta, dict):
-        raise nonsense(endpoint, QT_TR_NOOP("a choice has no delta"))
-    text = delta.get("content") or ""
-    if not isinstance(text, str):
-        raise nonsense(endpoint, QT_TR_NOOP("the content is not text"))
-    if isinstance(refusal := delta.get("refusal"), str) and refusal:
+        return Chunk(version=version)  # of use, or of filters
+    choice = choices[0] if isinstance(choices, list) else None
+    said = (choice.get("delta") or choice.get("message") or {}) if isinstance(choice, dict) else None
+    if not isinstance(choice, dict) or not isinstance(said, dict):
+        raise unusable(endpoint, QT_TR_NOOP("a choice has no delta"))
+    if isinstance(refusal := said.get("refusal"), str) and refusal:
         raise blocked(endpoint, refusal)
-    alive = bool(delta.get("reasoning_content") or delta.get("reasoning"))
-    ended = bool(choice.get("finish_reason"))
-    unfinished = "finish_reason" in choice and not ended
-    return Chunk(text=text, alive=alive, ended=ended, unfinished=unfinished, version=version)
+    text, reasons = _text_of(endpoint, said.get("content") or choice.get("text") or "")
+    alive = reasons or bool(said.get("reasoning_content") or said.get("reasoning"))
+    finish = choice.get("finish_reason")
+    if finish == "error":
+        raise_error_object(endpoint, {"error": "the server gives no reason"}, key)
+    unfinished = "finish_reason" in choice and not finish
+    cut = _CUTS.get(finish, "") if isinstance(finish, str) else ""
+    return Chunk(text, alive, bool(finish), unfinished, version=version, cut=cut, why=str(finish))
+
+
+def _text_of(endpoint: ModelEndpoint, content: object) -> tuple[str, bool]:
+    """The text of a content that may be in parts, and whether any part is reasoning."""
+    if isinstance(content, str):
+        return content, False
+    parts = [part for part in content if isinstance(part, dict)] if isinstance(content, list) else []
+    if not parts:
+        raise unusable(endpoint, QT_TR_NOOP("the content is not text"))
+    texts = [part.get("text") for part in parts if part.get("type", "text") in _PARTS]
+    return "".join(text for text in texts if isinstance(text, str)), len(texts) < len(parts)
 
 
 def refuses_schema(request: Request, status: int, said: str) -> bool:

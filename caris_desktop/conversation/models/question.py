@@ -2,14 +2,19 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failures import nonsense
+from caris_desktop.conversation.models.failures import unusable
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.value_class import dataclass
 
 Schema = dict[str, Any]
+Cut = Literal["", "length", "filter"]
+"""Why an answer ends before its end: it reached its limit, or the server's filter stopped it."""
+
+REASONING_TOKENS = 8192
+"""How much more a model may write than its answer where its server counts what it thinks, and thinking stays on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,17 +36,20 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """As it is posted: ``path`` below the address of the server."""
+    """As it is posted: ``path`` below the address of the server. ``bounded``: the server ends the answer itself at the
+    limit of the question; else the limit has room for reasoning, or there is none.
+    """
 
     path: str
     body: dict[str, Any]
+    bounded: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
     """What one message of the stream said. ``alive`` is True for text the wizard does not see (a model's reasoning),
     ``unfinished`` where it says itself that more follows, ``closed`` where the stream is over, whether or not the
-    answer is.
+    answer is. ``why`` is the server's word for a cut.
     """
 
     text: str = ""
@@ -50,14 +58,16 @@ class Chunk:
     unfinished: bool = False
     closed: bool = False
     version: str = ""
+    cut: Cut = ""
+    why: str = ""
 
 
 def json_object(endpoint: ModelEndpoint, document: str) -> dict[str, Any]:
-    """Raises LanguageModelError where it is none."""
+    """Raises UnusableError where it is none."""
     try:
         message = json.loads(document)
     except (ValueError, RecursionError):
-        raise nonsense(endpoint, f"“{document[:60]}” is not JSON") from None
+        raise unusable(endpoint, f"“{document[:60]}” is not JSON") from None
     if not isinstance(message, dict):
-        raise nonsense(endpoint, "a message is not a JSON object")
+        raise unusable(endpoint, "a message is not a JSON object")
     return message

@@ -28,12 +28,18 @@ async def documents(endpoint: ModelEndpoint, response: "httpx.Response") -> Asyn
     """The JSON texts of the stream: lines for Ollama, the data of server-sent events otherwise."""
     data: list[str] = []
     size = 0
+    streams = endpoint.provider == "ollama"
     async with aclosing(_lines(endpoint, response)) as lines:
         async for line in lines:
             if endpoint.provider == "ollama":
                 if line.strip():
                     yield line
+            elif not streams and line.lstrip().startswith(("{", "[")):
+                for document in _whole(await _rest(endpoint, line, lines)):
+                    yield document
+                return
             elif line.startswith("data:"):
+                streams = True
                 data.append(line[5:].removeprefix(" "))
                 size += len(line)
                 if size > MAX_LINE_BYTES:
@@ -42,10 +48,43 @@ async def documents(endpoint: ModelEndpoint, response: "httpx.Response") -> Asyn
                 # Some servers answer with a bare JSON error in a stream that began well.
                 yield line
             elif not line and data:
-                yield "\n".join(data)
+                for document in _messages(data):
+                    yield document
                 data, size = [], 0
-    if data:
-        yield "\n".join(data)
+    for document in _messages(data):
+        yield document
+
+
+async def _rest(endpoint: ModelEndpoint, first: str, lines: AsyncGenerator[str]) -> list[str]:
+    """All lines of an answer that is no stream."""
+    found, size = [first], len(first)
+    async for line in lines:
+        found.append(line)
+        size += len(line)
+        if size > MAX_LINE_BYTES:
+            raise nonsense(endpoint, "the answer is over a megabyte")
+    return found
+
+
+def _whole(lines: list[str]) -> list[str]:
+    """The messages of an answer that came at once: one object, a list of them, or one on each line."""
+    try:
+        message = json.loads("\n".join(lines))
+    except (ValueError, RecursionError):
+        return [line for line in lines if line.strip()]
+    return [json.dumps(each) for each in (message if isinstance(message, list) else [message])]
+
+
+def _messages(data: list[str]) -> list[str]:
+    """One message, unless a server left out the empty line between several."""
+    if len(data) < 2:
+        return data
+    whole = "\n".join(data)
+    try:
+        json.loads(whole)
+    except (ValueError, RecursionError):
+        return data
+    return [whole]
 
 
 async def _lines(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
@@ -77,13 +116,23 @@ def _decoded(endpoint: ModelEndpoint, line: bytes) -> str:
 
 async def small_object(response: "httpx.Response", limit_bytes: int) -> dict[str, Any]:
     """The JSON object of a whole reply, or of a list the first; empty when it is something else or longer."""
+    return object_in(await small_body(response, limit_bytes))
+
+
+async def small_body(response: "httpx.Response", limit_bytes: int) -> bytes:
+    """A whole reply, or its beginning where it is longer."""
     body = bytearray()
     async for block in response.aiter_bytes():
         body += block
         if len(body) > limit_bytes:
             break
+    return bytes(body)
+
+
+def object_in(body: bytes) -> dict[str, Any]:
+    """The JSON object in it, or of a list the first; empty when it is something else."""
     try:
-        message = json.loads(bytes(body))
+        message = json.loads(body)
     except (ValueError, RecursionError):
         return {}
     if isinstance(message, list) and len(message) == 1:

@@ -9,13 +9,12 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from caris_desktop.conversation.prompts import alternating, cut_to, quoted
+from caris_desktop.conversation.prompts import alternating, quoted
 from caris_desktop.conversation.suggestions.actions import NONE, Offer
 from caris_desktop.conversation.transcript import Turn
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.value_class import dataclass
 
-MAX_SYSTEM_CHARACTERS = 2000
 MAX_TURN_CHARACTERS = 240
 MAX_TURNS = 8
 _TURNS_LEFT_OUT = 4
@@ -81,8 +80,7 @@ def turns_told(turns: Iterable[Turn]) -> list[Turn]:
 
 def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[ChatMessage, ...]:
     """The messages of a question for replies; ``with_examples`` for a model that is too small to do without."""
-    system = cut_to(situation.system_prompt.strip(), MAX_SYSTEM_CHARACTERS)
-    messages = [ChatMessage("system", f"{system}\n\n{_INSTRUCTION}".strip())]
+    messages = [ChatMessage("system", f"{situation.system_prompt.strip()}\n\n{_INSTRUCTION}".strip())]
     for said, replies in _EXAMPLES if with_examples else ():
         messages.append(ChatMessage("user", _said(said)))
         messages.append(ChatMessage("assistant", json.dumps(replies)))

@@ -4,18 +4,17 @@ import json
 import re
 import unicodedata
 
+from caris_desktop.conversation.spoken_text import spoken
+
 LONGEST_REPLY = 120
 # What a server writes beyond that is none of three short replies, whatever it is.
 _LONGEST_ANSWER = 8_000
 _SPOKEN_OF_ITSELF = re.compile(r"\b(language model|as an ai|i am an ai|i'm an ai)\b", re.IGNORECASE)
-_MARKUP = re.compile(r"<[^<>]*>|```\w*|[*_`#~|]+|\[[^\]]*\]\([^)]*\)|https?://\S+")
 # Where a grammar ended the sentence, and not the model.
 _CUT_OFF = re.compile(r"(?:[\s,;:]|,\w{1,2})[.!?]$")
 # Small models get caught in what they have just said. "No, no, no" is still something that a person says.
 _OVER_AND_OVER = re.compile(r"\b(\w+(?:\W+\w+){1,7})(?:\W+\1\b){2,}|\b(\w+)(?:\W+\2\b){3,}", re.IGNORECASE)
-_BEGINS = re.compile(
-    r"^(?:[-•–>\s]+|\(?\d{1,2}[.):]\s+|(?:robot|reply|answer|assistant|guide)\s*\d?\s*:\s*)+", re.IGNORECASE
-)
+_BEGINS = re.compile(r"^(?:(?:robot|reply|answer|assistant|guide)\s*\d?\s*:\s*)+", re.IGNORECASE)
 
 
 def replies_in(written: str) -> tuple[str, ...]:
@@ -76,9 +75,7 @@ def fit_to_say(text: str) -> str:
     if _CUT_OFF.search(text):
         return ""
     text = unicodedata.normalize("NFC", text.encode("utf-8", "ignore").decode("utf-8"))
-    text = "".join(" " if character.isspace() else character for character in text)
-    text = "".join(character for character in text if unicodedata.category(character)[0] != "C")
-    text = " ".join(_MARKUP.sub(" ", text).split())
+    text = spoken(" ".join(text.split()))
     text = _BEGINS.sub("", text).strip(" \"'“”„«»")
     if _SPOKEN_OF_ITSELF.search(text) or not re.search(r"\w", text) or set(text) & set("{}<>"):
         # Braces are gaps to be filled, which is the wizard's to do.

@@ -198,7 +198,8 @@ class LlmExchange:
     began with, None where the server was not told one. ``actor`` asked the question. ``photo`` is the file name of the
     picture that went with it, as in PhotoTaken, or ``camera NAME`` for what one showed then; of several, with commas.
     ``purpose`` is what for: the wizard's question, suggested replies or proposed actions; ``turn_id`` and ``revision``
-    say to what of the conversation.
+    say to what of the conversation. ``cut``: the answer ends before its end, at its limit of length or by the server's
+    filter; ``detail`` says so in words. ``parameters`` are those that the server took.
     """
 
     stamp_ns: int
@@ -220,6 +221,7 @@ class LlmExchange:
     purpose: Literal["question", "replies", "actions"] = "question"
     turn_id: str = ""
     revision: int = 0
+    cut: Literal["", "length", "filter"] = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.assistant_context import AssistantContext
-from caris_desktop.live.assistant_setup import MAX_TEXT_CHARACTERS, Setup
+from caris_desktop.live.assistant_setup import Setup, most_characters
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessBody
@@ -254,11 +254,12 @@ class AssistantService(Service):
         if asked.kind in ("role", "style"):
             self._check_prompt("role" if asked.kind == "role" else "style", asked.name)
         text = asked.text.strip()
-        if len(text) > MAX_TEXT_CHARACTERS:
+        most = most_characters(asked.kind)
+        if len(text) > most:
             raise ToldFailure(
-                tr("The text is {count} characters too long.").format(count=f"{len(text) - MAX_TEXT_CHARACTERS:,}"),
+                tr("The text is {count} characters too long.").format(count=f"{len(text) - most:,}"),
                 tr("The assistant is asked as before."),
-                tr("Say it in {most} characters.").format(most=f"{MAX_TEXT_CHARACTERS:,}"),
+                tr("Say it in {most} characters.").format(most=f"{most:,}"),
                 severity="warning",
             )  # fmt: skip
         self._setup.edit(asked.kind, asked.name, text)

@@ -276,7 +276,8 @@ class SuggestionsService(Service):
         self._asking = None
         if exchange.outcome == "answered":
             # A server that keeps to no schema writes one reply a line.
-            self._offer(asked.begun, replies_in(exchange.answer)[self._read :] or self._lines(exchange.answer))
+            self._offer(asked.begun, replies_in(exchange.answer)[self._read :] or self._lines(exchange))
+            self._detail = exchange.detail
             self._proposals.ask_about(asked.begun, asked.messages, asked.recorded, exchange.answer)
         elif exchange.outcome == "cancelled" and not self._read:
             # Another model was chosen, which is there once this has returned.
@@ -290,8 +291,11 @@ class SuggestionsService(Service):
             self.ask(asked.begun)
             self._show()
 
-    def _lines(self, answer: str) -> Sequence[str]:
-        return () if self._read or "{" in answer or "[" in answer else answer.splitlines()
+    def _lines(self, exchange: LlmExchange) -> Sequence[str]:
+        answer = exchange.answer
+        if self._read or "{" in answer or "[" in answer:
+            return ()
+        return answer.splitlines()[: -1 if exchange.cut else None]
 
     def _offer(self, begun: Round, texts: Sequence[str]) -> None:
         """Show what of it can be said, and is no echo of what was said just now."""

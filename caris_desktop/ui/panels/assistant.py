@@ -273,7 +273,7 @@ class AssistantPanel(Panel):
                 self._choose(ids[at])
 
     def _on_say(self) -> None:
-        text = " ".join(self._answer.toPlainText().split())
+        text = self._answer.toPlainText().strip()
         if text:
             exchange_id = self._shown.exchange_id
             self._stop_editing()
@@ -447,7 +447,8 @@ class AssistantPanel(Panel):
         elif shown.use:
             text = tr("Said.") if shown.use == "said" else tr("Said, with your changes.")
         else:
-            text = tr(shown.detail)
+            # An answer that is cut off says so.
+            text, role = tr(shown.detail), "amber" if shown.state == "answered" else "dim"
         self._note.setText(text)
         self._note.setVisible(bool(text))
         for label, color in ((self._note, role), (self._question, "dim")):

@@ -12,7 +12,7 @@ import pytest
 from caris_desktop.conversation.models import gemini, ollama, openai
 from caris_desktop.conversation.models.endpoint import KEYED_BY, ModelEndpoint
 from caris_desktop.conversation.models.listing import models_here
-from caris_desktop.conversation.models.question import Question
+from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
 from caris_desktop.domain.events import ChatMessage
 from tests.conversation.models.served import (
     LINES_HEAD,
@@ -175,6 +175,7 @@ def test_ollama() -> None:
         "stream": True,
         "format": SCHEMA,
         "options": {"num_predict": 20, "temperature": 0.5, "seed": 7},
+        "think": False,
     }
 
 
@@ -201,7 +202,9 @@ def test_gemini(monkeypatch: pytest.MonkeyPatch) -> None:
             },
         ],
         "generationConfig": {
-            "maxOutputTokens": 20,
+            # What it thinks would count against the limit; the answer is held to it here.
+            "maxOutputTokens": 20 + REASONING_TOKENS,
+            "thinkingConfig": {"thinkingBudget": 0},
             "temperature": 0.5,
             "seed": 7,
             "responseMimeType": "application/json",

@@ -115,11 +115,11 @@ def test_a_server_that_knows_a_json_object_only_is_asked_for_that_at_once() -> N
     ]
 
 
-@pytest.mark.logs("answered with HTTP status")
-def test_what_it_refuses_both_ways_is_told() -> None:
+def test_what_it_refuses_both_ways_is_left_out() -> None:
     second = refusal("400 Bad Request", {"error": {"message": "response_format is unknown"}})
-    with pytest.raises(LanguageModelError, match="response_format is unknown"):
-        asked_with_schema(in_turn(refusal("400 Bad Request", NO_JSON_SCHEMA), second))
+    answer = sends(SSE_HEAD, chunk(BEGIN), word("{}"), chunk(END), DONE)
+    text, served = asked_with_schema(in_turn(refusal("400 Bad Request", NO_JSON_SCHEMA), second, answer))
+    assert text == "{}" and "response_format" not in served.bodies[-1]
 
 
 # The real one

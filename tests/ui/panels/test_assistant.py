@@ -124,6 +124,12 @@ def test_each_question_has_its_line_and_is_said_cancelled_and_put_away_by_keys(
     assert answer.toPlainText() == "It stops at once."
 
 
+def test_an_answer_that_is_cut_off_says_so(panel: AssistantPanel, console: FakeConsole) -> None:
+    asked(console, replace(ANSWERED, detail="The answer is cut off: the server's filter stopped it."))
+    note = find(panel, "assistant_note")
+    assert note.isVisible() and "cut off" in note.property("text")
+
+
 def test_the_model_is_one_drop_down_and_a_refusal_puts_it_back(
     panel: AssistantPanel, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:

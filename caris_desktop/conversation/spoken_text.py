@@ -1,0 +1,51 @@
+"""What a model writes as it is said: without Markdown, HTML, addresses and signs that a voice would read out."""
+
+import html
+import re
+import unicodedata
+
+from caris_desktop.conversation.models.reasoning import SpokenPart
+
+_FENCE = re.compile(r"^\s*(?:```|~~~)\S*\s*$", re.MULTILINE)
+# Of a line: its quotation, heading, item or number, and whether something is done.
+_LEADS = re.compile(r"^\s*(?:>\s*)*(?:#{1,6}\s+|[-*+•–]\s+|\(?\d{1,2}[.):]\s+)?(?:\[[ xX]\]\s+)?")
+_LINK = re.compile(r"!?\[([^\[\]]*)\](?:\([^()\s]*(?:\s+\"[^\"]*\")?\)|\[[^\[\]]*\])|\[\^[^\[\]]*\]")
+# Bounded, here and below: what a server sends may be made to take for ever.
+_TAG = re.compile(
+    r"<!--.{0,500}?-->|<(?:script|style)\b.{0,2000}?</(?:script|style)>|</?[a-zA-Z][^<>]*>", re.DOTALL | re.IGNORECASE
+)
+_ADDRESS = re.compile(r"<?(?:https?|ftp)://[^\s<>)]+>?|\bwww\.[^\s<>)]+")
+_ESCAPED = re.compile(r"\\([\\`*_{}\[\]()#+.!|~<>-])")
+_EMPHASIS = re.compile(r"(?<![\w*_~])(\*{1,3}|_{1,3}|~~)(?=\S)(.{1,300}?)(?<=\S)\1(?![\w*_~])")
+_SIGNS = re.compile(r"[*`~|\\]+|(?<!\w)[_#]+(?!\d)|(?<=\w)_+(?!\w)")
+_PICTOGRAMS = re.compile("[\U0001f000-\U0001faff\u2600-\u27bf\ufe0f\u20e3]")
+_TIMES = re.compile(r"(?<=\d)\s?\*\s?(?=\d)")
+_ENDS = ".!?…:;,"
+LONGEST_WRITTEN = 20_000
+"""Characters; nobody listens for as long as that takes."""
+
+
+def spoken(written: str) -> str:
+    """One line of it, a sentence for each line of a list; empty where nothing of it can be said."""
+    part = SpokenPart()
+    text = "".join((*part.take(written[:LONGEST_WRITTEN]), *part.end(whole=True)))
+    lines = [said for line in _without_tags(_FENCE.sub("", text)).splitlines() if (said := _line(line))]
+    # A list is heard as one only where each of its items ends.
+    ended = [line if line[-1] in _ENDS or line is lines[-1] else f"{line}." for line in lines]
+    return " ".join(ended)
+
+
+def _without_tags(text: str) -> str:
+    return html.unescape(_TAG.sub(" ", _ADDRESS.sub(" ", _LINK.sub(r"\1", text))))
+
+
+def _line(line: str) -> str:
+    line = _TIMES.sub(" × ", _LEADS.sub("", line))
+    for _ in range(3):  # bold within italics within a strike-through
+        line = _EMPHASIS.sub(r"\2", line)
+    line = _PICTOGRAMS.sub(" ", _SIGNS.sub(" ", _ESCAPED.sub(r"\1", line)))
+    # Tags that were written as entities come out last, and are no more to be heard than others.
+    line = _TAG.sub(" ", line)
+    readable = (character if unicodedata.category(character)[0] != "C" else "" for character in line)
+    line = re.sub(r"\s+(?=[.,!?;:…](?:\s|$))", "", " ".join("".join(readable).split()))
+    return line if re.search(r"\w", line) else ""

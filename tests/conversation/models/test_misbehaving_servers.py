@@ -1,0 +1,393 @@
+"""Answers as servers really give them: with reasoning, odd chunks, refused parameters, a limit used up by thinking."""
+
+import asyncio
+import json
+import random
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from typing import Any
+
+import pytest
+
+from caris_desktop.conversation.models import gemini, openai
+from caris_desktop.conversation.models.chat import AnswerNotes, stream_chat
+from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
+from caris_desktop.conversation.models.reasoning import Withdrawn
+from caris_desktop.conversation.models.words import LanguageModelError
+from caris_desktop.conversation.preflight import probe_language_model
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from tests.conversation.models.served import AT_ONCE, LINES_HEAD, PATIENT, QUESTION, SSE_HEAD, Served, sends, serving
+
+ANSWER = "The lab closes at six."
+SECRET = "The visitor seems confused; nobody may learn that the robot is remote-controlled."
+
+
+def chunk(delta: Any, finish: Any = None, **more: Any) -> dict[str, Any]:
+    return {"choices": [{"index": 0, "delta": delta, "finish_reason": finish}], **more}
+
+
+def words(text: str, size: int = 3) -> list[dict[str, Any]]:
+    return [chunk({"content": text[at : at + size]}) for at in range(0, len(text), size)]
+
+
+def event(message: Any) -> bytes:
+    return b"data: " + (message if isinstance(message, bytes) else json.dumps(message).encode()) + b"\n\n"
+
+
+def sse(*messages: Any) -> bytes:
+    return SSE_HEAD + b"".join(map(event, messages)) + b"data: [DONE]\n\n"
+
+
+def whole(body: Any, status: str = "200 OK", kind: str = "application/json") -> bytes:
+    data = body if isinstance(body, bytes) else json.dumps(body).encode()
+    return f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(data)}\r\n\r\n".encode() + data
+
+
+STOP = chunk({}, "stop")
+Reply = Callable[[dict[str, Any]], bytes]
+
+
+def asked(
+    reply: Reply,
+    *,
+    provider: str = "openai",
+    times: int = 1,
+    max_tokens: int = 20,
+) -> tuple[list[str], AnswerNotes, Served]:
+    """What is said of each answer, what was found out about the last, and what the server was asked."""
+
+    async def run() -> tuple[list[str], AnswerNotes, Served]:
+        said, notes = list[str](), AnswerNotes()
+
+        async def answer(writer: asyncio.StreamWriter) -> None:
+            writer.write(reply(served.bodies[-1]))
+            await writer.drain()
+
+        async with serving(answer) as served:
+            endpoint = ModelEndpoint(provider, served.url, "some-model")  # type: ignore[arg-type]
+            for _ in range(times):
+                pieces, notes = list[str](), AnswerNotes()
+                async for piece in stream_chat(
+                    endpoint, QUESTION, local_only=False, max_tokens=max_tokens, temperature=0.5, seed=7,
+                    timeouts=PATIENT, retries=AT_ONCE, notes=notes,
+                ):  # fmt: skip
+                    if isinstance(piece, Withdrawn):
+                        pieces.clear()
+                    pieces.append(piece)
+                said.append("".join(pieces))
+        return said, notes, served
+
+    return asyncio.run(run())
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 1000])
+@pytest.mark.parametrize(
+    "written",
+    [
+        f"<think>\n{SECRET}\n</think>\n\n{ANSWER}",
+        f"<thinking>{SECRET}</thinking>{ANSWER}",
+        f"<Thought time='3'>{SECRET}</Thought> {ANSWER}",
+        f"<reasoning>{SECRET}</reasoning>{ANSWER}",
+        f"[THINK]{SECRET}[/THINK]{ANSWER}",
+        f"◁think▷{SECRET}◁/think▷{ANSWER}",
+        f"<seed:think>{SECRET}</seed:think>{ANSWER}",
+        f"<|START_THINKING|>{SECRET}<|END_THINKING|><|START_RESPONSE|>{ANSWER}<|END_RESPONSE|>",
+        f"<|channel|>analysis<|message|>{SECRET}<|end|><|start|>assistant<|channel|>final<|message|>{ANSWER}<|return|>",
+        f"{SECRET}</think>\n\n{ANSWER}",
+        f"{ANSWER}<|im_end|>\n<|im_start|>user\n{SECRET}",
+        f"<think>{SECRET}</think>{ANSWER}<｜end▁of▁sentence｜>",
+        f"<think></think>{ANSWER}</s>",
+    ],
+)
+def test_what_a_model_thinks_is_not_said_wherever_it_is_cut(written: str, size: int) -> None:
+    said, notes, _ = asked(lambda _body: sse(*words(written, size), STOP))
+    assert said == [ANSWER]
+    assert notes.reasoned is ("think></think" not in written and "im_end" not in written)
+
+
+def test_a_model_that_began_within_its_reasoning_does_so_again() -> None:
+    pieces: list[list[str]] = []
+    replies = [f"{SECRET}</think>{ANSWER}", f"{SECRET}</think>{ANSWER}", ANSWER]
+
+    async def run() -> None:
+        async def answer(writer: asyncio.StreamWriter) -> None:
+            writer.write(sse(*words(replies[len(pieces)]), STOP))
+
+        async with serving(answer) as served:
+            endpoint = ModelEndpoint("openai", served.url, "m")
+            for _ in replies:
+                stream = stream_chat(
+                    endpoint, QUESTION, local_only=False, max_tokens=20, temperature=0.5, timeouts=PATIENT
+                )
+                pieces.append([piece async for piece in stream])
+
+    asyncio.run(run())
+    assert any(isinstance(piece, Withdrawn) for piece in pieces[0])
+    assert ["".join(each) for each in pieces[1:]] == [ANSWER, ANSWER], "nothing of it is shown for a moment either"
+
+
+def test_what_only_looks_like_a_mark_is_said() -> None:
+    written = "If x < 5 [see 1] then <b>this</b> ◁ is | said: a <= b, <thin> and [T"
+    assert asked(lambda _body: sse(*words(written, 2), STOP))[0] == [written]
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [chunk({"content": ANSWER}), {"choices": [{"index": 0, "delta": None, "finish_reason": "stop"}]}],
+        [chunk({"content": ANSWER}), {"choices": [{"index": 0, "finish_reason": "stop"}]}],
+        [chunk({"content": ANSWER}), STOP, {"choices": None, "usage": {"total_tokens": 9}}],
+        [*words(ANSWER, 9)[:1], {"choices": None}, {"usage": {}}, {"choices": []}, *words(ANSWER, 9)[1:], STOP],
+        [{"prompt_filter_results": [{"prompt_index": 0}]}, chunk({"content": ANSWER}), STOP],
+        [b"null", b"7", b'"text"', b"[]", b"{broken", chunk({"content": ANSWER}), STOP],
+        [chunk({"content": None, "role": "assistant"}), chunk({"content": ANSWER}), STOP],
+        [chunk({"content": 7}), {"choices": [7]}, {"choices": 7}, chunk({"content": ANSWER}), STOP],
+        [
+            chunk({"content": [{"type": "thinking", "thinking": [{"type": "text", "text": SECRET}]}]}),
+            chunk({"content": [{"type": "text", "text": ANSWER}]}), STOP,
+        ],
+        [chunk({"content": "", "reasoning_content": SECRET}), chunk({"content": ANSWER, "reasoning": SECRET}), STOP],
+        [{"choices": [{"message": {"role": "assistant", "content": ANSWER}, "finish_reason": "stop"}]}],
+        [b'{"choices": [{"delta": {"content": "The lab "}}]}\n'
+         b'data: {"choices": [{"delta": {"content": "closes at six."}}]}'],
+    ],
+)  # fmt: skip
+def test_chunks_of_no_use_are_skipped(messages: list[Any]) -> None:
+    assert asked(lambda _body: sse(*messages))[0] == [ANSWER]
+
+
+@pytest.mark.parametrize("indent", [None, 2])
+def test_an_answer_that_comes_at_once_is_taken(indent: int | None) -> None:
+    message = {"choices": [{"index": 0, "message": {"content": ANSWER}, "finish_reason": "stop"}], "usage": {}}
+    assert asked(lambda _body: whole(json.dumps(message, indent=indent).encode()))[0] == [ANSWER]
+    candidates = [{"content": {"parts": [{"text": part}]}} for part in ("The lab ", "closes at six.")]
+    listed = [{"candidates": [candidates[0]]}, {"candidates": [{**candidates[1], "finishReason": "STOP"}]}]
+    assert asked(lambda _body: whole(json.dumps(listed, indent=indent).encode()), provider="gemini")[0] == [ANSWER]
+
+
+def refusing(*names: str, how: Callable[[str], dict[str, Any]]) -> Reply:
+    def reply(body: dict[str, Any]) -> bytes:
+        flat = {**body, **body.get("options", {}), **body.get("generationConfig", {})}
+        refused = next((name for name in names if name in flat), "")
+        if refused:
+            return whole(how(refused), "400 Bad Request")
+        if "contents" in body:
+            return sse({"candidates": [{"content": {"parts": [{"text": ANSWER}]}, "finishReason": "STOP"}]})
+        if "options" in body:
+            return LINES_HEAD + json.dumps({"message": {"content": ANSWER}, "done": True}).encode() + b"\n"
+        return sse(chunk({"content": ANSWER}), STOP)
+
+    return reply
+
+
+@pytest.mark.parametrize(
+    ("provider", "names", "how"),
+    [
+        ("openai", ("temperature",), lambda name: {"error": {
+            "message": "Only the default (1) value is supported.", "param": name, "code": "unsupported_value"}}),
+        ("openai", ("max_tokens",), lambda name: {"error": {
+            "message": f"Unsupported parameter: '{name}' is not supported with this model. Use 'max_completion_tokens' "
+            "instead.", "param": None}}),
+        ("openai", ("temperature", "max_tokens", "seed"), lambda name: {"detail": [
+            {"loc": ["body", name], "msg": "Extra inputs are not permitted", "type": "extra_forbidden"}]}),
+        ("openai", ("seed",), lambda name: {"object": "error", "message": f"Unknown parameter: {name}.", "code": 400}),
+        ("ollama", ("think",), lambda _name: {"error": "\"some-model\" does not support thinking"}),
+        ("ollama", ("temperature",), lambda name: {"error": f"invalid option: {name}"}),
+        ("gemini", ("temperature", "maxOutputTokens"), lambda name: {"error": {
+            "code": 400, "message": f"Invalid value at 'generation_config.{name}'", "status": "INVALID_ARGUMENT"}}),
+    ],
+)  # fmt: skip
+def test_a_parameter_that_is_refused_is_left_out_once_and_for_all(
+    provider: str, names: tuple[str, ...], how: Callable[[str], dict[str, Any]]
+) -> None:
+    said, notes, served = asked(refusing(*names, how=how), provider=provider, times=2)
+    assert said == [ANSWER, ANSWER]
+    assert len(served.bodies) == 2 + len(names), "it is remembered"
+    assert set(notes.left_out) == set(names)
+
+
+def test_models_that_think_have_room_for_it_and_are_told_to_think_little() -> None:
+    def config(model: str) -> dict[str, Any]:
+        endpoint = ModelEndpoint("gemini", "https://generativelanguage.googleapis.com", model)
+        return dict(gemini.request(endpoint, Question(QUESTION, 64, 0.0)).body["generationConfig"])
+
+    room = 64 + REASONING_TOKENS
+    for model, limit, thinking in (
+        ("gemini-2.5-flash", room, {"thinkingBudget": 0}), ("gemini-2.5-flash-lite", room, {"thinkingBudget": 0}),
+        ("gemini-2.5-pro", room, {"thinkingBudget": 128}), ("gemini-3-pro-preview", room, {"thinkingLevel": "low"}),
+        ("gemini-flash-latest", room, None), ("gemini-2.0-flash", 64, None), ("gemma-3-27b-it", 64, None),
+    ):  # fmt: skip
+        assert config(model)["maxOutputTokens"] == limit, model
+        assert config(model).get("thinkingConfig") == thinking, model
+
+    def body(model: str) -> dict[str, Any]:
+        endpoint = ModelEndpoint("openai", "https://api.openai.com/v1", model)
+        return dict(openai.request(endpoint, Question(QUESTION, 64, 0.0)).body)
+
+    assert body("gpt-5-mini")["max_completion_tokens"] == room and body("gpt-5-mini")["reasoning_effort"] == "low"
+    assert body("gpt-4o-mini")["max_completion_tokens"] == 64 and "reasoning_effort" not in body("gpt-4o-mini")
+
+
+@pytest.mark.parametrize(
+    ("provider", "used_up"),
+    [
+        ("gemini", {"candidates": [{"content": {"role": "model"}, "finishReason": "MAX_TOKENS", "index": 0}]}),
+        ("gemini", {"candidates": [{"finishReason": "MAX_TOKENS"}], "usageMetadata": {"thoughtsTokenCount": 61}}),
+        ("openai", chunk({"content": ""}, "length")),
+        ("openai", chunk({"content": f"<think>{SECRET}"}, "length")),
+        ("openai", chunk({"content": None, "reasoning_content": SECRET}, "length")),
+    ],
+)
+def test_a_limit_that_thinking_uses_up_is_left_out(provider: str, used_up: dict[str, Any]) -> None:
+    def reply(body: dict[str, Any]) -> bytes:
+        limited = "max_tokens" in body or "maxOutputTokens" in body.get("generationConfig", {})
+        answer = {"candidates": [{"content": {"parts": [{"text": ANSWER}]}, "finishReason": "STOP"}]}
+        if provider == "openai":
+            answer = chunk({"content": ANSWER}, "stop")
+        return sse(used_up if limited else answer)
+
+    said, _, served = asked(reply, provider=provider, times=2)
+    assert said == [ANSWER, ANSWER] and len(served.bodies) == 3
+    with pytest.raises(LanguageModelError, match=r"limit of its answer while it was still reasoning"):
+        asked(lambda _body: sse(used_up), provider=provider)
+
+
+def test_without_a_limit_of_the_server_an_answer_is_held_to_it_here() -> None:
+    def reply(body: dict[str, Any]) -> bytes:
+        return sse(chunk({}, "length")) if "max_tokens" in body else sse(*words(ANSWER * 100, 10), STOP)
+
+    [said], notes, _ = asked(reply, max_tokens=20)
+    assert 100 <= len(said) < 120 and notes.cut == "length"
+
+
+@pytest.mark.parametrize(
+    ("provider", "reply", "cut"),
+    [
+        ("openai", sse(chunk({"content": "The lab closes"}), chunk({}, "length")), "length"),
+        ("openai", sse(chunk({"content": "The lab closes"}), chunk({"content": ""}, "content_filter")), "filter"),
+        ("gemini", sse({"candidates": [{"content": {"parts": [{"text": "The lab closes"}]}}]},
+                       {"candidates": [{"finishReason": "SAFETY"}]}), "filter"),
+        ("gemini", sse({"candidates": [{"content": {"parts": [{"text": "The lab closes"}]},
+                                        "finishReason": "MAX_TOKENS"}]}), "length"),
+        ("ollama", LINES_HEAD + b'{"message": {"content": "The lab closes"}, "done": false}\n'
+                                b'{"message": {"content": ""}, "done": true, "done_reason": "length"}\n', "length"),
+        ("openai", sse(chunk({"content": "The lab closes"}, "stop")), ""),
+    ],
+)  # fmt: skip
+def test_an_answer_that_is_cut_is_marked(provider: str, reply: bytes, cut: str) -> None:
+    said, notes, _ = asked(lambda _body: reply, provider=provider)
+    assert (said, notes.cut) == (["The lab closes"], cut)
+
+
+@pytest.mark.logs("answered with HTTP status", "reported an error in the stream")
+@pytest.mark.parametrize(
+    ("reply", "reason", "advice"),
+    [
+        (whole({"object": "error", "message": "This model's maximum context length is 2048 tokens. However, you "
+                "requested 2305 tokens.", "param": None}, "400 Bad Request"), "length is 2048", "Shorten the system"),
+        (whole({"detail": [{"loc": ["body", "model"], "msg": "model not loaded"}]}, "422 Unprocessable"),
+         "model: model not loaded", "Check the model's name"),
+        (whole(b"model requires more system memory", "400 Bad Request", "text/plain"), "system memory", "smaller"),
+        (whole({"error": {"message": "Invalid role: tool"}}, "400 Bad Request"), "Invalid role", "the reason names"),
+        (sse(chunk({"content": "The lab "}), chunk({"content": ""}, "error")), "stopped with an error", "Ask again"),
+        (sse(chunk({"content": ""}, "content_filter")), "refused to answer this (content_filter)", "other words"),
+    ],
+)  # fmt: skip
+def test_the_true_reason_of_a_refusal_is_told(reply: bytes, reason: str, advice: str) -> None:
+    with pytest.raises(LanguageModelError) as caught:
+        asked(lambda _body: reply)
+    assert reason in caught.value.what and advice in caught.value.advice
+    assert "does not know the model" not in caught.value.what
+
+
+@pytest.mark.parametrize(
+    ("messages", "ok", "found"),
+    [
+        (
+            [*words(f"<think>{SECRET}</think>**The lab** closes at `six`."), STOP],
+            True, ("answers “The lab closes at six.”", "first word after", "it reasons first"),
+        ),
+        ([chunk({"content": "The lab closes"}), chunk({}, "length")], False, ("its answer is cut off",)),
+        ([chunk({"content": "***"}), STOP], False, ("Nothing of that can be said",)),
+        ([chunk({"content": f"<think>{SECRET}"}), STOP], False, ("reasoned and gave no answer",)),
+    ],
+)  # fmt: skip
+def test_check_hears_the_answer_to_a_question_to_its_end(
+    monkeypatch: pytest.MonkeyPatch, messages: list[Any], found: tuple[str, ...], *, ok: bool
+) -> None:
+    thread, stack = AsyncioThread(), AsyncExitStack()
+    served = thread.submit(stack.enter_async_context(serving(sends(sse(*messages))))).result(10.0)
+    monkeypatch.setenv("OPENAI_BASE_URL", served.url)
+    try:
+        result = probe_language_model("openai:m", local_only=True)
+    finally:
+        thread.submit(stack.aclose()).result(10.0)
+        thread.stop()
+    assert result.ok is ok, result
+    assert all(part in f"{result.text} {result.advice}" for part in found), result
+    assert "remote-controlled" not in result.text
+    [question] = served.bodies[0]["messages"]  # type: ignore[misc]
+    assert "?" in question["content"]
+
+
+MUTATIONS = 200
+
+
+def test_no_mutation_of_an_answer_kills_anything_or_lets_reasoning_out() -> None:
+    """Each is answered, or is a failure with words for it; what was thought is never said."""
+    chance = random.Random(25)  # noqa: S311 - the same mutations each time
+    good = sse(*words(f"<think>{SECRET}</think>{ANSWER}"), STOP, {"choices": [], "usage": {}})
+    lines = LINES_HEAD + b"".join(
+        json.dumps({"message": {"content": part}, "done": False}).encode() + b"\n" for part in ("The lab ", "closes.")
+    )
+    marked = [
+        b"<img src='/dev/zero'>",
+        b"\x00",
+        b"\xff\xfe",
+        b"\x1b[2J",
+        b"null",
+        b"[" * 5000,
+        b'{"a":' * 2000,
+        b"\n\n",
+    ]
+    outcomes: list[str] = []
+    for number in range(MUTATIONS):
+        provider, stream = ("ollama", lines) if number % 4 == 3 else ("openai", good)
+        head, body = stream.split(b"\r\n\r\n", 1)
+        data = bytearray(body)
+        for _ in range(chance.randint(1, 4)):
+            at, length = chance.randrange(len(data)), chance.randint(0, 40)
+            match chance.randrange(5):
+                case 0:
+                    del data[at : at + length]
+                case 1:
+                    data[at:at] = chance.choice(marked)
+                case 2:
+                    data[at:at] = data[chance.randrange(len(data)) :][:length]
+                case 3:
+                    data[at] = chance.randrange(256)
+                case _:
+                    data[at:] = b"" if chance.random() < 0.3 else data[at:]
+            data = data or bytearray(b"\n")
+        reply = head + b"\r\n\r\n" + bytes(data)
+        try:
+            [said], _, _ = asked(lambda _body, reply=reply: reply, provider=provider)  # type: ignore[misc]
+        except LanguageModelError as error:
+            assert error.what and error.meaning and error.advice
+            outcomes.append("failed")
+        else:
+            outcomes.append("answered")
+            assert "remote-controlled" not in said or b"<think>" not in _joined(bytes(data)), said
+    assert outcomes.count("answered") > MUTATIONS // 10 and outcomes.count("failed") > MUTATIONS // 10
+
+
+def _joined(body: bytes) -> bytes:
+    """The text of a mutated stream: where the mutation hit the mark itself nobody can know what was thought."""
+    text = ""
+    for line in body.split(b"\n"):
+        try:
+            text += json.loads(line.removeprefix(b"data: "))["choices"][0]["delta"]["content"]
+        except (ValueError, LookupError, TypeError, RecursionError):
+            continue
+    return text.encode()

@@ -1,0 +1,45 @@
+"""What a model writes, as it is said."""
+
+import random
+
+import pytest
+
+from caris_desktop.conversation.spoken_text import spoken
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ("**The lab** closes at *six*.\n\n- Bring `your card`\n- Ask", "The lab closes at six. Bring your card. Ask"),
+        ("# The lab\n\nIt is ***old*** and ~~new~~.\n---\n> Mind it!", "The lab. It is old and new. Mind it!"),
+        ("1. One\n2) Two\n(3) Three", "One. Two. Three"),
+        ("| Day | Opens |\n|:---|---:|\n| Monday | nine |", "Day Opens. Monday nine"),
+        ("```\nprint\n```", "print"),
+        ("See the [desk](https://lab.example/a_b) or ![a plan](http://x/y.png) [^1].", "See the desk or a plan."),
+        ("<p>It <b>stops</b>.</p><img src='/dev/zero'>", "It stops."),
+        ("&lt;img src=x&gt;Tom &amp; Jerry", "Tom & Jerry"),
+        ("Hello! \U0001f60a\u2764\ufe0f", "Hello!"),
+        ("<think>Secret.</think>Hello.", "Hello."),
+        ("Hello.<|im_end|>", "Hello."),
+        ("5 * 3 is 15, C# is no. 1, snake_case, x < y, 3 > 2", "5 × 3 is 15, C# is no. 1, snake_case, x < y, 3 > 2"),
+        ("Hello {p-1f}, \u202egood\x07 day", "Hello {p-1f}, good day"),
+        ("***", ""),
+        ("", ""),
+    ],
+)  # fmt: skip
+def test_signs_that_a_voice_would_read_out_are_gone(written: str, said: str) -> None:
+    assert spoken(written) == said
+    assert spoken(spoken(written)) == spoken(written)
+
+
+def test_nothing_of_generated_markup_is_left_and_nothing_takes_long() -> None:
+    chance = random.Random(25)  # noqa: S311 - the same texts each time
+    parts = [
+        "**", "*", "_", "`", "~~", "<b>", "</b>", "<img src='/dev/zero'>", "<!--", "-->", "[", "](", ")", "|", "ftp://x.y",
+        "\n", "# ", "- ", "word", " ", "<script>", "&lt;b&gt;", "<think>", "</think>", "12.", "\\",
+    ]  # fmt: skip
+    for _ in range(2000):
+        said = spoken("".join(chance.choices(parts, k=chance.randint(1, 40))))
+        assert not any(sign in said for sign in ("`", "**", "<b>", "<img", "https:", "<think", "\n", "|")), said
+    for part in parts:
+        spoken(part * (20_000 // len(part)))
