@@ -356,6 +356,7 @@ COMPLETE = Scenario(
         classes=("chair",),
         recognise="faces",
         confirm_at=0.9,
+        ask_at=0.75,
     ),
     speech=VoiceSettings("piper:en_US-joe-medium", "en-US", 1.2, 0.8, "USB"),
     listening=ListeningSettings("es", "server", "whisper-1", "0" * 64, "https://lab/v1", 0.4, 2.0),
