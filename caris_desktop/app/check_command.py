@@ -12,6 +12,7 @@ from caris_desktop.conversation.listening.engine import NoEngine
 from caris_desktop.conversation.listening.recogniser_files import find_recogniser
 from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.preflight import probe_language_model, probe_sound
+from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.pictures import PictureError, fitted
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends.remote import RemoteDetector
@@ -121,6 +122,13 @@ def _camera(chosen: ChosenCamera) -> Finding:
 
 def detector_finding(scenario: Scenario) -> Finding:
     wanted = composition.detector_settings(scenario)
+    if wanted.server and not wanted.other_computers and not is_loopback(wanted.server):
+        return Finding(
+            "Person detector",
+            False,
+            f"The scenario permits no models on other computers, and names {without_credentials(wanted.server)}.",
+            "Remove perception.server from it, or permit cloud_models.",
+        )
     if wanted.server:
         try:
             remote = RemoteDetector(wanted.server, confidence=1.0)

@@ -414,6 +414,7 @@ def detector_settings(scenario: Scenario) -> DetectorSettings:
         device=told.device,
         things=told.classes,
         server=told.server,
+        other_computers=scenario.permissions.cloud_models,
     )
 
 

@@ -26,6 +26,17 @@ def is_loopback(url: str) -> bool:
     return is_loopback_host(urlsplit(url).hostname or "")
 
 
+def is_same_server(one: str, other: str) -> bool:
+    """Whether both addresses name the same host and port; a secret for one may go to the other then."""
+    try:
+        places = [(urlsplit(each).scheme, urlsplit(each).hostname, urlsplit(each).port) for each in (one, other)]
+    except ValueError:
+        return False
+    ports = {"http": 80, "ws": 80, "https": 443, "wss": 443}
+    first, second = ((host, port or ports.get(scheme)) for scheme, host, port in places)
+    return first == second and first[0] is not None
+
+
 def is_encrypted_or_local(url: str) -> bool:
     """Whether ``url`` is `https://` or `wss://`, or names this machine: nobody on the way reads along."""
     try:

@@ -55,7 +55,8 @@ KIND_TITLES: dict[ReferenceKind, str] = {
 _PURPOSES = {
     "assistant.model": QT_TR_NOOP("questions to the language model"),
     "assistant.models": QT_TR_NOOP("questions to the language model"),
-    "cameras.source": QT_TR_NOOP("a camera that is shown and recorded"),
+    "cameras.source": QT_TR_NOOP("shown and recorded as a camera"),
+    "cameras.source.token-env": QT_TR_NOOP("the secret for the camera"),
     "face.page": QT_TR_NOOP("the page with the robot's face"),
     "listening.model": QT_TR_NOOP("turns speech into text"),
     "listening.server": QT_TR_NOOP("gets what participants say"),
@@ -295,7 +296,7 @@ def _camera(text: str, place: str) -> Iterator[FileReference]:
         yield FileReference("address", _shown(text), place)
         with contextlib.suppress(ValueError):
             for name in parse_qs(urlsplit(text).fragment).get("token-env", []):
-                yield FileReference("variable", name, place)
+                yield FileReference("variable", name, f"{place}.token-env")
     else:
         yield FileReference("path", f"/dev/video{text}" if text.isdecimal() else text, place)
 

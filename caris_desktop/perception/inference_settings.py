@@ -28,13 +28,14 @@ class DetectorSettings:
     """What a scenario says of the detector; picklable.
 
     ``things`` are the classes beside people that are told of. ``server`` is the address of another machine that looks
-    in this one's place, empty for none.
+    in this one's place, empty for none; without ``other_computers`` that has to be a program on this computer.
     """
 
     model: DetectorChoice = field(default_factory=DetectorChoice)
     device: Device = "auto"
     things: tuple[str, ...] = ()
     server: str = ""
+    other_computers: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,10 +48,11 @@ class ListeningSettings:
         str,
         Rule(
             "With `engine: server`: its address. Its key, if it wants one, is CARIS_TRANSCRIPTION_KEY in the "
-            "environment or in the system's keyring.",
+            "environment, for the server in CARIS_TRANSCRIPTION_SERVER, or CARIS_TRANSCRIPTION_KEY@HOST in the "
+            "system's keyring.",
             pattern="^(https?://.+)?$",
             external="address",
-            allowed="https://HOST/v1, or http://HOST:PORT/v1.",
+            allowed="https://HOST/v1, or http://HOST:PORT/v1 on this computer.",
             longest=300,
             quiet=True,
         ),

@@ -105,7 +105,12 @@ class Permissions:
     ] = False
     own_voice: Annotated[bool, Rule("The wizard speaks through the robot; off unless set.", quiet=True)] = False
     cloud_models: Annotated[
-        bool, Rule("Language models on other computers. `false`: nothing leaves this one.", quiet=True)
+        bool,
+        Rule(
+            "Models on other computers: language models, transcription, detection of people. `false`: nothing leaves "
+            "this one.",
+            quiet=True,
+        ),
     ] = True
     face: Annotated[
         bool, Rule("A face of the robot, in a window or on a page of its own; off unless set.", quiet=True)
@@ -215,7 +220,7 @@ class PerceptionSettings:
         str,
         Rule(
             "Address of a `caris-desktop perceive --serve` that finds people in this computer's place; its token is in "
-            "the environment variable CARIS_PERCEPTION_TOKEN.",
+            "the environment variable CARIS_PERCEPTION_TOKEN, and goes only to the server in CARIS_PERCEPTION_SERVER.",
             pattern="^(wss?://.+)?$",
             external="address",
             allowed="wss://HOST:PORT, or ws://HOST:PORT on this computer.",

@@ -1,11 +1,13 @@
 """What a scenario or robot profile names outside of its file: listed once, before anything of it is used."""
 
+from typing import Literal
+
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtWidgets import QDialog, QFrame, QGridLayout, QHBoxLayout, QLabel, QScrollArea, QWidget
+from PySide6.QtWidgets import QDialog, QFrame, QGridLayout, QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
 
 from caris_desktop.domain.printable import printable
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.confirmed_files import KIND_TITLES, FileQuestion, FileReference, ReferenceKind
+from caris_desktop.live.confirmed_files import KIND_TITLES, FileQuestion, FileReference
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.tab_order import TabAsRead
 from caris_desktop.ui.theme import Theme
@@ -36,7 +38,7 @@ class ConfirmFileDialog(TabAsRead, QDialog):
         cancel = ActionButton(theme, tr("Do not use it"), height_px=40)
         cancel.setObjectName("confirm_file_cancel")
         cancel.clicked.connect(self.reject)
-        allow = ActionButton(theme, tr("Allow all of this"), look="primary", height_px=40)
+        allow = ActionButton(theme, tr("Allow all of this"), height_px=40)
         allow.setObjectName("confirm_file_allow")
         allow.clicked.connect(self.accept)
         buttons.addStretch(1)
@@ -48,17 +50,23 @@ class ConfirmFileDialog(TabAsRead, QDialog):
         layout.addWidget(self._list(question), 1)
         layout.addLayout(buttons)
         cancel.setFocus()
+        self.resize(self.sizeHint())  # Qt would give it two thirds of the screen, and the list deserves more
 
     def sizeHint(self) -> QSize:
-        return QSize(720, 560)
+        screen = self.screen()
+        return QSize(860, 720 if screen is None else min(720, screen.availableGeometry().height() - 80))
 
     def _list(self, question: FileQuestion) -> QScrollArea:
+        """What is new comes first: the rest was confirmed before."""
         holder = QWidget()
-        column = boxes.column(holder, margins_px=(0, 4, 8, 4), spacing_px=16)
-        for kind in KIND_TITLES:
-            of_kind = [one for one in question.named if one.kind == kind]
-            if of_kind:
-                column.addWidget(self._group(kind, of_kind, question))
+        column = boxes.column(holder, margins_px=(0, 4, 8, 4), spacing_px=10)
+        new = [one for one in question.named if one not in question.known]
+        if question.is_changed:
+            column.addWidget(self._caption(tr("New in this file"), "amber"))
+        self._add_groups(column, new)
+        if question.is_changed and len(new) < len(question.named):
+            column.addWidget(self._caption(tr("Confirmed before"), "dim"))
+            self._add_groups(column, [one for one in question.named if one in question.known])
         column.addStretch(1)
         scroll = QScrollArea(widgetResizable=True)
         scroll.setObjectName("confirm_file_list")
@@ -68,29 +76,37 @@ class ConfirmFileDialog(TabAsRead, QDialog):
         scroll.setWidget(holder)
         return scroll
 
-    def _group(self, kind: ReferenceKind, references: list[FileReference], question: FileQuestion) -> QWidget:
+    def _caption(self, text: str, color: Literal["amber", "dim"]) -> QLabel:
+        caption = _label(text)
+        self._theme.color_text(caption, color)
+        return caption
+
+    def _add_groups(self, column: QVBoxLayout, references: list[FileReference]) -> None:
+        for kind, title in KIND_TITLES.items():
+            of_kind = [one for one in references if one.kind == kind]
+            if of_kind:
+                column.addWidget(self._group(tr(title), of_kind))
+
+    def _group(self, title: str, references: list[FileReference]) -> QWidget:
         group = QWidget()
         grid = QGridLayout(group)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setHorizontalSpacing(16)
+        grid.setVerticalSpacing(2)
         grid.setColumnStretch(0, 3)
         grid.setColumnStretch(1, 2)
-        title = _label(tr(KIND_TITLES[kind]))
-        title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        grid.addWidget(title, 0, 0, 1, 3)
+        heading = _label(title)
+        heading.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        grid.addWidget(heading, 0, 0, 1, 2)
         for row, reference in enumerate(references, start=1):
             named = _label(_broken(reference.text))
             named.setObjectName("confirm_file_named")
             named.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             purpose = _label(reference.purpose)
             self._theme.color_text(purpose, "dim")
-            grid.addWidget(named, row, 0, Qt.AlignmentFlag.AlignTop)
-            grid.addWidget(purpose, row, 1, Qt.AlignmentFlag.AlignTop)
-            if question.is_changed and reference not in question.known:
-                new = _label(tr("new"))
-                new.setWordWrap(False)
-                self._theme.color_text(new, "amber")
-                grid.addWidget(new, row, 2, Qt.AlignmentFlag.AlignTop)
+            grid.addWidget(named, row, 0, 1, 1 if reference.purpose else 2, Qt.AlignmentFlag.AlignTop)
+            if reference.purpose:
+                grid.addWidget(purpose, row, 1, Qt.AlignmentFlag.AlignTop)
         return group
 
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from caris_desktop.app import perceive_command
-from caris_desktop.perception.backends.remote import TOKEN_VARIABLE, RemoteDetector
+from caris_desktop.perception.backends.remote import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
 from tests.perception.shared_data import INT8_WEIGHTS, bus_picture, needs_int8_weights
 
 TOKEN = "a token of enough characters"
@@ -49,7 +49,9 @@ def test_a_console_finds_the_people_of_its_pictures_there(monkeypatch: pytest.Mo
         assert process.stdout is not None
         first = process.stdout.readline()
         assert "yolov8n_int8.tflite, LiteRT on CPU, 320x320 px answers at ws://127.0.0.1:" in first
-        detector = RemoteDetector(first.split(" answers at ")[1].split(";")[0], confidence=0.25)
+        address = first.split(" answers at ")[1].split(";")[0]
+        monkeypatch.setenv(SERVER_VARIABLE, address)
+        detector = RemoteDetector(address, confidence=0.25)
         found = detector.detect(bus_picture())
         assert [detector.class_names[row] for row in found.classes].count("person") >= 3
         detector.close()

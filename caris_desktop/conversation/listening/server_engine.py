@@ -4,6 +4,7 @@ import asyncio
 import io
 import itertools
 import json
+import os
 import wave
 from collections.abc import Iterator
 from typing import Any
@@ -20,9 +21,12 @@ from caris_desktop.conversation.listening.plausible import is_nothing
 from caris_desktop.conversation.models.connection import api_key, connected
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
+from caris_desktop.domain.address import is_encrypted_or_local, is_same_server, without_credentials
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 KEY_NAME = "CARIS_TRANSCRIPTION_KEY"
+SERVER_NAME = "CARIS_TRANSCRIPTION_SERVER"
+"""The server that the key is for: the user names it, since a scenario must not choose where a key goes."""
 _RATE_HZ = 16_000
 _USUAL_MODEL = "whisper-1"
 _TIMEOUT = httpx.Timeout(12.0, connect=4.0)
@@ -44,8 +48,17 @@ class ServerEngine:
                 _NO_TEXT,
                 QT_TR_NOOP("Set listening.server."),
             )
+        if not is_encrypted_or_local(settings.server):
+            raise NoEngine(
+                filled(
+                    QT_TR_NOOP("What participants say is not sent to {server}, where others could read it on the way."),
+                    server=without_credentials(settings.server),
+                ),
+                _NO_TEXT,
+                QT_TR_NOOP("Give listening.server an https:// address, or run the server on this computer."),
+            )
         self._endpoint = ModelEndpoint(
-            "openai", settings.server.rstrip("/"), settings.model or _USUAL_MODEL, (KEY_NAME,)
+            "openai", settings.server.rstrip("/"), settings.model or _USUAL_MODEL, _key_names(settings.server)
         )
         self._local_only = not settings.cloud_models
         self.language = settings.language
@@ -110,6 +123,12 @@ class ServerEngine:
         return EngineAway(filled(what, server=self._endpoint.server, **values), _NO_TEXT, advice)
 
 
+def _key_names(server: str) -> tuple[str, ...]:
+    """Which keys may go to this server, which a scenario names: those that the user gave for just this one."""
+    own = (f"{KEY_NAME}@{urlsplit(server).hostname}",)
+    return (KEY_NAME, *own) if is_same_server(os.environ.get(SERVER_NAME, ""), server) else own
+
+
 def _wav(sound: NDArray[np.float32]) -> bytes:
     file = io.BytesIO()
     with wave.open(file, "wb") as writer:
@@ -150,7 +169,12 @@ def _advice(status: int) -> str:
     match status:
         case 401 | 403:
             return filled(
-                QT_TR_NOOP("Set {name} to a key that this server takes, before starting the console."), name=KEY_NAME
+                QT_TR_NOOP(
+                    "Set {name} to a key that this server takes and {server_name} to its address, before starting the "
+                    "console."
+                ),
+                name=KEY_NAME,
+                server_name=SERVER_NAME,
             )
         case 404:
             return QT_TR_NOOP("Correct listening.server and listening.model.")

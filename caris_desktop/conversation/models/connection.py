@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, bad_address
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
-from caris_desktop.domain.address import is_loopback, is_loopback_host
+from caris_desktop.domain.address import is_encrypted_or_local, is_loopback, is_loopback_host
 from caris_desktop.domain.certificates import as_on_every_python
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
@@ -139,8 +139,12 @@ async def api_key(endpoint: ModelEndpoint) -> str | None:
             QT_TR_NOOP("The assistant cannot answer."),
             filled(QT_TR_NOOP("Set {name} again, without line breaks or quotation marks."), name=name),
         )
-    if key and urlsplit(endpoint.base_url).scheme == "http" and not is_loopback(endpoint.base_url):
-        _log.warning("the key in %s goes unencrypted to %s", name, endpoint.place)
+    if key and not is_encrypted_or_local(endpoint.base_url):
+        raise LanguageModelError(
+            filled(QT_TR_NOOP("The key in {name} would go unencrypted to {place}."), name=name, place=endpoint.place),
+            QT_TR_NOOP("Nothing was sent."),
+            filled(QT_TR_NOOP("Give the server an https:// address, or remove {name} if it needs no key."), name=name),
+        )
     return key or None
 
 

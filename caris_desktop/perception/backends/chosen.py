@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends.choice import open_fastest
@@ -35,6 +36,14 @@ def open_chosen(
     DetectorAwayError
         When the other machine cannot be asked now.
     """
+    if settings.server and not settings.other_computers and not is_loopback(settings.server):
+        raise WeightsError(
+            filled(
+                QT_TR_NOOP("This scenario permits no models on other computers, and names {server} to detect people"),
+                server=without_credentials(settings.server),
+            ),
+            advice=filled(QT_TR_NOOP("Remove perception.server from the scenario, or permit cloud_models in it")),
+        )
     if settings.server:
         from caris_desktop.perception.backends.remote import RemoteDetector
 

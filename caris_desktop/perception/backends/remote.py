@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from websockets.exceptions import InvalidHandshake, InvalidStatus, InvalidURI, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
-from caris_desktop.domain.address import is_loopback, without_credentials
+from caris_desktop.domain.address import is_loopback, is_same_server, without_credentials
 from caris_desktop.domain.certificates import (
     OtherCertificateError,
     certificate_of,
@@ -37,6 +37,7 @@ log = logging.getLogger(__name__)
 PROTOCOL = 1
 FINGERPRINT_VARIABLE = "CARIS_PERCEPTION_SHA256"
 TOKEN_VARIABLE = "CARIS_PERCEPTION_TOKEN"  # noqa: S105 - the name of a variable, not what is in it
+SERVER_VARIABLE = "CARIS_PERCEPTION_SERVER"
 _CONNECT_WITHIN_S = 3.0
 ANSWER_WITHIN_S = 3.0
 # Of what is larger a detector sees nothing more, and the network would carry it for nothing.
@@ -120,7 +121,9 @@ class RemoteDetector:
                     shown=self._shown,
                 )
             )
-        token = os.environ.get(TOKEN_VARIABLE, "")
+        # The scenario names the server, the user where the token may go.
+        for_this = is_same_server(os.environ.get(SERVER_VARIABLE, ""), self._address)
+        token = os.environ.get(TOKEN_VARIABLE, "") if for_this else ""
         try:
             trusted = None if address.scheme == "ws" else _trusted(address.hostname or "", address.port or 443)
             self._connection = self._open.enter_context(
@@ -138,8 +141,13 @@ class RemoteDetector:
             hello = _greeting(self._connection.recv(timeout=_CONNECT_WITHIN_S))
         except InvalidStatus as error:
             refused = error.response.status_code in (401, 403)
-            words = f"{self._shown} refuses the token" if refused else f"{self._shown} is no server of perception"
-            raise DetectorAwayError(words) from error
+            words = (
+                QT_TR_NOOP("{shown} refuses the token: set {token} and {server} (its address) before the start")
+                if refused
+                else QT_TR_NOOP("{shown} is no server of perception")
+            )
+            told_to = filled(words, shown=self._shown, token=TOKEN_VARIABLE, server=SERVER_VARIABLE)
+            raise DetectorAwayError(told_to) from error
         except OtherCertificateError as error:
             other = QT_TR_NOOP("{shown} has another certificate than the one that was confirmed")
             raise DetectorAwayError(filled(other, shown=self._shown)) from error

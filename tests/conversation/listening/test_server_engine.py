@@ -12,7 +12,7 @@ import pytest
 from caris_desktop.conversation.listening import server_engine
 from caris_desktop.conversation.listening.engine import EngineAway, NoEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
-from caris_desktop.conversation.listening.server_engine import KEY_NAME, ServerEngine
+from caris_desktop.conversation.listening.server_engine import KEY_NAME, SERVER_NAME, ServerEngine
 from tests.conversation.listening.transcription_server import Server, serving
 
 SOUND = np.full(16_000, 0.25, np.float32)
@@ -22,6 +22,7 @@ SOUND = np.full(16_000, 0.25, np.float32)
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     monkeypatch.setenv(KEY_NAME, "sk-secret")
     with serving() as running:
+        monkeypatch.setenv(SERVER_NAME, running.address)
         yield running
 
 
@@ -101,3 +102,19 @@ def test_without_cloud_models_no_other_computer_gets_sound(server: Server) -> No
     assert engine(server.address, cloud_models=False).transcribe(SOUND, "", careful=True).words
     with pytest.raises(NoEngine, match="does not say which server"):
         engine("")
+
+
+def test_a_scenario_does_not_choose_where_the_key_goes(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    for named in ("", "https://api.openai.com/v1", "http://127.0.0.1:1", "http://127.0.0.1", "[::"):
+        monkeypatch.setenv(SERVER_NAME, named)
+        engine(server.address).transcribe(SOUND, "", careful=True)
+    assert len(server.asked) == 5
+    assert not any("Authorization" in headers for _path, headers, _body in server.asked)
+
+
+@pytest.mark.parametrize(
+    "address", ["http://192.0.2.1/v1", "http://localhost.example.org", "http://127.0.0.1@192.0.2.1/"]
+)
+def test_speech_is_not_sent_where_others_can_read_it(address: str) -> None:
+    with pytest.raises(NoEngine, match="is not sent to"):
+        engine(address)

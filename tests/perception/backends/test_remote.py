@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 from websockets.sync.client import connect
 
 from caris_desktop.perception.backends import remote
-from caris_desktop.perception.backends.remote import TOKEN_VARIABLE, RemoteDetector
+from caris_desktop.perception.backends.chosen import open_chosen
+from caris_desktop.perception.backends.remote import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
 from caris_desktop.perception.detector import Detections, DetectorAwayError
+from caris_desktop.perception.inference_settings import DetectorSettings
+from caris_desktop.perception.weights import WeightsError
 from tests.perception.served import POINTS, TOKEN, Serving, picture
 from tests.support.certificates import Authority
 
@@ -68,6 +71,7 @@ def test_a_large_picture_travels_smaller_and_its_boxes_do_not(server: Serving) -
 
 
 def test_only_who_knows_the_token_is_answered(guarded: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(SERVER_VARIABLE, guarded.address)
     for token in (None, "another token of enough characters"):
         monkeypatch.delenv(TOKEN_VARIABLE, raising=False)
         if token is not None:
@@ -79,6 +83,22 @@ def test_only_who_knows_the_token_is_answered(guarded: Serving, monkeypatch: pyt
     assert len(detector.detect(picture()).confidences) == 2
     detector.close()
     assert TOKEN not in "".join(guarded.notes)
+
+
+def test_the_token_goes_to_no_server_that_only_a_scenario_names(
+    guarded: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(TOKEN_VARIABLE, TOKEN)
+    for server in (
+        "",
+        "wss://lab.example:8768",
+        guarded.address.replace("127.0.0.1", "localhost"),
+        "[::",
+        "ws://127.0.0.1",
+    ):
+        monkeypatch.setenv(SERVER_VARIABLE, server)
+        with pytest.raises(DetectorAwayError, match="refuses the token"):
+            RemoteDetector(guarded.address, confidence=0.1)
 
 
 @pytest.mark.logs("could not be looked at", "opening handshake failed")
@@ -174,3 +194,10 @@ def test_another_protocol_is_refused(monkeypatch: pytest.MonkeyPatch, server: Se
     monkeypatch.setattr(remote, "PROTOCOL", 2)
     with pytest.raises(DetectorAwayError, match="another version"):
         RemoteDetector(server.address, confidence=0.1)
+
+
+def test_a_scenario_without_cloud_models_has_pictures_leave_this_computer_to_nobody() -> None:
+    for server in ("wss://lab.example:8768", "ws://192.0.2.1", "wss://localhost.example.org"):
+        settings = DetectorSettings(server=server, other_computers=False)
+        with pytest.raises(WeightsError, match="permits no models on other computers"):
+            open_chosen(None, settings, confidence=0.1, threads=1, allow_download=False)
