@@ -63,23 +63,44 @@ def unfolded(content: bytes) -> NDArray[np.uint8]:
     """A whole JPEG or PNG as :func:`fitted` gives it. Raises PictureError, also for one that is torn."""
     import cv2
 
-    size_px = picture_size(content)
     flag = cv2.IMREAD_COLOR
-    if size_px is not None:
-        check_size(*size_px)
-        # A JPEG can be unfolded at a fraction of its size, which takes a fraction of the time.
-        pixels = size_px[0] * size_px[1]
-        if content[:2] == b"\xff\xd8" and pixels >= 4 * MAX_FRAME_PIXELS:
-            flag = cv2.IMREAD_REDUCED_COLOR_4 if pixels >= 16 * MAX_FRAME_PIXELS else cv2.IMREAD_REDUCED_COLOR_2
-    image = None
+    size_px = checked_size(content)
+    check_size(*size_px)
+    # A JPEG can be unfolded at a fraction of its size, which takes a fraction of the time.
+    pixels = size_px[0] * size_px[1]
+    if content[:2] == b"\xff\xd8" and pixels >= 4 * MAX_FRAME_PIXELS:
+        flag = cv2.IMREAD_REDUCED_COLOR_4 if pixels >= 16 * MAX_FRAME_PIXELS else cv2.IMREAD_REDUCED_COLOR_2
+    return fitted(decoded(content, flag))
+
+
+def checked_size(content: bytes) -> tuple[int, int]:
+    """(width, height) of a JPEG or PNG by its first bytes, before anything is decoded.
+
+    Raises PictureError for other formats, whose decoders take gigabytes for some kilobytes, and for one too large.
+    """
+    size_px = picture_size(content)
+    if size_px is None:
+        raise PictureError("is neither a whole JPEG nor a whole PNG")
+    if min(size_px) < 1 or size_px[0] * size_px[1] > MOST_PIXELS:
+        raise PictureError(f"has {size_px[0]} x {size_px[1]} pixels, which is too large to show")
+    return size_px
+
+
+def decoded(content: bytes, flag: int | None = None) -> NDArray[Any]:
+    """A JPEG or PNG as ``cv2.imdecode`` gives it (BGR, or by ``flag``). Raises PictureError.
+
+    The one decoder of pictures that came from elsewhere: format and size are checked before it.
+    """
+    import cv2
+
+    checked_size(content)
     try:
-        if content:
-            image = cv2.imdecode(np.frombuffer(content, np.uint8), flag)
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR if flag is None else flag)
     except cv2.error:
-        pass
+        image = None
     if image is None:
         raise PictureError("is neither a whole JPEG nor a whole PNG")
-    return fitted(image)
+    return np.asarray(image)
 
 
 def jpeg_of(image_bgr: NDArray[np.uint8], *, quality: int, most_px: int | None = None) -> bytes:
@@ -96,10 +117,13 @@ def jpeg_of(image_bgr: NDArray[np.uint8], *, quality: int, most_px: int | None =
 
 def picture_size(content: bytes) -> tuple[int, int] | None:
     """(width, height) from the head of a JPEG or PNG; None where it tells none."""
-    if content[:8] == b"\x89PNG\r\n\x1a\n" and len(content) >= 24:
+    if content[:8] == b"\x89PNG\r\n\x1a\n" and content[12:16] == b"IHDR" and len(content) >= 24:
         return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
     at = 2
     while content[:2] == b"\xff\xd8" and at + 9 <= len(content) and content[at] == 0xFF:
+        if content[at + 1] == 0xFF:  # any number of these may stand before a marker
+            at += 1
+            continue
         marker, length = content[at + 1], int.from_bytes(content[at + 2 : at + 4])
         # The frame headers SOF0..SOF15, without the tables that lie among their numbers
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):

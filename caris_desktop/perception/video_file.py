@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.video_files import FILM_OPTIONS
+
 log = logging.getLogger(__name__)
 
 _USUAL_FPS = 25.0
@@ -45,7 +47,7 @@ class VideoFile:
         if not path.is_file():
             raise VideoFileError(f"{path} is no file.")
         try:
-            self._container = av.open(str(path))
+            self._container = av.open(str(path), options=FILM_OPTIONS)
         except self._errors as error:
             log.info("could not open %s", path, exc_info=True)
             raise VideoFileError(f"{path.name} cannot be read as a video.") from error

@@ -10,6 +10,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.pictures import PictureError, decoded
 
 TIME, CAMERA, PEOPLE, POSE, TAGS = "Creation Time", "Camera", "People", "Robot pose", "Keywords"
 """The texts that this program writes. The time is UTC, people are opaque ids, the pose is x and y in metres and the
@@ -60,15 +61,10 @@ def change_texts(path: Path, texts: Mapping[str, str]) -> None:
 
 def previews(path: Path, *most_px: int) -> list[bytes]:
     """JPEGs of the photo, each neither wider nor higher than that, in falling order. Raises OSError, PhotoFileError."""
-    import cv2
-    import numpy as np
-
     try:
-        image_bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error as error:
+        image_bgr = decoded(path.read_bytes())
+    except PictureError as error:
         raise PhotoFileError(_NO_PICTURE) from error
-    if image_bgr is None:
-        raise PhotoFileError(_NO_PICTURE)
     return jpegs_of(image_bgr, *most_px)
 
 

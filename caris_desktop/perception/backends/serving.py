@@ -8,20 +8,19 @@ import logging
 import ssl
 from collections.abc import AsyncIterator, Callable
 
-import cv2
 import numpy as np
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from caris_desktop.domain.pictures import PictureError, decoded
 from caris_desktop.perception.backends.remote import PROTOCOL, told
 from caris_desktop.perception.detector import Detector
 
 log = logging.getLogger(__name__)
 
 _PICTURE_AT_MOST_BYTES = 8_000_000
-_PIXELS_AT_MOST = 40_000_000
 _CLIENTS_AT_MOST = 4
 
 
@@ -90,10 +89,8 @@ def _look(detector: Detector, message: str | bytes) -> str:
     if isinstance(message, str) or len(message) < 4:
         return json.dumps({"error": "This is no picture."})
     try:
-        image = cv2.imdecode(np.frombuffer(message, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error:
-        image = None
-    if image is None or image.shape[0] * image.shape[1] > _PIXELS_AT_MOST:
+        image = decoded(message)
+    except PictureError:
         return json.dumps({"error": "This picture cannot be read."})
     try:
         return told(detector.detect(np.asarray(image, np.uint8)))

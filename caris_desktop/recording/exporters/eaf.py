@@ -21,6 +21,7 @@ from xml.etree import ElementTree
 
 from caris_desktop.domain.sensing import AudioBlock
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.annotation.eaf_import import PROPERTY
 from caris_desktop.recording.annotation.editing import merge_documents, plain_text
 from caris_desktop.recording.annotation.model import AnnotationDocument, shown_names
@@ -287,7 +288,7 @@ def _delay_video(source: Path, target: Path, delay_s: float, progress: Callable[
     import av
 
     try:
-        with av.open(str(source)) as video, av.open(str(target), "w", format="mp4") as delayed:
+        with av.open(str(source), options=FILM_OPTIONS) as video, av.open(str(target), "w", format="mp4") as delayed:
             stream = video.streams.video[0]
             copy = delayed.add_stream_from_template(stream)
             copy.time_base = stream.time_base

@@ -25,7 +25,7 @@ from caris_desktop.domain.events import (
     RobotChosen,
     ScenarioOpened,
 )
-from caris_desktop.domain.pictures import jpeg_of
+from caris_desktop.domain.pictures import decoded, jpeg_of
 from caris_desktop.domain.sensing import OccupancyGrid
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError
@@ -725,19 +725,15 @@ def _photos(facts: SessionFacts) -> dict[str, Any]:
 
 def _thumbnail(folder: Path, file_name: str) -> str:
     """A small JPEG in base64; empty where the picture is not there, or is named outside of the session."""
-    import cv2
-
     path = folder / file_name
     try:
         if not path.resolve().is_relative_to(folder.resolve()):
             _log.warning("%s names a photo outside of the session: %s", folder, file_name)
             return ""
-        image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
-    except (OSError, ValueError, cv2.error) as error:
+        image = decoded(path.read_bytes())
+    except (OSError, ValueError) as error:
         # ValueError: a name that none can be, with a zero or half a character in it.
         _log.warning("%.300r cannot be read: %.300s", str(path), error)
-        return ""
-    if image is None:
         return ""
     return base64.b64encode(jpeg_of(image, quality=82, most_px=_PHOTO_WIDTH_PX)).decode("ascii")
 

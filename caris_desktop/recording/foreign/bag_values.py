@@ -23,7 +23,7 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D, Pose3D
-from caris_desktop.domain.pictures import picture_size
+from caris_desktop.domain.pictures import PictureError, decoded
 from caris_desktop.domain.schema import from_jsonable
 from caris_desktop.domain.sensing import (
     AudioBlock,
@@ -492,17 +492,7 @@ class ValueMaker:
 
 
 def _unfolded_image(content: bytes) -> NDArray[np.uint8]:
-    import cv2
-
-    size = picture_size(content)
-    if size is None:
-        raise MessageError("a picture that is neither JPEG nor PNG")
-    if not size[0] or not size[1] or size[0] * size[1] > MOST_PIXELS:
-        raise MessageError(f"a picture of {size[0]} x {size[1]} pixels")
     try:
-        image_bgr = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error as error:
-        raise MessageError("a picture that cannot be read") from error
-    if image_bgr is None:
-        raise MessageError("a picture that cannot be read")
-    return np.asarray(image_bgr, np.uint8)
+        return np.asarray(decoded(content), np.uint8)
+    except PictureError as error:
+        raise MessageError(f"a picture that {error}") from error

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import no_room
+from caris_desktop.domain.pictures import PictureError, decoded
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.sightings import WHOLE, Area
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
@@ -47,7 +49,7 @@ def covered_video(
     covered = 0
     file = DiskFile(target)
     try:
-        with av.open(str(source)) as old:
+        with av.open(str(source), options=FILM_OPTIONS) as old:
             stream = old.streams.video[0]
             width_px, height_px = stream.codec_context.width, stream.codec_context.height
             count = max(1, times.count)
@@ -98,9 +100,12 @@ def covered_picture(source: Path, target: Path, areas: Iterable[Area]) -> None:
     import cv2
 
     content = source.read_bytes()
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise UnreadableMediaError(filled(QT_TR_NOOP("{file} cannot be read as a picture"), file=source.name))
+    try:
+        image = decoded(content, cv2.IMREAD_UNCHANGED)
+    except PictureError as error:
+        raise UnreadableMediaError(
+            filled(QT_TR_NOOP("{file} cannot be read as a picture"), file=source.name)
+        ) from error
     if image.dtype != np.uint8:
         image = (image >> 8).astype(np.uint8)
     done, coded = cv2.imencode(source.suffix.lower(), _covered(image, areas))

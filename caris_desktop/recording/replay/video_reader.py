@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.session.frame_times import (
     NO_ROBOT_STAMP,
     UNKNOWN,
@@ -238,7 +239,7 @@ class _Video:
         from av.bitstream import BitStreamFilterContext
 
         try:
-            with av.open(str(self.path)) as container:
+            with av.open(str(self.path), options=FILM_OPTIONS) as container:
                 stream = container.streams.video[0]
                 if stream.codec_context.codec.canonical_name != "h264":
                     return
@@ -260,7 +261,7 @@ class _Video:
         import av
 
         try:
-            self._container = av.open(str(self.path))
+            self._container = av.open(str(self.path), options=FILM_OPTIONS)
             self._stream = self._container.streams.video[0]
             self._stream.thread_type = "SLICE"
         except (av.error.FFmpegError, OSError, IndexError) as error:

@@ -10,6 +10,7 @@ from pathlib import Path
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.session.frame_times import (
     INDEX_HEAD,
     FrameTimes,
@@ -120,7 +121,7 @@ def content_of(path: Path) -> VideoContent | None:
 
     try:
         size_bytes = path.stat().st_size
-        with av.open(str(path)) as container:
+        with av.open(str(path), options=FILM_OPTIONS) as container:
             stream = container.streams.video[0]
             tick_s = float(stream.time_base)
             times_s = []

@@ -7,12 +7,13 @@ from PySide6.QtGui import QImage
 
 from caris_desktop.conversation.face.drawing import Drawing
 from caris_desktop.ui.face.face_view import FaceView
+from caris_desktop.ui.widgets.foreign_picture import image_of
 
 
 def show_on(view: FaceView, shown: Any) -> None:
     """A drawing, a picture as an array or as JPEG, or nothing."""
     if isinstance(shown, bytes):
-        view.show_picture(QImage.fromData(shown))
+        view.show_picture(image_of(shown))
     elif isinstance(shown, np.ndarray):
         height, width = shown.shape[:2]
         # The array is a copy of its own, but nobody holds it for as long as the picture is painted.

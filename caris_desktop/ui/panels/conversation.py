@@ -3,7 +3,7 @@
 from bisect import bisect_right
 
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QImage, QKeyEvent, QResizeEvent
+from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.conversation.response_time import LATE_S, waiting
@@ -26,6 +26,7 @@ from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.foreign_picture import image_of
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
 
 _EMPTY = QT_TR_NOOP("What the robot and the participant say stands here.")
@@ -267,7 +268,7 @@ class ConversationPanel(Panel):
         if photo is None:
             self._photo.hide()
         else:
-            self._photo.show_photo(QImage.fromData(photo.thumbnail_jpeg), tr("Photo of this moment"), photo.file_name)
+            self._photo.show_photo(image_of(photo.thumbnail_jpeg), tr("Photo of this moment"), photo.file_name)
 
     def _photo_of(self, turn: Turn) -> PhotoEntry | None:
         """The first that was taken while it was said, or right afterwards."""

@@ -42,6 +42,7 @@ from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.cut_label import CutLabel
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.foreign_picture import image_of
 
 _TILE = QSize(160, 148)
 _PICTURE_PX = 100
@@ -344,7 +345,7 @@ class PhotoDelegate(QStyledItemDelegate):
         if picture is None:
             if len(self._pictures) > 400:
                 self._pictures.clear()
-            picture = self._pictures[photo.thumbnail_jpeg] = QImage.fromData(photo.thumbnail_jpeg)
+            picture = self._pictures[photo.thumbnail_jpeg] = image_of(photo.thumbnail_jpeg)
         return picture
 
 
@@ -466,7 +467,7 @@ class _Picture(QWidget):
     def show_jpeg(self, jpeg: bytes) -> None:
         """Nothing where it is empty."""
         if jpeg != self._jpeg:
-            self._jpeg, self.image = jpeg, QImage.fromData(jpeg) if jpeg else QImage()
+            self._jpeg, self.image = jpeg, image_of(jpeg) if jpeg else QImage()
             self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from PySide6.QtCore import QRect, QSize, Qt
 from PySide6.QtGui import QImage, QPainter, QPainterPath, QPixmap
 
+from caris_desktop.ui.widgets.foreign_picture import image_of
+
 _KEPT = 600
 _DETAIL = 2
 """A portrait is kept with so many pixels for each one shown, so that it is sharp on a fine screen too."""
@@ -40,7 +42,7 @@ class PortraitPixmaps:
                 self.put_off = True
                 return None
             self._decoded_s = now_s
-            kept = _square(QImage.fromData(jpeg), size_px * _DETAIL)
+            kept = _square(image_of(jpeg), size_px * _DETAIL)
             while len(self._kept) >= _KEPT:
                 del self._kept[next(iter(self._kept))]
         # The one that was used last goes last.
