@@ -14,7 +14,7 @@ from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.palette.entry import Entry
 from caris_desktop.ui.palette.memory import PaletteMemory
-from caris_desktop.ui.palette.search import Finder
+from caris_desktop.ui.palette.search import Finder, says_what_to_do
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 from caris_desktop.ui.widgets.told_rows import ToldRows, ToldSpot
@@ -111,7 +111,8 @@ class CommandPalette(Overlay):
         if self._new is not None and typed:
             found.append(self._new(typed))
         breaks = () if typed else self._finder.breaks
-        self.list.show_entries(found, breaks=breaks, typed=bool(typed), by_digit=bool(self._by_digit))
+        meant = bool(typed) and bool(found) and says_what_to_do(found[0], typed)
+        self.list.show_entries(found, breaks=breaks, meant=meant, by_digit=bool(self._by_digit) and not typed)
 
 
 class _PaletteField(QLineEdit):
@@ -175,8 +176,8 @@ class _EntryList(QWidget):
         """What Enter does; None where nothing is chosen."""
         return self._entries[self._index] if 0 <= self._index < len(self._entries) else None
 
-    def show_entries(self, entries: list[Entry], *, breaks: Sequence[int], typed: bool, by_digit: bool) -> None:
-        """``breaks``: the places where a line divides them. ``typed``: they are found by what was typed.
+    def show_entries(self, entries: list[Entry], *, breaks: Sequence[int], meant: bool, by_digit: bool) -> None:
+        """``breaks``: the places where a line divides them. ``meant``: what was typed says what the first one does.
 
         ``by_digit``: as long as nothing is typed a digit chooses, and Enter alone means none of them.
         """
@@ -184,7 +185,7 @@ class _EntryList(QWidget):
         self._breaks = breaks
         # Before what is dangerous nothing is chosen, so that a quick Enter does neither this nor something else; and
         # what speaks or moves is done by a quick Enter only where its words were typed.
-        can_be_chosen = bool(entries) and not entries[0].deliberate and (typed or not (entries[0].acts or by_digit))
+        can_be_chosen = bool(entries) and not entries[0].deliberate and (meant or not (entries[0].acts or by_digit))
         self._choose_row(0 if can_be_chosen else _NONE)
 
     def ask_again(self, entry: Entry) -> None:

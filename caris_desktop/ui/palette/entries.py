@@ -20,6 +20,7 @@ from caris_desktop.ui.action_rows import (
     answer_asked,
     go_to_nth_place,
     say,
+    say_filler,
     say_keyed_phrase,
     say_phrase,
 )
@@ -173,6 +174,7 @@ class PaletteEntries:
             lambda: table.run(spec.id),
             also=tr(other_words),
             acts=says or moves,
+            named=spec.text if spec.intent is say_filler else spec.text.partition(": ")[2],
             id=f"row {spec.id}",
             common=spec.id in _COMMON_ROWS,
         )
@@ -195,6 +197,7 @@ class PaletteEntries:
                         partial(self._console.do, say(phrase)),
                         also=group.title,
                         acts=True,
+                        named=f"{phrase.say} {group.title}",
                         id=f"Say: {phrase.say}",
                     )
                 )
@@ -244,6 +247,8 @@ class PaletteEntries:
                 partial(self._console.do, intents.GoToPlace(place.name)),
                 also=tr("drive move navigate send take robot"),
                 acts=True,
+                named=place.name,
+                by_name=True,
                 id=f"Place: Go to {place.name}",
             )
             for number, place in enumerate(self._state.places.value, start=1)
@@ -291,6 +296,7 @@ class PaletteEntries:
                     self._control_user(control, value),
                     also=tr("control"),
                     acts=True,
+                    named=f"{use} {control.group}",
                     id=f"{control.group or 'Control'}: Robot: {known_as}",
                 )
                 for known_as, use, value in uses
@@ -316,6 +322,8 @@ class PaletteEntries:
                     "floppy-disk",
                     "",
                     partial(self._console.do, intents.SaveMap(name)),
+                    acts=True,
+                    named=tr("the map {name}").format(name=name),
                     id="save map",
                 )
             )
@@ -327,6 +335,8 @@ class PaletteEntries:
                     "map-trifold",
                     "",
                     partial(self._console.do, intents.SetMapping(mapping=True)),
+                    acts=True,
+                    named=tr("map mapping"),
                     id="Map: Start mapping",
                 )
             )
@@ -338,6 +348,8 @@ class PaletteEntries:
                     "map-trifold",
                     "",
                     partial(self._console.do, intents.SetMapping(mapping=False)),
+                    acts=True,
+                    named=tr("the map mapping"),
                     also=tr("localization localisation end"),
                     id="Map: Stop mapping, keep the map",
                 )
@@ -459,6 +471,7 @@ class PaletteEntries:
                 robots.chooser(choice),
                 also=tr("use switch another"),
                 acts=True,
+                named=choice.title,
                 id=f"Robot: Connect to {choice.title}",
             )
             for choice in robots.others()

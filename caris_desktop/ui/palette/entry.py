@@ -13,6 +13,8 @@ class Entry:
     ``acts``: it speaks or moves the robot, so it is found by its own words only and never by a guess at misspelt ones.
     ``deliberate``: it takes a protection away, so it is never chosen beforehand and wants Enter, or a click, twice;
     ``again`` is what it says between the two. ``first``: it stands before everything else that is found.
+    ``named`` is what the thing is called that it acts on: those words alone say nothing of what is to be done, so Enter
+    does not choose it by them, unless ``by_name``, as with a place, to which there is only one thing to do.
     ``id`` is by what it is known again when it was used, so it is the same in every language of the window, and tells
     nothing of who a person is. ``common``: it stands among what is often used, until the wizard has shown what that is.
     """
@@ -28,6 +30,8 @@ class Entry:
     again: str = ""
     first: bool = False
     common: bool = False
+    named: str = ""
+    by_name: bool = False
     id: str = field(kw_only=True)
 
     @property

@@ -1,5 +1,6 @@
 """Which entries a few typed words mean, and in which order."""
 
+import re
 from collections.abc import Sequence
 from difflib import SequenceMatcher
 from itertools import accumulate, chain
@@ -52,9 +53,24 @@ class Finder:
         if not wanted:
             return list(self.order)
         exact = self._those_that_begin_first(found, query.casefold().strip())
-        exact.sort(key=lambda place: not (self.order[place].first or all(word in self._own[place] for word in wanted)))
+        exact.sort(key=lambda place: self._rank(place, " ".join(typed), wanted))
         alike = self._alike(wanted, set(found)) if len(found) < _ENOUGH else []
         return [self.order[place] for place in (*exact, *alike)]
+
+    def _rank(self, place: int, query: str, wanted: Sequence[str]) -> tuple[bool, ...]:
+        """What acts behind the rest where its verb is missing; what is called just that, and places, before others;
+        words that stand together as they were typed before those that are scattered.
+        """
+        entry, text = self.order[place], self._texts[place]
+        called = {text, text.rpartition(": ")[2], entry.named.casefold()}
+        return (
+            not entry.first,
+            not says_what_to_do(entry, query),
+            query not in called,
+            not (entry.by_name and _begin_words_of(entry.named, wanted)),
+            " " in query and query not in text,
+            not all(word in self._own[place] for word in wanted),
+        )
 
     def _those_that_begin_first(self, found: Sequence[int], begins: str) -> list[int]:
         if not begins or not found:
@@ -82,6 +98,28 @@ class Finder:
         everywhere = set(each[0]).intersection(*each[1:]) - exact
         far = sorted((sum(distances[place] for distances in each), place) for place in everywhere)
         return [place for _far, place in far]
+
+
+def says_what_to_do(entry: Entry, query: str) -> bool:
+    """Whether what was typed has a word for what the entry does, be it the whole of what is said or called so."""
+    words = query.casefold().split()
+    wanted = [word for word in words if word not in _MEANS_NOTHING] or words
+    if not (entry.acts and entry.named):
+        return True
+    if (entry.by_name and _begin_words_of(entry.named, wanted)) or " ".join(words) == entry.text.casefold():
+        return True
+    names = set(_words_of(entry.named))
+    verbs = [word for word in _words_of(f"{entry.text} {entry.kind} {entry.also}") if word not in names]
+    return any(len(word) > 1 and verb.startswith(word) for word in wanted for verb in verbs)
+
+
+def _begin_words_of(name: str, wanted: Sequence[str]) -> bool:
+    """Whether each of the words begins one of the name's."""
+    return all(any(part.startswith(word) for part in _words_of(name)) for word in wanted)
+
+
+def _words_of(text: str) -> list[str]:
+    return [word for word in re.split(r"[\W_]+", text.casefold()) if word]
 
 
 class _Vocabulary:

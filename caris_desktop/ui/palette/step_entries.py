@@ -16,7 +16,8 @@ def step_entries(console: WizardConsole) -> list[Entry]:
         Entry(
             tr("{what}: on to {step}").format(what=branch.title, step=target_of(scenario, branch).title),
             tr("Branch"), "git-branch", "", partial(console.do, intents.TakeBranch(branch.title)),
-            also=tr("branch protocol"),
+            also=tr("branch protocol"), acts=True,
+            named=f"{branch.title} {target_of(scenario, branch).title}",
             id=f"Branch: {branch.title}: on to {target_of(scenario, branch).title}",
         )
         for branch in (() if step is None else step.branches)
@@ -24,7 +25,8 @@ def step_entries(console: WizardConsole) -> list[Entry]:
     steps = [
         Entry(
             tr("Step {number}: {title}").format(number=number, title=one.title), tr("Step"), "list-numbers", "",
-            partial(console.do, intents.GoToStep(one.step_id)), also=tr("protocol jump begin"),
+            partial(console.do, intents.GoToStep(one.step_id)), also=tr("protocol jump begin"), acts=True,
+            named=f"{number} {one.title}",
             id=f"Step: Step {number}: {one.title}",
         )
         for number, one in enumerate(scenario.protocol.steps, start=1)

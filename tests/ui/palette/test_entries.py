@@ -9,11 +9,13 @@ from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtGui import QAction, QKeyEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
+from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.controls import CallService, Choice, RobotControl
-from caris_desktop.live.status import LibraryStatus, LiveRobotsStatus, RecordingStatus
+from caris_desktop.live.status import LibraryStatus, LiveRobotsStatus, MapStatus, RecordingStatus
 from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
 from caris_desktop.scenario.assistance import AssistanceSettings
+from caris_desktop.scenario.protocol import ProtocolSettings, ProtocolStep
 from caris_desktop.ui.action_rows import go_to_nth_place
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
@@ -21,7 +23,9 @@ from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.palette.entry import Entry
 from caris_desktop.ui.palette.search import Finder
 from caris_desktop.ui.session_table import local_time
-from tests.ui.conftest import MemorySettings, find
+from caris_desktop.ui.theme import Theme
+from tests.ui import samples
+from tests.ui.conftest import MemorySettings, find, open_window
 from tests.ui.fake_console import FakeConsole, FakeLibrary
 from tests.ui.fake_replay import FakeReplay
 
@@ -392,3 +396,56 @@ def test_whatever_a_menu_of_the_window_offers_is_found_too(window: MainWindow, c
         ]
         menu.close()
     assert missing == []
+
+
+KITCHEN = dataclasses.replace(
+    samples.TOUR,
+    protocol=ProtocolSettings((ProtocolStep("Kitchen"), ProtocolStep("Kitchen again"), ProtocolStep("Close"))),
+)
+
+
+def entered(window: MainWindow, typed: str) -> None:
+    QTest.keyClick(palette_of(window, typed).field, Qt.Key.Key_Return)
+    window.hold.escape_pressed.emit()
+
+
+@pytest.mark.panels("video", "speak", "map")
+def test_an_object_is_found_before_what_would_act_on_something_that_is_called_so(
+    qtbot: QtBot, theme: Theme, settings: MemorySettings
+) -> None:
+    call = CallService("/do", "std_srvs/Trigger", {})
+    console = FakeConsole(KITCHEN, {KITCHEN.path: KITCHEN})
+    window = open_window(qtbot, console, settings, theme)
+    console.state.controls.set((RobotControl("blue", "Light blue", "button", call, group="Lights"),))
+    console.state.mapping.set(MapStatus(can_save=True, can_switch=True))
+    console.calls.clear()
+    for typed in ("kitch", "kitchen", "Kitchen"):
+        entered(window, typed)
+        assert console.calls == [("go_to_place", "Kitchen")], typed
+        console.calls.clear()
+    entered(window, "light")
+    assert window.theme.choice == "light"
+    console.calls.clear()
+    for typed in ("light blue", "lights", "blue", "map-", "the map", "follow", "hello", "kitchen again", "1: kit"):
+        entered(window, typed)
+        acted = [
+            name for name, _ in console.calls if name in ("use_control", "say", "protocol", "SaveMap", "SetMapping")
+        ]
+        assert acted == [], f"{typed!r} has no word for what is done"
+        console.calls.clear()
+    for typed, act in (
+        ("robot light blue", "use_control"), ("say follow", "say"), ("step kitchen again", "protocol"),
+        ("please follow me.", "say"),
+    ):  # fmt: skip
+        entered(window, typed)
+        assert [name for name, _ in console.calls] == [act], typed
+        console.calls.clear()
+
+
+@pytest.mark.panels("video", "speak", "map")
+def test_words_are_taken_as_they_stand_before_they_are_taken_apart(window: MainWindow, console: FakeConsole) -> None:
+    console.state.mapping.set(MapStatus(can_save=True, can_switch=True))
+    window.open_panel("people")  # so that there is something to save
+    palette = palette_of(window, "save into")
+    assert texts(palette)[0] == "Layout: Save into the scenario"
+    assert palette.list.current is palette.list.entries[0]

@@ -32,15 +32,15 @@ ENTRIES = [
 ]  # fmt: skip
 
 
-def test_recent_ones_come_first_then_common_ones_then_the_rest_then_what_is_like_it() -> None:
+def test_what_is_called_so_comes_first_then_recent_ones_common_ones_the_rest_and_what_is_like_it() -> None:
     finder = Finder(ENTRIES, Used(recent=("Do: Stop mapping", "Do: gone meanwhile", "Do: Mark the map")))
     assert texts(finder.order) == [
         "Release", "Stop mapping", "Mark the map", "Photo", "Save the map", "Map", "Mop the floor", "Mapp",
     ]  # fmt: skip
     assert finder.breaks == (1, 3, 5)
-    assert texts(finder.matching("map")) == ["Stop mapping", "Mark the map", "Save the map", "Map", "Mapp"]
+    assert texts(finder.matching("map")) == ["Map", "Stop mapping", "Mark the map", "Save the map", "Mapp"]
     assert texts(finder.matching("mar")) == ["Mark the map"]
-    assert texts(finder.matching("mapp")) == ["Stop mapping", "Mapp", "Mark the map", "Save the map", "Map"]
+    assert texts(finder.matching("mapp")) == ["Mapp", "Stop mapping", "Mark the map", "Save the map", "Map"]
 
 
 def test_what_is_called_so_comes_before_what_was_used_last_and_only_has_the_word_among_others() -> None:
