@@ -32,6 +32,8 @@ from caris_desktop.scenario.assistant import NamedText
 
 @dataclass(frozen=True, slots=True)
 class LinkStatus:
+    """``starts``: the program of the robot is being started, so that nothing can answer yet."""
+
     state: LinkState = "connecting"
     robot: str = ""
     address: str = ""
@@ -39,6 +41,7 @@ class LinkStatus:
     round_trip_ms: float | None = None
     clock_offset_ms: float | None = None
     clock_uncertainty_ms: float | None = None
+    starts: bool = False
 
 
 @dataclass(frozen=True, slots=True)

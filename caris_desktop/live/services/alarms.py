@@ -72,6 +72,8 @@ class AlarmsService(Service):
         link = state.link.value
         if link.state == "connected":
             self._met_robot = link.robot, link.address
+        if link.starts:
+            self._book.forget(("link",), now_ns)
         met = self._met_robot == (link.robot, link.address)
         found = conditions(state, self._book.causes(), met_robot=met)
         self._book.look(tuple(found), endings(state), now_ns)
@@ -150,6 +152,8 @@ def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = 
             tr("See what Diagnostics says about people; close other programs if this computer is busy."),
         )  # fmt: skip
     link = state.link.value
+    if link.starts:
+        return
     if link.state == "lost" or ("link" in standing and link.state in ("connecting", "trouble")):
         yield _link_lost() if met_robot else _no_link_yet(state)
     if link.state != "connected":

@@ -53,8 +53,13 @@ class AnotherRobotService(Service):
     def handlers(self) -> Handlers:
         return {
             UseRobot: lambda asked: self.use(lambda: self._by_name(asked.robot), asked.actor),
-            UseSimulatedRobot: lambda asked: self._simulated(asked.actor),
+            UseSimulatedRobot: lambda asked: self._use_simulated(asked.actor),
         }
+
+    def _use_simulated(self, actor: Actor) -> None:
+        if (leave := self._robot.leave_for_one_that_starts()) is not None:
+            self._slow_work.do(leave, lambda _left: None, self._bus.answer)
+        self._simulated(actor)
 
     def use(self, find: Callable[[], RobotConnection], actor: Actor = WIZARD, *, until: ProblemEnd = "") -> None:
         """Connect to the robot that ``find`` gives, unless another one is asked for meanwhile. Who starts the program

@@ -201,7 +201,13 @@ class RobotService(Service):
         self._start_link("control")
         self._start_link("media")
 
-    def leave_for(self, connection: RobotConnection) -> Callable[[], None]:
+    def leave_for_one_that_starts(self) -> Callable[[], None] | None:
+        """As ``leave_for``, while another robot's program is started: who does not answer is waited for no longer."""
+        if self._connection is None or self._state.link.value.state == "connected":
+            return None
+        return self.leave_for(self._connection, starts=True)
+
+    def leave_for(self, connection: RobotConnection, *, starts: bool = False) -> Callable[[], None]:
         """Have the links to the present robot end, which is left stopped, as ``connection`` is wanted instead.
 
         What is given waits for their end, in any thread; until then they may still tell something.
@@ -215,7 +221,9 @@ class RobotService(Service):
             self._settling = None
         self._forget_robot()
         self._told_no_timeout_of = ""  # the alarm of it ends with the robot, and comes again with it
-        self._state.link.set(LinkStatus(state="connecting", robot=connection.name, address=connection.address))
+        self._state.link.set(
+            LinkStatus(state="connecting", robot=connection.name, address=connection.address, starts=starts)
+        )
 
         def wait() -> None:
             for child in ending:

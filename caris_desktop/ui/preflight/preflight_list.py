@@ -116,7 +116,7 @@ class PreflightRow(QWidget):
         row.addWidget(self._mark, 0, Qt.AlignmentFlag.AlignTop)
         words = boxes.column(spacing_px=2)
         if check.manual:
-            self.box = CheckBox(theme, tr(check.title))
+            self.box = CheckBox(theme, tr(check.title), wraps=True)
             self.box.setObjectName(f"tick_{check.id}")
             self.box.clicked.connect(self._on_ticked)
             self._title.hide()

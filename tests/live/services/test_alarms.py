@@ -124,6 +124,24 @@ def test_a_robot_that_never_answered_is_not_called_lost_and_the_reason_goes_with
     assert desk.state.alarms.value[0].what == "The connection to the robot is lost."
 
 
+def test_a_robot_that_is_being_started_is_no_alarm(desk: Desk) -> None:
+    why = "Nothing listens at ws://127.0.0.1:1."
+    desk.state.link.set(LinkStatus("lost", "Simulated robot"))
+    desk.happens(Problem(1, "error", why, "", "Start one.", until="connected"))
+    assert desk.alarms == ["link"]
+    desk.state.link.set(LinkStatus("connecting", "Simulated robot", starts=True))
+    assert desk.alarms == []
+    desk.happens(Problem(1, "error", why, "", "Start one.", until="connected"))  # the link before, on its way out
+    desk.state.link.set(LinkStatus("lost", "Simulated robot", starts=True))
+    desk.wait(3)
+    assert desk.alarms == []
+    desk.state.link.set(LinkStatus("connecting", "Simulated robot", "ws://127.0.0.1:2"))
+    desk.wait(3)
+    assert desk.alarms == [], "it has only just been connected to"
+    desk.state.link.set(LinkStatus("lost", "Simulated robot", "ws://127.0.0.1:2"))
+    assert desk.alarms == ["link"]
+
+
 def test_a_record_begins_with_what_is_wrong_already(desk: Desk) -> None:
     desk.state.link.set(LinkStatus("lost"))
     desk.happens(SessionStarted(1, "session"))

@@ -214,3 +214,21 @@ def test_the_log_has_ticks_and_what_was_open() -> None:
     ticked = replace(FORM, state="passed", actor=WIZARD, checked_ns=60_000_000_000)
     assert state_words(ticked, ClockAnchor(0, 0)).startswith("Ticked by you at ")
     assert state_words(replace(ticked, actor="wizard:b"), ClockAnchor(0, 0)).startswith("Ticked by another wizard at")
+
+
+def test_what_is_to_be_ticked_is_read_to_its_end(qtbot: QtBot, theme: Theme, console: FakeConsole) -> None:
+    title = "The participant knows that they can stop at any time, and who sees and hears what is recorded of them"
+    console.state.preflight.set((*CHECKS, replace(FORM, id="by hand: stop", title=title)))
+    parent = QWidget()
+    qtbot.addWidget(parent)
+    parent.resize(1366, 768)
+    parent.show()
+    dialog = StartDialog(theme, parent, None, console)
+    dialog.open()
+    row = next(row for row in dialog.findChildren(PreflightRow) if row.accessibleName().startswith(title))
+    assert row.box is not None
+    box = row.box
+    qtbot.waitUntil(box.isVisible)
+    assert box.heightForWidth(box.width()) > box.fontMetrics().height() * 1.5, "it does not fit into one line here"
+    qtbot.waitUntil(lambda: box.height() >= box.heightForWidth(box.width()))
+    dialog.reject()
