@@ -1,14 +1,18 @@
 """``caris-desktop check``: is everything ready for a session? Each line says ok, or what to do."""
 
 import argparse
+import contextlib
 import shutil
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_console_arguments
 from caris_desktop.app.simulated_camera import open_any_camera
-from caris_desktop.conversation.listening.engine import NoEngine
+from caris_desktop.conversation.listening.engine import EngineAway, NoEngine
 from caris_desktop.conversation.listening.recogniser_files import find_recogniser
 from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.preflight import probe_language_model, probe_sound
@@ -27,6 +31,7 @@ from caris_desktop.robot.profile import ProfileError
 from caris_desktop.scenario.model import Scenario
 
 ENOUGH_FREE_BYTES = 5 * 10**9
+_SECOND_OF_SOUND = 16_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,10 +151,21 @@ def detector_finding(scenario: Scenario) -> Finding:
 def recogniser_finding(scenario: Scenario) -> Finding:
     settings = replace(composition.recogniser_settings(scenario), allow_download=False)
     try:
-        found = ServerEngine(settings).model if settings.engine == "server" else str(find_recogniser(settings))
+        if settings.engine != "server":
+            return Finding("Speech to text", True, str(find_recogniser(settings)))
+        with contextlib.closing(ServerEngine(settings)) as engine:
+            began_s = time.monotonic()
+            # Soft noise: some servers answer nothing to silence.
+            noise = np.random.default_rng(0).normal(0.0, 0.003, _SECOND_OF_SOUND).astype(np.float32)
+            engine.transcribe(noise, "", careful=True)
+            took_s, with_what = time.monotonic() - began_s, engine.asked_with
     except NoEngine as error:
         return Finding("Speech to text", False, error.what, error.advice)
-    return Finding("Speech to text", True, found)
+    except EngineAway as error:
+        advice = "Look after that server, and at listening.server and listening.model of the scenario."
+        return Finding("Speech to text", False, error.what, advice)
+    answers = f"{engine.model} answers a second of sound after {took_s:.1f} s"
+    return Finding("Speech to text", True, f"{answers}; {with_what}" if with_what else answers)
 
 
 def _language_model(model: str, scenario: Scenario) -> Finding:

@@ -1,5 +1,7 @@
 """What ``caris-desktop check`` says of turning speech into text: the same as a session would."""
 
+import io
+import wave
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +11,7 @@ from caris_desktop.app import composition
 from caris_desktop.app.check_command import recogniser_finding
 from caris_desktop.scenario.listening import ListeningSettings
 from caris_desktop.scenario.model import Scenario
+from tests.conversation.listening.transcription_server import serving
 
 
 @pytest.fixture
@@ -33,4 +36,23 @@ def test_a_server_that_may_not_be_used_is_told(shipped: Scenario) -> None:
     assert not refused.ok
     assert "not on this computer" in refused.text
     here = replace(listening, server="http://127.0.0.1:9/v1")
-    assert recogniser_finding(replace(shipped, listening=here)).text == "whisper-1 at 127.0.0.1:9"
+    away = recogniser_finding(replace(shipped, listening=here))
+    assert not away.ok and "127.0.0.1:9 cannot be reached" in away.text
+
+
+def test_a_server_is_sent_a_second_of_sound_and_what_it_does_not_take_is_told(shipped: Scenario) -> None:
+    with serving() as server:
+        server.answers = lambda fields: (
+            (400, b'{"error": "no verbose_json here"}')
+            if fields["response_format"] == "verbose_json"
+            else (200, b'{"text": ""}')
+        )
+        listening = ListeningSettings(engine="server", model="whisper-1", server=server.address)
+        found = recogniser_finding(replace(shipped, listening=listening))
+        server.answers = lambda _fields: (404, b'{"error": "no such model"}')
+        refused = recogniser_finding(replace(shipped, listening=listening))
+    assert found.ok and "asked for json" in found.text and "a second of sound" in found.text
+    _path, _headers, body = server.asked[0]
+    with wave.open(io.BytesIO(body[body.index(b"RIFF") :])) as sent:
+        assert sent.getnframes() == sent.getframerate()
+    assert not refused.ok and "no such model" in refused.text

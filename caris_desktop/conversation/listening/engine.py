@@ -37,3 +37,6 @@ class Engine(Protocol):
         """Of ``sound`` at 16 kHz, mono. ``before`` was said just before it. ``careful``: this may be the last time, so
         take some more time for it. ``voice_s``: until then somebody is known to speak in it. Raises EngineAway.
         """
+
+    def close(self) -> None:
+        """Nothing more is asked."""

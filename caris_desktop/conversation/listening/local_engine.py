@@ -83,11 +83,19 @@ class LocalEngine:
         words = [
             HeardWord(word.word.strip(), float(word.start), float(word.end), float(word.probability))
             for segment in itertools.takewhile(lambda each: _is_of_voice(each, voice_s), segments)
-            if not is_nothing(segment.text, no_speech=segment.no_speech_prob, log_probability=segment.avg_logprob)
+            if not is_nothing(
+                segment.text,
+                no_speech=segment.no_speech_prob,
+                log_probability=segment.avg_logprob,
+                language=str(info.language),
+            )
             for word in segment.words or ()
             if word.word.strip()
         ]
         return HeardText(tuple(words), str(info.language))
+
+    def close(self) -> None:
+        """As Engine says."""
 
 
 def _is_of_voice(segment: Any, voice_s: float) -> bool:

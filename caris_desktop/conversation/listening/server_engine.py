@@ -5,6 +5,7 @@ import io
 import itertools
 import json
 import os
+import re
 import wave
 from collections.abc import Iterator
 from typing import Any
@@ -18,8 +19,10 @@ from caris_desktop.conversation.listening.agreement import HeardWord
 from caris_desktop.conversation.listening.engine import EngineAway, HeardText, NoEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.plausible import is_nothing
-from caris_desktop.conversation.models.connection import api_key, connected
+from caris_desktop.conversation.models.connection import api_key, connected, send
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failures import error_in
+from caris_desktop.conversation.models.stream import object_in, small_body
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
 from caris_desktop.domain.address import is_encrypted_or_local, is_same_server, without_credentials
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
@@ -32,6 +35,8 @@ _USUAL_MODEL = "whisper-1"
 _TIMEOUT = httpx.Timeout(12.0, connect=4.0)
 _ANSWER_WITHIN_S = 20.0
 _ANSWER_AT_MOST_BYTES = 1_000_000
+_REFUSED = (400, 422)
+_OPTIONAL = ("response_format", "temperature", "language", "prompt")
 _NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
 
 
@@ -61,11 +66,14 @@ class ServerEngine:
             "openai", settings.server.rstrip("/"), settings.model or _USUAL_MODEL, _key_names(settings.server)
         )
         self._local_only = not settings.cloud_models
+        self._runner = asyncio.Runner()  # with its connection from one stretch to the next
+        self._refused: dict[str, str] = {}
         self.language = settings.language
         self.model = f"{self._endpoint.model} at {self._endpoint.server}"
         try:
-            self._key = asyncio.run(self._check())
+            self._key = self._runner.run(self._check())
         except LanguageModelError as error:
+            self.close()
             raise NoEngine(error.what, _NO_TEXT, error.advice) from error
 
     def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
@@ -76,7 +84,7 @@ class ServerEngine:
         if before:
             fields["prompt"] = before
         try:
-            status, body = asyncio.run(self._post(fields, _wav(sound)))
+            status, body = self._ask(fields, _wav(sound))
         except (httpx.HTTPError, TimeoutError, OSError, LanguageModelError) as error:
             late = isinstance(error, (TimeoutError, httpx.TimeoutException))
             detail = shortened(without(self._key, str(error))) or type(error).__name__
@@ -92,10 +100,31 @@ class ServerEngine:
             raise self._away(refused, _advice(status), status=status, reason=_reason(body, self._key))
         try:
             answer = json.loads(body)
-            return HeardText(tuple(_words(answer, len(sound) / _RATE_HZ)), str(answer.get("language") or self.language))
+            language = str(answer.get("language") or self.language)
+            return HeardText(tuple(_words(answer, len(sound) / _RATE_HZ, self.language or language)), language)
         except (ValueError, TypeError, AttributeError, LookupError) as error:
             what = QT_TR_NOOP("The transcription server at {server} answered with something that is no transcription.")
             raise self._away(what, QT_TR_NOOP("Correct listening.server.")) from error
+
+    def close(self) -> None:
+        """Ask nothing more."""
+        self._runner.close()
+
+    @property
+    def asked_with(self) -> str:
+        """What the server was found not to take, in words; empty for nothing."""
+        instead = {"json": "asked for json, as it takes no verbose_json", "": "asked without {name}, which it refuses"}
+        return "; ".join(instead[value].format(name=name) for name, value in self._refused.items())
+
+    def _ask(self, fields: dict[str, str], wav: bytes) -> tuple[int, bytes]:
+        """Without the fields that it refuses; gpt-4o-transcribe and others know no ``verbose_json``."""
+        while True:
+            sent = {name: value for name, value in (fields | self._refused).items() if name in fields and value}
+            status, body = self._runner.run(self._post(sent, wav))
+            refused = _refused_field(sent, body) if status in _REFUSED else ""
+            if not refused:
+                return status, body
+            self._refused[refused] = "json" if sent[refused] == "verbose_json" else ""
 
     async def _check(self) -> str | None:
         async with connected(self._endpoint, local_only=self._local_only):
@@ -107,17 +136,19 @@ class ServerEngine:
         async with (
             asyncio.timeout(_ANSWER_WITHIN_S),
             connected(self._endpoint, local_only=self._local_only) as client,
-            client.stream(
+        ):
+            request = client.build_request(
                 "POST", path,
                 data=fields, files={"file": ("speech.wav", wav, "audio/wav")}, headers=headers, timeout=_TIMEOUT,
-            ) as response,
-        ):  # fmt: skip
-            body = b""
-            async for piece in response.aiter_bytes():
-                body += piece
-                if len(body) > _ANSWER_AT_MOST_BYTES:
-                    raise httpx.DecodingError("the answer has no end")
-            return response.status_code, body
+            )  # fmt: skip
+            response = await send(client, request)
+            try:
+                body = await small_body(response, _ANSWER_AT_MOST_BYTES)
+            finally:
+                await response.aclose()
+        if len(body) > _ANSWER_AT_MOST_BYTES:
+            raise httpx.DecodingError("the answer has no end")
+        return response.status_code, body
 
     def _away(self, what: str, advice: str, **values: object) -> EngineAway:
         return EngineAway(filled(what, server=self._endpoint.server, **values), _NO_TEXT, advice)
@@ -139,12 +170,25 @@ def _wav(sound: NDArray[np.float32]) -> bytes:
     return file.getvalue()
 
 
-def _words(answer: Any, seconds: float) -> Iterator[HeardWord]:
+def _refused_field(fields: dict[str, str], body: bytes) -> str:
+    """Which of the fields a refusal names; the server can do without each but the model."""
+    said = body.decode("utf-8", "replace")
+    words = {"response_format": "response_format|verbose_json"}
+    return next(
+        (
+            name for name in _OPTIONAL
+            if name in fields and re.search(rf"(?<![A-Za-z])(?:{words.get(name, name)})(?![A-Za-z])", said)
+        ),
+        "",
+    )  # fmt: skip
+
+
+def _words(answer: Any, seconds: float, language: str) -> Iterator[HeardWord]:
     """Of its segments, or of the whole where there are none."""
     for segment in answer.get("segments") or [{"text": answer["text"], "start": 0.0, "end": seconds}]:
         text = str(segment["text"])
         no_speech, likely = float(segment.get("no_speech_prob") or 0.0), float(segment.get("avg_logprob") or 0.0)
-        if not is_nothing(text, no_speech=no_speech, log_probability=likely):
+        if not is_nothing(text, no_speech=no_speech, log_probability=likely, language=language):
             yield from _spread(text.split(), float(segment["start"]), float(segment["end"]))
 
 
@@ -157,12 +201,9 @@ def _spread(words: list[str], start_s: float, end_s: float) -> Iterator[HeardWor
 
 
 def _reason(body: bytes, key: str | None) -> str:
-    try:
-        told = json.loads(body)["error"]
-        told = told["message"] if isinstance(told, dict) else told
-    except (ValueError, KeyError, TypeError):
-        told = body.decode("utf-8", "replace")
-    return shortened(without(key, str(told)), 100) or QT_TR_NOOP("without a reason")
+    told = object_in(body)
+    said = error_in(told) if told else body.decode("utf-8", "replace")
+    return shortened(without(key, said), 100) or QT_TR_NOOP("without a reason")
 
 
 def _advice(status: int) -> str:

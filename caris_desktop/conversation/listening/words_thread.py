@@ -1,5 +1,6 @@
 """The thread in which words are made out, so that whoever listens for voices meanwhile misses nothing."""
 
+import contextlib
 import logging
 import queue
 import threading
@@ -65,17 +66,19 @@ class WordsThread:
             self.news.put(error)
             return
         self.news.put(WordsReady(engine.model, engine.language, engine.every_s, time.monotonic() - began_s))
-        while (stretch := self._asked.get()) is not None:
-            began_s, text, away = time.monotonic(), None, None
-            try:
-                text = engine.transcribe(
-                    stretch.sound, stretch.before, careful=stretch.at_pause, voice_s=stretch.voice_s
-                )
-            except EngineAway as error:
-                away = error
-            except Exception:
-                _log.exception("%.1f s of sound could not be transcribed", len(stretch.sound) / 16_000)
-            self.news.put(WordsHeard(stretch, text, time.monotonic() - began_s, away))
+        with contextlib.closing(engine):
+            while (stretch := self._asked.get()) is not None:
+                self._make_out(engine, stretch)
+
+    def _make_out(self, engine: Engine, stretch: Stretch) -> None:
+        began_s, text, away = time.monotonic(), None, None
+        try:
+            text = engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause, voice_s=stretch.voice_s)
+        except EngineAway as error:
+            away = error
+        except Exception:
+            _log.exception("%.1f s of sound could not be transcribed", len(stretch.sound) / 16_000)
+        self.news.put(WordsHeard(stretch, text, time.monotonic() - began_s, away))
 
 
 def open_engine(settings: RecogniserSettings) -> Engine:

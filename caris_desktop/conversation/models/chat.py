@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from caris_desktop.conversation.models import failures, gemini, ollama, openai
-from caris_desktop.conversation.models.connection import api_key, check_place, connected
+from caris_desktop.conversation.models.connection import api_key, check_model_is_here, check_place, connected, send
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, Provider
 from caris_desktop.conversation.models.question import Chunk, Cut, Question, Request
 from caris_desktop.conversation.models.reasoning import SpokenPart, Withdrawn
@@ -228,10 +228,12 @@ async def _one_try(  # noqa: PLR0917 - all of one call
     part = SpokenPart(within=habits.begins_within)
     try:
         async with connected(endpoint, local_only=local_only) as client:
+            if local_only:
+                await check_model_is_here(client, endpoint)
             headers = _key_header(endpoint, key)
             built = client.build_request("POST", request.path, json=request.body, headers=headers, timeout=limits)
             async with asyncio.timeout_at(deadline_s):
-                response = await client.send(built, stream=True)
+                response = await send(client, built)
             try:
                 if response.status_code != 200:
                     async with asyncio.timeout_at(deadline_s):

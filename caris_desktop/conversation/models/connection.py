@@ -6,13 +6,15 @@ import logging
 import os
 import socket
 import ssl
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import asynccontextmanager
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 from urllib.parse import urlsplit
+from weakref import WeakKeyDictionary
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, bad_address
+from caris_desktop.conversation.models.stream import small_object
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
 from caris_desktop.domain.address import is_encrypted_or_local, is_loopback, is_loopback_host
 from caris_desktop.domain.certificates import as_on_every_python
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 KEYRING_SERVICE = "caris-desktop"
 _KEYRING_TIMEOUT_S = 5.0
+_SHOWS_WITHIN_S = 5.0
+# With its licence, its template and all of its tensors.
+_MAX_SHOWN_BYTES = 20_000_000
 
 
 def check_place(endpoint: ModelEndpoint, *, local_only: bool) -> None:
@@ -43,27 +48,58 @@ def _elsewhere(endpoint: ModelEndpoint) -> LanguageModelError:
     )
 
 
+async def check_model_is_here(client: "httpx.AsyncClient", endpoint: ModelEndpoint) -> None:
+    """Raises LanguageModelError for a model of Ollama that is only another name for one of its cloud.
+
+    https://docs.ollama.com/api: ``show`` names where such a model is; an Ollama that does not know it has no cloud.
+    """
+    if endpoint.provider != "ollama":
+        return
+    request = client.build_request("POST", "api/show", json={"model": endpoint.model}, timeout=_SHOWS_WITHIN_S)
+    response = await send(client, request)
+    try:
+        told = await small_object(response, _MAX_SHOWN_BYTES) if response.status_code == 200 else {}
+    finally:
+        await response.aclose()
+    if told.get("remote_host") or told.get("remote_model"):
+        raise _elsewhere(endpoint)
+
+
 @asynccontextmanager
 async def connected(endpoint: ModelEndpoint, *, local_only: bool) -> "AsyncIterator[httpx.AsyncClient]":
-    """A client for this server. It follows no redirect, so nobody can send it on to another one.
+    """The client for this server. It follows no redirect, so nobody can send it on to another one.
 
     Raises LanguageModelError, with ``local_only`` also for whatever is not this computer, before anything is sent or
     looked up.
     """
-    import httpx
-
     check_place(endpoint, local_only=local_only)
     if local_only and not await _is_here(endpoint):
         raise _elsewhere(endpoint)
-    here = is_loopback(endpoint.base_url)
+    yield await _client(endpoint)
+
+
+_Clients: TypeAlias = "dict[str, tuple[httpx.AsyncClient, AsyncGenerator[None]]]"
+_CLIENTS: WeakKeyDictionary[asyncio.AbstractEventLoop, _Clients] = WeakKeyDictionary()
+_IDLE_S = 90.0
+"""So long an open connection waits for the next question: people speak in turns, and to open one takes round trips."""
+
+
+async def _client(endpoint: ModelEndpoint) -> "httpx.AsyncClient":
+    """One for each server, with its connections, until the loop ends. Raises LanguageModelError."""
+    import httpx
+
+    clients = _CLIENTS.setdefault(asyncio.get_running_loop(), {})
+    if endpoint.base_url in clients:
+        return clients[endpoint.base_url][0]
     try:
-        # A proxy from the environment must not see what is meant for this machine.
-        opened = httpx.AsyncClient(
+        client = httpx.AsyncClient(
             base_url=endpoint.base_url.rstrip("/") + "/",
             headers={"Accept-Encoding": "identity"},
-            trust_env=not here,
+            # A proxy from the environment must not see what is meant for this machine.
+            trust_env=not is_loopback(endpoint.base_url),
             follow_redirects=False,
             verify=_certificates() if urlsplit(endpoint.base_url).scheme == "https" else _no_certificates(),
+            limits=httpx.Limits(keepalive_expiry=_IDLE_S),
         )
     except httpx.InvalidURL as error:
         raise bad_address(endpoint.base_url, QT_TR_NOOP("the endpoint")) from error
@@ -75,8 +111,37 @@ async def connected(endpoint: ModelEndpoint, *, local_only: bool) -> "AsyncItera
             QT_TR_NOOP("The assistant cannot answer."),
             QT_TR_NOOP("Correct HTTP_PROXY, HTTPS_PROXY or ALL_PROXY, or choose a local model."),
         ) from error
-    async with opened:
-        yield opened
+    held = _until_the_loop_ends(client)
+    await anext(held)
+    clients[endpoint.base_url] = client, held
+    return client
+
+
+async def _until_the_loop_ends(client: "httpx.AsyncClient") -> AsyncGenerator[None]:
+    """A loop closes what was begun as a generator in it and is still under way, before it ends itself."""
+    try:
+        yield
+    finally:
+        await client.aclose()
+
+
+async def send(client: "httpx.AsyncClient", request: "httpx.Request") -> "httpx.Response":
+    """The answer, as it begins. Where the server has closed the connection meanwhile, it is asked on a new one."""
+    import httpx
+
+    opened: list[str] = []
+
+    async def trace(event: str, _info: object) -> None:
+        if event.startswith("connection.connect"):
+            opened.append(event)
+
+    request.extensions["trace"] = trace
+    while True:
+        try:
+            return await client.send(request, stream=True)
+        except (httpx.RemoteProtocolError, httpx.ReadError, httpx.WriteError):
+            if opened:
+                raise
 
 
 @cache

@@ -64,8 +64,8 @@ class ModelEndpoint:
     @property
     def leaves_computer(self) -> bool:
         """Whether what is asked goes to another computer: by its address, or as Ollama passes it on to its cloud."""
-        tag = self.model.rpartition(":")[2]
-        return not is_loopback(self.base_url) or (self.provider == "ollama" and tag.endswith("cloud"))
+        named_cloud = any(part.endswith("cloud") for part in self.model.lower().split(":"))
+        return not is_loopback(self.base_url) or (self.provider == "ollama" and named_cloud)
 
 
 def resolve_endpoint(

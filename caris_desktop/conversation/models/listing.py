@@ -46,7 +46,8 @@ async def models_here(endpoint: ModelEndpoint) -> tuple[str, ...]:
     names = [
         told_name(endpoint, model.get(key))
         for model in (models if isinstance(models, list) else ())
-        if isinstance(model, dict)
+        # Another name for a model of Ollama's cloud is none that is here.
+        if isinstance(model, dict) and not (model.get("remote_host") or model.get("remote_model"))
     ]
     return tuple(sorted({name for name in names if name}))[:_MOST_LISTED]
 

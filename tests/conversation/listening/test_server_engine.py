@@ -1,6 +1,7 @@
 """A server that turns speech into text, well or badly, and what becomes of it here."""
 
 import io
+import json
 import time
 import wave
 from collections.abc import Iterator
@@ -26,10 +27,24 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
         yield running
 
 
-def engine(address: str, *, cloud_models: bool = True, model: str = "whisper-large") -> ServerEngine:
-    return ServerEngine(
-        RecogniserSettings("server", model=model, server=address, language="en", cloud_models=cloud_models)
+_OPENED: list[ServerEngine] = []
+
+
+def engine(
+    address: str, *, cloud_models: bool = True, model: str = "whisper-large", language: str = "en"
+) -> ServerEngine:
+    opened = ServerEngine(
+        RecogniserSettings("server", model=model, server=address, language=language, cloud_models=cloud_models)
     )
+    _OPENED.append(opened)
+    return opened
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Iterator[None]:
+    yield
+    while _OPENED:
+        _OPENED.pop().close()
 
 
 def test_words_come_with_their_times_and_without_what_nobody_said(server: Server) -> None:
@@ -80,6 +95,51 @@ def test_what_a_server_does_wrong_is_told_and_the_key_is_not(
     assert "sk-secret" not in str(told.value)
     server.status, server.body = 200, b'{"text": "Hello."}'
     assert asked.transcribe(SOUND, "", careful=True).words[0].text == "Hello.", "it is asked again"
+
+
+_REFUSED = "response_format 'verbose_json' is not compatible with model 'gpt-4o-transcribe'. Use 'json' instead."
+REFUSALS: dict[str, object] = {
+    "openai": {"error": {"message": _REFUSED, "param": "response_format", "code": "unsupported_value"}},
+    "vllm": {"object": "error", "message": "Currently do not support verbose_json for response_format", "code": 400},
+    "fastapi": {"detail": [{"loc": ["body", "response_format"], "msg": "Input should be json or text"}]},
+}
+TEXT = b'{"text": "Where is the lab?"}'
+
+
+@pytest.mark.parametrize("refusal", REFUSALS)
+def test_a_server_without_verbose_json_is_asked_for_json_from_then_on(server: Server, refusal: str) -> None:
+    refused = json.dumps(REFUSALS[refusal]).encode()
+    server.answers = lambda fields: (400, refused) if fields["response_format"] == "verbose_json" else (200, TEXT)
+    asked = engine(server.address, model="gpt-4o-transcribe")
+    for _ in range(2):
+        assert [word.text for word in asked.transcribe(SOUND, "", careful=True).words] == ["Where", "is", "the", "lab?"]
+    assert [fields["response_format"] for fields in server.fields] == ["verbose_json", "json", "json"]
+    assert "json" in asked.asked_with
+
+
+def test_fields_that_a_server_refuses_are_left_out(server: Server) -> None:
+    def answers(fields: dict[str, str]) -> tuple[int, bytes]:
+        refused = next((name for name in ("temperature", "prompt") if name in fields), "")
+        return (422, json.dumps({"error": f"{refused} is not supported"}).encode()) if refused else (200, TEXT)
+
+    server.answers = answers
+    asked = engine(server.address)
+    assert asked.transcribe(SOUND, "We came in.", careful=True).words[0].text == "Where"
+    assert asked.transcribe(SOUND, "We came in.", careful=True).words[0].text == "Where"
+    assert len(server.fields) == 4 and "prompt" not in server.fields[-1]
+    server.answers = lambda _fields: (400, b'{"error": "the model is unknown"}')
+    with pytest.raises(EngineAway, match="the model is unknown"):
+        asked.transcribe(SOUND, "", careful=True)
+
+
+def test_one_connection_serves_every_stretch(server: Server) -> None:
+    asked = engine(server.address)
+    for _ in range(3):
+        asked.transcribe(SOUND, "", careful=True)
+    assert server.connections == 1
+    server.drop_connections()
+    assert asked.transcribe(SOUND, "", careful=True).words, "one that the server closed is opened again"
+    assert server.connections == 2
 
 
 def test_one_that_never_answers_is_given_up(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:

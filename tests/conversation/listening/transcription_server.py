@@ -1,8 +1,11 @@
 """A small transcription server, which answers as it is told."""
 
+import contextlib
 import json
+import re
+import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -18,7 +21,7 @@ VERBOSE = {
 
 
 class Server(ThreadingHTTPServer):
-    """Answers with ``status`` and ``body`` after ``wait_s``; keeps what was asked."""
+    """Answers with ``status`` and ``body`` after ``wait_s``, or as ``answers`` says; keeps what was asked."""
 
     daemon_threads = True
 
@@ -27,6 +30,23 @@ class Server(ThreadingHTTPServer):
         self.status, self.body, self.wait_s = 200, json.dumps(VERBOSE).encode(), 0.0
         self.asked: list[tuple[str, dict[str, str], bytes]] = []
         self.over = threading.Event()
+        self.answers: Callable[[dict[str, str]], tuple[int, bytes]] | None = None
+        self.fields: list[dict[str, str]] = []
+        self.connections = 0
+        self._open: set[socket.socket] = set()
+
+    def get_request(self) -> tuple[socket.socket, Any]:
+        self.connections += 1
+        request, address = super().get_request()
+        self._open.add(request)
+        return request, address
+
+    def drop_connections(self) -> None:
+        """As a server does with one that nobody used for a while."""
+        for connection in self._open:
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+        self._open.clear()
 
     @property
     def address(self) -> str:
@@ -35,15 +55,22 @@ class Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     server: Server
+    protocol_version = "HTTP/1.1"
 
     def do_POST(self) -> None:
         asked = self.rfile.read(int(self.headers["Content-Length"]))
         self.server.asked.append((self.path, dict(self.headers), asked))
+        self.server.fields.append(
+            {name.decode(): value.decode() for name, value in re.findall(rb'name="(\w+)"\r\n\r\n([^\r]*)\r\n', asked)}
+        )
         self.server.over.wait(self.server.wait_s)
-        self.send_response(self.server.status)
-        self.send_header("Content-Length", str(len(self.server.body)))
+        status, body = self.server.status, self.server.body
+        if self.server.answers is not None:
+            status, body = self.server.answers(self.server.fields[-1])
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body)))
         self.end_headers()
-        self.wfile.write(self.server.body)
+        self.wfile.write(body)
 
     def log_message(self, *_args: Any) -> None:
         """Says nothing."""
@@ -58,6 +85,7 @@ def serving() -> Iterator[Server]:
         yield running
     finally:
         running.over.set()
+        running.drop_connections()
         running.shutdown()
         running.server_close()
         thread.join()

@@ -1,6 +1,7 @@
 """Answers as servers really give them: with reasoning, odd chunks, refused parameters, a limit used up by thinking."""
 
 import asyncio
+import contextlib
 import json
 import random
 from collections.abc import Callable
@@ -10,7 +11,7 @@ from typing import Any
 import pytest
 
 from caris_desktop.conversation.models import gemini, openai
-from caris_desktop.conversation.models.chat import AnswerNotes, stream_chat
+from caris_desktop.conversation.models.chat import AnswerNotes, Retries, stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
 from caris_desktop.conversation.models.reasoning import Withdrawn
@@ -329,6 +330,82 @@ def test_check_hears_the_answer_to_a_question_to_its_end(
     assert "remote-controlled" not in result.text
     [question] = served.bodies[0]["messages"]  # type: ignore[misc]
     assert "?" in question["content"]
+
+
+def test_one_connection_serves_question_after_question() -> None:
+    connections, drops = list[object](), [False, False, False, True, False]
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        connections.append(writer)
+        with contextlib.suppress(asyncio.IncompleteReadError, asyncio.CancelledError, ConnectionError):
+            while True:
+                head = (await reader.readuntil(b"\r\n\r\n")).decode().lower()
+                await reader.readexactly(int(head.split("content-length: ")[1].split("\r\n")[0]))
+                body = b"".join(map(event, [*words(ANSWER), STOP, {"choices": [], "usage": {}}])) + b"data: [DONE]\n\n"
+                chunked = b"%x\r\n%s\r\n0\r\n\r\n" % (len(body), body)
+                writer.write(b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n" + chunked)
+                if drops.pop(0):
+                    break  # as a server does with a connection that nobody used for a while
+        writer.close()
+
+    async def run() -> list[str]:
+        server = await asyncio.start_server(answer, "127.0.0.1", 0)
+        async with server:
+            endpoint = ModelEndpoint("openai", f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}", "m")
+            said = []
+            for _ in range(5):
+                stream = stream_chat(
+                    endpoint, QUESTION, local_only=False, max_tokens=20, temperature=0.5, timeouts=PATIENT,
+                    retries=Retries(0),
+                )  # fmt: skip
+                said.append("".join([piece async for piece in stream]))
+        return said
+
+    assert asyncio.run(run()) == [ANSWER] * 5
+    assert len(connections) == 2
+
+
+@pytest.mark.parametrize(
+    "name", ["gpt-oss:120b-cloud", "gpt-oss:120B-Cloud", "kimi:CLOUD", "my-cloud", "my-Cloud:latest"]
+)
+def test_a_model_of_ollamas_cloud_is_not_local_however_it_is_written(name: str) -> None:
+    assert ModelEndpoint("ollama", "http://127.0.0.1:11434", name).leaves_computer
+    assert not ModelEndpoint("ollama", "http://127.0.0.1:11434", "cloudy:7b").leaves_computer
+
+
+@pytest.mark.parametrize(
+    ("shown", "here"),
+    [
+        (whole({"remote_host": "https://ollama.com:443", "remote_model": "gpt-oss:120b"}), False),
+        (whole({"remote_model": "gpt-oss:120b", "details": {}}), False),
+        (whole({"details": {"family": "llama"}}), True),
+        (whole({"error": "not found"}, "404 Not Found"), True),
+    ],
+)
+def test_another_name_for_a_model_of_ollamas_cloud_gets_no_question_where_models_are_local(
+    shown: bytes, *, here: bool
+) -> None:
+    async def run() -> list[str]:
+        async def answer(writer: asyncio.StreamWriter) -> None:
+            asked_to_show = "/api/show" in served.heads[-1]
+            line = json.dumps({"message": {"content": ANSWER}, "done": True}).encode() + b"\n"
+            writer.write(shown if asked_to_show else LINES_HEAD + line)
+            await writer.drain()
+
+        async with serving(answer) as served:
+            endpoint = ModelEndpoint("ollama", served.url, "helper")
+            stream = stream_chat(endpoint, QUESTION, local_only=True, max_tokens=9, temperature=0.0, timeouts=PATIENT)
+            try:
+                said = [piece async for piece in stream]
+            except LanguageModelError as error:
+                said = [error.what]
+            return [*said, *(head.split()[1] for head in served.heads)]
+
+    told = asyncio.run(run())
+    if here:
+        assert told == [ANSWER, "/api/show", "/api/chat"]
+    else:
+        assert "not on this computer" in told[0] and told[1:] == ["/api/show"]
 
 
 MUTATIONS = 200
