@@ -184,7 +184,8 @@ class LiveState(QObject):
     pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone, ``people_in_map``
     and ``persons`` of all of them. :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are the streams of each
     camera, with an age of their own. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
-    ``camera_state`` is the stream of how each of them is. ``selected_person`` is the id of whom the wizard means, empty
+    ``camera_state`` is the stream of how each of them is. ``named_person`` is the id of whose name is being typed.
+    ``selected_person`` is the id of whom the wizard means, empty
     for nobody; ``asked_person`` is the suggestion that a key answers now, an AskedAbout or None, and
     ``person_history`` what was looked up last, a PersonHistory or None. ``everybody`` (tuple of PersonRow) has who was
     here, too, and who is known; ``portraits`` is where the pictures of people are fetched by the key in their row.
@@ -246,6 +247,7 @@ class LiveState(QObject):
         self.everybody = LiveValue((), self)
         self.portraits = Portraits()
         self.selected_person = LiveValue("", self)
+        self.named_person = LiveValue("", self)
         self.asked_person = LiveValue(None, self)
         self.person_history = LiveValue(None, self)
         self.robot = LiveValue(None, self)

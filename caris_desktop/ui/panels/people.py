@@ -1,6 +1,6 @@
 """People: who is in front of the robot, who was, who is known, and what they are called."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
@@ -13,15 +13,15 @@ from caris_desktop.domain.events import PeopleUndone, PersonForgotten, PersonIde
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import boxes, event_words, words
+from caris_desktop.ui import boxes, event_words, tokens, words
 from caris_desktop.ui.give_keys import give_keys
 from caris_desktop.ui.panel import Panel, PanelContext
-from caris_desktop.ui.people.asked import AskedAbout
+from caris_desktop.ui.people.asked import AskedAbout, with_one_question
 from caris_desktop.ui.people.people_list import PeopleList
 from caris_desktop.ui.people.people_model import PeopleModel
 from caris_desktop.ui.people.person_card import PersonCard
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
-from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, seen_elsewhere
+from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, is_nameless_past, seen_elsewhere
 from caris_desktop.ui.people.undo_bar import UndoBar
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
@@ -40,6 +40,8 @@ class PeoplePanel(Panel):
         self.setObjectName("people_panel")
         self._names_people = False
         self._search_button: ActionButton | None = None
+        self._unfold_button: ActionButton | None = None
+        self._unfolded = False
         self._shortcuts: list[QShortcut] = []
         self._search = EnterField()
         self._search.setObjectName("people_search")
@@ -57,6 +59,7 @@ class PeoplePanel(Panel):
         self.list.setObjectName("people_list")
         self.list.named.connect(lambda person_id, name: self.console.do(intents.NamePerson(person_id, name)))
         self.list.let_go.connect(self.catch_up)
+        self.list.naming_changed.connect(self.state.named_person.set)
         self.list.picked.connect(self._on_picked)
         self.list.asked_for.connect(self._on_asked_for)
         self._card: PersonCard | None = None
@@ -105,7 +108,7 @@ class PeoplePanel(Panel):
         self._renew_card()
 
     def title_widgets(self) -> list[QWidget]:
-        return [self._search_button] if self._search_button is not None else []
+        return [button for button in (self._unfold_button, self._search_button) if button is not None]
 
     def show_scenario(self) -> None:
         if self._card is not None:
@@ -129,6 +132,7 @@ class PeoplePanel(Panel):
         acts = (("Ctrl+Z", self._take_back), ("Ctrl+F", self._open_search)) if decides else ()
         self._shortcuts = [self._new_shortcut(keys, slot) for keys, slot in acts]
         self._search_button = self._new_search_button() if permitted else None
+        self._unfold_button = self._new_unfold_button() if permitted else None
         self._undo.put_away()
         self._search.clear()
         self._search.hide()
@@ -147,6 +151,19 @@ class PeoplePanel(Panel):
         button.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
         button.clicked.connect(self._toggle_search)
         return button
+
+    def _new_unfold_button(self) -> ActionButton:
+        button = ActionButton(self.theme, "", look="ghost", height_px=30, text_px=tokens.STATUS_PX)
+        button.setObjectName("people_unfold")
+        button.setCheckable(True)
+        button.setChecked(self._unfolded)
+        button.toggled.connect(self._on_unfolded)
+        button.hide()
+        return button
+
+    def _on_unfolded(self, unfolded: bool) -> None:
+        self._unfolded = unfolded
+        self._show_everyone()
 
     def sizeHint(self) -> QSize:
         return QSize(340, 220)
@@ -180,21 +197,42 @@ class PeoplePanel(Panel):
     def _show_everyone(self, _persons: object = None) -> None:
         if not self.in_view:
             return
-        persons = self.everyone
+        persons = with_one_question(self.everyone, self.state.asked_person.value)
         query = "" if self._search.isHidden() else self._search.text()
-        listed = tuple(person for person in persons if found(person, query)) if query.strip() else persons
+        listed = tuple(person for person in persons if found(person, query) and not self._is_folded(person, query))
         known = frozenset(person.person_id for person in persons)
         self.model.show_persons(
             listed,
             known=known,
-            in_place=self.list.held and not self._search.hasFocus(),
+            held_rows=0 if self._search.hasFocus() else self.list.held_rows,
             camera=self.state.camera.value,
         )
+        self._tell_folded(persons)
         self.list.look_whose_name_it_is()
         self._renew_card()
         if not self._undo.isHidden():
             self._tell_decision()
         self._refresh()
+
+    def _is_folded(self, person: PersonRow, query: str = "") -> bool:
+        """Whoever left and was never named is only counted, unless the wizard wants to see them or deals with one."""
+        if self._unfolded or query.strip() or not is_nameless_past(person):
+            return False
+        card = self._card.person_id if self._card is not None else ""
+        return person.person_id not in (self.list.naming, self.state.selected_person.value, card)
+
+    def _tell_folded(self, persons: Sequence[PersonRow]) -> None:
+        button = self._unfold_button
+        if button is None or button.parent() is None:
+            return
+        count = sum(is_nameless_past(person) for person in persons)
+        button.setVisible(count > 0)
+        button.setText(tr("+ %n left", "", count))
+        if self._unfolded:
+            button.setToolTip(tr("Hide %n who left without a name", "", count))
+        else:
+            button.setToolTip(tr("Show %n who left without a name", "", count))
+        button.setAccessibleName(button.toolTip())
 
     def _show_meant(self, _person_id: object = None) -> None:
         if self.in_view:
@@ -204,6 +242,7 @@ class PeoplePanel(Panel):
         asked: AskedAbout | None = self.state.asked_person.value
         if self.in_view:
             keys = self.table.key_text("answer_yes"), self.table.key_text("answer_no")
+            self._show_everyone()
             self.list.show_asked("" if asked is None else asked.person_id, *keys)
 
     def _show_unconfirmed(self, _status: object = None) -> None:

@@ -19,7 +19,7 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import words
 from caris_desktop.ui.ahead import ahead_of, ahead_words, looks_away
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
-from caris_desktop.ui.people.asked import AskedAbout
+from caris_desktop.ui.people.asked import AskedAbout, with_one_question
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
@@ -100,6 +100,7 @@ class VideoPanel(Panel):
         state.people.changed.connect(self._on_people_changed)
         state.persons.changed.connect(self._on_persons_changed)
         state.selected_person.changed.connect(self.view.show_selected)
+        state.named_person.changed.connect(self.view.show_naming)
         state.asked_person.changed.connect(self._name_people)
         # What a key has sent is on its way to the robot then: all that is said about it can wait for that.
         self._soon = QTimer(self, singleShot=True, interval=_AFTER_A_KEY_MS)
@@ -120,6 +121,7 @@ class VideoPanel(Panel):
         self._on_cameras_changed(None)
         self._on_persons_changed(state.persons.value)
         self.view.show_selected(state.selected_person.value)
+        self.view.show_naming(state.named_person.value)
         if state.people.value is not None:
             self._on_people_changed(state.people.value)
         # Frames were not read while nobody saw the panel; the last one that was must not pass for the present.
@@ -223,8 +225,8 @@ class VideoPanel(Panel):
         if not self.in_view:
             return
         naming = self.console.scenario.permissions.naming_people
-        persons = as_permitted(self.state.persons.value, naming=naming)
         asked: AskedAbout | None = self.state.asked_person.value
+        persons = with_one_question(as_permitted(self.state.persons.value, naming=naming), asked)
         key = self.table.key_text("answer_yes")
         self.view.show_names(
             {

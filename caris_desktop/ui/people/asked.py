@@ -1,5 +1,8 @@
 """Which suggestion the keys for yes and no answer: one at a time, and never another than the one that was read."""
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain.value_class import dataclass
@@ -22,6 +25,11 @@ class AskedAbout:
 def is_asked(person: PersonRow, asked: AskedAbout | None) -> bool:
     """Whether it is this person whom the question is about."""
     return asked is not None and person.here and person.person_id == asked.person_id
+
+
+def with_one_question(persons: Iterable[PersonRow], asked: AskedAbout | None) -> tuple[PersonRow, ...]:
+    """The rows with the suggestion that is asked about, and no other, so that no answer is meant for another."""
+    return tuple(person if is_asked(person, asked) else replace(person, suggestions=()) for person in persons)
 
 
 def suggested_id(person: PersonRow) -> str:

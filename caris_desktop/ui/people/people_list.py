@@ -1,8 +1,9 @@
 """The rows of the People panel on the screen: painted, clicked, and named in place."""
 
-from PySide6.QtCore import QEvent, QPoint, QRect, QRectF, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QPoint, QRect, QRectF, Qt, Signal
 from PySide6.QtGui import (
     QCursor,
+    QEnterEvent,
     QFont,
     QFontMetrics,
     QHelpEvent,
@@ -38,7 +39,6 @@ _GAP_PX = 12
 _BUTTON_PX = 30
 _ICON_PX = 17
 _TEXT_AT_LEAST_PX = 96
-_RESTS_MS = 4_000
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 _NAME_HINT = QT_TR_NOOP("Name, then Enter")
 _NOBODY_HINT = QT_TR_NOOP("Nobody is named: this person is gone")
@@ -47,12 +47,13 @@ _NOBODY_HINT = QT_TR_NOOP("Nobody is named: this person is gone")
 class PeopleList(RowList):
     """The rows, and the field for a name in place of the name that it changes.
 
-    ``held`` while the mouse moves over it, and some seconds longer, or a name is typed: rows must not move then.
-    ``let_go`` when they may again: a mouse that was left lying there hides nobody who comes.
+    Rows up to the mouse, or to the name that is typed, must not move: those are the first ``held_rows``. ``let_go``
+    when they may again. Whoever comes is shown below them at once.
     Nothing is decided about anybody until ``let_decide``: not where nobody is named, and not in a replay.
     """
 
     named = Signal(str, str)  # person id, name
+    naming_changed = Signal(str)  # person id, empty once no name is typed
     let_go = Signal()
     picked = Signal(str)  # person id: a click on the row
     asked_for = Signal(str, str)  # yes, no, same, not or card; person id
@@ -63,9 +64,7 @@ class PeopleList(RowList):
         self._people = model
         self._may_decide = False
         self._naming = ""  # the person whose name is being typed
-        self._under_mouse = False
-        self._resting = QTimer(self, singleShot=True, interval=_RESTS_MS)
-        self._resting.timeout.connect(self._on_mouse_away)
+        self._under_mouse: QPoint | None = None
         self._pressed: tuple[str, str] | None = None
         self._meant = ""
         self._asked = ""
@@ -114,7 +113,7 @@ class PeopleList(RowList):
         """A question comes into view once, and in another size of the list again; else it is the wizard who scrolls."""
         row = self._people.row_of(self._not_seen_yet)
         # The rows may still be those of before.
-        if row is not None and self._people.persons[row].here and not self.held:
+        if row is not None and self._people.persons[row].here and not self.held_rows:
             self._not_seen_yet = ""
             self.scrollTo(self._people.index(row))
 
@@ -205,13 +204,15 @@ class PeopleList(RowList):
     # ---- rows stay where they are while they are dealt with
 
     @property
-    def held(self) -> bool:
-        return self._under_mouse or bool(self._naming)
+    def held_rows(self) -> int:
+        rows = [self._people.row_of(self._naming)] if self._naming else []
+        if self._under_mouse is not None:
+            rows.append(self.indexAt(self._under_mouse).row())
+        return 1 + max((row for row in rows if row is not None), default=-1)
 
     def viewportEvent(self, event: QEvent) -> bool:
-        if event.type() in (QEvent.Type.Enter, QEvent.Type.MouseMove):
-            self._under_mouse = True
-            self._resting.start()
+        if isinstance(event, QEnterEvent | QMouseEvent):
+            self._under_mouse = event.position().toPoint()
         elif event.type() == QEvent.Type.Leave:
             self._on_mouse_away()
         if event.type() == QEvent.Type.ToolTip and isinstance(event, QHelpEvent):
@@ -232,19 +233,13 @@ class PeopleList(RowList):
 
     def hideEvent(self, event: QHideEvent) -> None:
         # A hidden widget is not told that the mouse left.
-        self._under_mouse = False
-        self._resting.stop()
+        self._under_mouse = None
         self._close_field()
         super().hideEvent(event)
 
     def _on_mouse_away(self) -> None:
-        self._resting.stop()
-        self._under_mouse = False
-        self._maybe_let_go()
-
-    def _maybe_let_go(self) -> None:
-        if not self.held:
-            self.let_go.emit()
+        self._under_mouse = None
+        self.let_go.emit()
 
     # ---- the name
 
@@ -263,6 +258,8 @@ class PeopleList(RowList):
         self._field.setPlaceholderText(tr(_NAME_HINT))
         self.scrollTo(self._people.index(row))
         self._naming = person_id
+        self.naming_changed.emit(person_id)
+        self.viewport().update()
         self._field.setAccessibleName(tr("Name of {name}").format(name=words.person_name(person)))
         self._field.setText(person.name if words.has_given_name(person) else "")
         self._place_field()
@@ -307,7 +304,9 @@ class PeopleList(RowList):
             self.setFocus(Qt.FocusReason.OtherFocusReason)
         self._naming = ""
         self._field.hide()
-        self._maybe_let_go()
+        self.naming_changed.emit("")
+        self.viewport().update()
+        self.let_go.emit()
 
     # ---- mouse and keys
 
@@ -403,7 +402,8 @@ class PersonDelegate(QStyledItemDelegate):
         caption = self._people.captions.get(index.row())
         if caption:
             self._paint_caption(painter, QRect(rect.left(), rect.top() - CAPTION_PX, rect.width(), CAPTION_PX), caption)
-        if person.person_id == self._view.meant:
+        naming = person.person_id == self._view.naming
+        if naming or person.person_id == self._view.meant:
             painter.fillRect(rect.adjusted(2, 1, -2, -1), theme.color("blue_soft"))
             painter.fillRect(QRect(rect.left() + 2, rect.top() + 1, 3, rect.height() - 2), theme.color("blue"))
         if self._view.hasFocus() and index.row() == self._view.currentIndex().row():
@@ -413,6 +413,10 @@ class PersonDelegate(QStyledItemDelegate):
         mark = QRect(rect.left() + _SIDE_PX, rect.center().y() - avatar.SIZE_PX // 2, avatar.SIZE_PX, avatar.SIZE_PX)
         if not self._portraits.draw(painter, mark, person.portrait, may_wait=True):
             avatar.draw_avatar(painter, theme, mark.toRectF(), person.name, known=named, here=person.here)
+        if naming:
+            painter.setPen(QPen(theme.color("blue"), 2.5))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawEllipse(QRectF(mark).adjusted(-3, -3, 3, 3))
         if self._people.is_unconfirmed(person.person_id):
             pen = QPen(theme.color("amber"), 2)
             pen.setDashPattern([2.5, 2.0])

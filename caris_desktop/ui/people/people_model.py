@@ -62,35 +62,37 @@ class PeopleModel(QAbstractListModel):
         return person_id in self._unconfirmed
 
     def show_persons(
-        self, persons: Sequence[PersonRow], *, known: frozenset[str], in_place: bool, camera: str = ""
+        self, persons: Sequence[PersonRow], *, known: frozenset[str], held_rows: int = 0, camera: str = ""
     ) -> None:
-        """``in_place``: every row stays where it is, those of people who are gone too; who is new comes last.
-        ``known`` are the ids of all who can be named, ``camera`` is the one on show.
+        """The first ``held_rows`` stay where they are, those of people who are gone too. ``known`` are the ids of all
+        who can be named, ``camera`` is the one on show.
         """
         self._known, self._camera = known, camera
-        ordered = self._in_place(persons) if in_place else in_order(persons)
+        held_rows = min(held_rows, len(self._persons))
+        ordered = self._in_place(persons, held_rows)
         if [person.person_id for person in ordered] != [person.person_id for person in self._persons]:
             self._arrange(ordered)
             self._persons = ordered
             self._row_of = {person.person_id: row for row, person in enumerate(ordered)}
-            self._caption(in_place=in_place)
+            self._caption(held_rows)
             self.arranged.emit()
         else:
             self._persons = ordered
-            self._caption(in_place=in_place)
+            self._caption(held_rows)
         self.refresh_ages()
 
-    def _caption(self, *, in_place: bool) -> None:
-        """Where every row stays, its group does too."""
-        now = self._captions if in_place else captions(self._persons)
+    def _caption(self, held_rows: int) -> None:
+        """What is above a row that stays does so too."""
+        stay = {row: text for row, text in self._captions.items() if row < held_rows}
+        now = stay | {row: text for row, text in captions(self._persons).items() if row >= held_rows}
         if now != self._captions:
             self._captions = now
             self.arranged.emit()
 
-    def _in_place(self, persons: Sequence[PersonRow]) -> list[PersonRow]:
+    def _in_place(self, persons: Sequence[PersonRow], held_rows: int) -> list[PersonRow]:
         newest = {person.person_id: person for person in persons}
-        stay = [newest.pop(row.person_id, replace(row, here=False)) for row in self._persons]
-        return stay + in_order(newest.values())
+        held = [newest.pop(row.person_id, replace(row, here=False)) for row in self._persons[:held_rows]]
+        return held + in_order(newest.values())
 
     def _arrange(self, ordered: Sequence[PersonRow]) -> None:
         """Take out, move and put in rows, so that the others stay the rows that they are."""

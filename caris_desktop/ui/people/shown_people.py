@@ -34,6 +34,11 @@ def standing_of(person: PersonRow) -> Standing:
     return "was" if person.since_ns else "known"
 
 
+def is_nameless_past(person: PersonRow) -> bool:
+    """Whether somebody left of whom nothing was ever written down."""
+    return standing_of(person) == "was" and not person.known and not words.has_given_name(person)
+
+
 def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
     """Who is here in order of appearance, so that nothing jumps away under the pointer; then who left, the latest
     first; then who is known, by name.

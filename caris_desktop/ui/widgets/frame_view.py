@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPointF, QRect, QRectF, QSizeF, Qt, Signal
 from PySide6.QtGui import (
     QAccessible,
+    QColor,
     QFontMetricsF,
     QImage,
     QMouseEvent,
@@ -46,6 +47,7 @@ _CHIP_ICONS = {
     "override": "shield-slash",
 }  # fmt: skip
 _CLICK_PX = 6
+_LIT_ALPHA = 60  # of white over the person whose name is typed: they stay recognisable
 _DASH_PX, _DASH_ON_PX = 18, 10
 _STRIP_PX = 4320  # the height of the largest screens
 
@@ -108,6 +110,7 @@ class FrameView(QWidget):
         self._people_before: People | None = None
         self._names: dict[str, tuple[str, bool]] = {}
         self._selected = ""
+        self._naming = ""
         self._suggested: frozenset[str] = frozenset()
         self._freshness = "none"
         self._age_s: float | None = None
@@ -204,6 +207,12 @@ class FrameView(QWidget):
         """Mark the box of whom the wizard means; an empty id marks nobody."""
         if person_id != self._selected:
             self._selected = person_id
+            self.update()
+
+    def show_naming(self, person_id: str) -> None:
+        """Light the box of whose name is being typed; an empty id lights none."""
+        if person_id != self._naming:
+            self._naming = person_id
             self.update()
 
     def show_freshness(self, freshness: str) -> None:
@@ -368,7 +377,9 @@ class FrameView(QWidget):
                 picture.left() + (box.left_px + right_px) * scale_x, picture.top() + box.top_px * scale_y,
                 box.width_px * scale_x, box.height_px * scale_y,
             ).intersected(picture.adjusted(2, 2, -2, -2))  # fmt: skip
-            if self._selected and box.person_id == self._selected:
+            if self._naming and box.person_id == self._naming:
+                painter.fillRect(rect, QColor(255, 255, 255, _LIT_ALPHA))
+            if box.person_id and box.person_id in (self._selected, self._naming):
                 self._paint_selected(painter, rect)
             suggested = box.person_id in self._suggested
             role = "box_warning" if suggested else "box_named" if named else "box_unnamed"

@@ -25,6 +25,7 @@ from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import direction, found, what_is_seen
 from caris_desktop.ui.people.undo_bar import UndoBar
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui import people_samples, samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
@@ -64,10 +65,111 @@ def press(qtbot: QtBot, panel: PeoplePanel, person_id: str, act: str) -> None:
     qtbot.mouseClick(panel.list.viewport(), Qt.MouseButton.LeftButton, pos=at)
 
 
+def unfold(panel: PeoplePanel) -> None:
+    """Show those who left without a name, too."""
+    button = panel.window().findChild(ActionButton, "people_unfold")
+    assert button is not None
+    assert not button.isHidden()
+    button.click()
+
+
 # What is shown
 
 
+def test_who_left_without_a_name_is_counted_and_shown_when_asked_for(panel: PeoplePanel, console: FakeConsole) -> None:
+    left = [row for row in console.state.everybody.value if row.person_id == "p-5"]
+    many = [dataclasses.replace(left[0], person_id=f"p-left-{n}", name=f"Person {n}", number=n) for n in range(40, 70)]
+    named = dataclasses.replace(left[0], person_id="p-eva", name="Eva")
+    console.state.everybody.set((*console.state.everybody.value, *many, named))
+    assert [name for name in names(panel) if name.startswith("Person")] == ["Person 3", "Person 4"]
+    assert panel.model.captions[4] == "Was here · 1", "of whom something is known"
+    button = panel.window().findChild(ActionButton, "people_unfold")
+    assert button is not None
+    assert (button.text(), button.toolTip()) == ("+ 31 left", "Show 31 who left without a name")
+    unfold(panel)
+    assert len([name for name in names(panel) if name.startswith("Person")]) == 2 + 31
+    unfold(panel)
+    console.state.selected_person.set("p-left-41")
+    panel.catch_up()
+    assert "Person 41" in names(panel), "with whom the wizard deals"
+    console.state.everybody.set(())
+    assert button.isHidden()
+
+
+def test_of_two_suggestions_one_is_asked_about(panel: PeoplePanel, console: FakeConsole) -> None:
+    rows = console.state.persons.value
+    asked = next(row for row in rows if row.person_id == "p-3")
+    two = tuple(
+        dataclasses.replace(row, suggestions=asked.suggestions) if row.person_id == "p-4" else row for row in rows
+    )
+    console.state.persons.set(two)
+    assert "Maybe Mara" in told(panel, "p-3")
+    assert "Maybe" not in told(panel, "p-4")
+    row = panel.model.row_of("p-4")
+    assert row is not None
+    assert [button.act for button, _ in panel.list.buttons(row)] == ["name", "card"]
+    console.state.selected_person.set("p-4")
+    assert "Maybe Mara" in told(panel, "p-4")
+    assert "Maybe" not in told(panel, "p-3")
+
+
+@pytest.mark.parametrize("pointed", [0, 2, 3])
+def test_no_row_moves_under_the_pointer(qtbot: QtBot, panel: PeoplePanel, console: FakeConsole, pointed: int) -> None:
+    panel.list.scrollToTop()
+    before = names(panel)
+    at = panel.list.row_rect(pointed).center()
+    qtbot.mouseMove(panel.list.viewport(), at)
+    place = panel.list.row_rect(pointed)
+    rows = console.state.persons.value
+    new = [dataclasses.replace(rows[3], person_id=f"p-new-{n}", name=f"Person 2{n}", since_ns=n + 1) for n in range(3)]
+    console.state.persons.set((*new, *rows[1:]))  # the first has left, three have come, and were here longest
+    assert names(panel)[: pointed + 1] == before[: pointed + 1]
+    assert panel.list.row_rect(pointed) == place
+    assert {"Person 20", "Person 21", "Person 22"} <= set(names(panel)[pointed + 1 : pointed + 7]), "in view at once"
+    QApplication.sendEvent(panel.list.viewport(), QEvent(QEvent.Type.Leave))
+    assert names(panel)[:3] == ["Person 20", "Person 21", "Person 22"]
+    # The pointer stays where it is beyond the test.
+    qtbot.mouseMove(panel.window(), QPoint(1, 1))
+
+
+@pytest.mark.panels()
+def test_while_a_name_is_typed_row_and_box_are_lit(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    frame = console.frames.add(samples.corridor())
+    console.state.take(frame)
+    people = samples.people_for(frame.sequence, 640, 480, [(60.0, 100.0, 120.0, 300.0)])
+    box = dataclasses.replace(people.boxes[0], person_id="p-4")
+    console.state.take(dataclasses.replace(people, boxes=(box,)))
+    view = window.panels["video"].view  # type: ignore[attr-defined]
+    row = panel.model.row_of("p-4")
+    assert row is not None
+    rect = panel.list.row_rect(row)
+
+    def seen() -> tuple[int, int]:
+        inside, picture = view.grab().toImage(), view.picture_rect()
+        x = round(picture.left() + 120.0 / 640 * picture.width())
+        y = round(picture.top() + 250.0 / 480 * picture.height())
+        in_row = (
+            panel.list.viewport().grab().toImage().pixelColor(rect.left() + 3, panel.list.row_rect(row).center().y())
+        )
+        return inside.pixelColor(x, y).value(), in_row.blue() - in_row.red()
+
+    panel.list.scrollTo(panel.model.index(row))
+    before = seen()
+    press(qtbot, panel, "p-4", "name")
+    assert console.state.named_person.value == "p-4"
+    after = seen()
+    assert after[0] > before[0] + 10, "the person in the picture is lighter"
+    assert after[1] > before[1] + 20, "the row has a blue edge"
+    QTest.keyClick(find(panel, "person_name_field"), Qt.Key.Key_Escape)
+    assert console.state.named_person.value == ""
+    assert seen()[0] == before[0]
+    qtbot.mouseMove(window, QPoint(1, 1))
+
+
 def test_people_stand_in_three_groups(panel: PeoplePanel) -> None:
+    unfold(panel)
     assert names(panel)[:7] == ["Luis", "Ana Torres", "Person 3", "Person 4", "Person 5", "Guest 000", "Guest 001"]
     assert names(panel)[-1] == "Mara Silva", "who is known, by name"
     assert panel.model.captions == {4: "Was here · 1", 5: "Known in this study · 21"}
@@ -83,6 +185,7 @@ def test_a_row_says_where_somebody_is_and_what_they_do(panel: PeoplePanel) -> No
     )
     assert told(panel, "p-ana") == "Ana Torres, Group 1, hand raised · 2.4 m, ahead · here for 2 min"
     assert told(panel, "p-3").startswith("Person 3, Maybe Mara Silva (82 %), 3.3 m, right · here for ")
+    unfold(panel)
     assert told(panel, "p-5") == "Person 5, left 2 min ago"
     assert told(panel, "p-mara") == "Mara Silva, Group 2, shy, wheelchair, known from before"
     back = dataclasses.replace(people_samples.people_of_a_tour(10**12)[3], visit_id="p-9", confidence=0.99)
@@ -97,6 +200,7 @@ def test_a_bearing_is_said_as_the_robot_looks(bearing_rad: float, words: str) ->
 
 
 def test_somebody_comes_back_from_the_known_to_those_who_are_here(panel: PeoplePanel, console: FakeConsole) -> None:
+    unfold(panel)
     mara = next(row for row in console.state.everybody.value if row.person_id == "p-mara")
     now_ns = clock.now_ns()
     here = dataclasses.replace(mara, here=True, since_ns=now_ns, last_seen_ns=now_ns, number=9)
@@ -206,13 +310,13 @@ def test_one_who_comes_moves_one_row(qapp: QApplication) -> None:
     model = PeopleModel(state.present, state)
     rows = people_samples.many(500)
     everybody = frozenset(row.person_id for row in rows)
-    model.show_persons(rows, known=everybody, in_place=False)
+    model.show_persons(rows, known=everybody)
     heard: list[str] = []
     for name in ("modelReset", "rowsInserted", "rowsRemoved", "rowsMoved"):
         getattr(model, name).connect(lambda *_args, name=name: heard.append(name))
     now_ns = clock.now_ns()
     back = dataclasses.replace(rows[300], here=True, since_ns=now_ns)
-    model.show_persons((*rows[:300], back, *rows[301:]), known=everybody, in_place=False)
+    model.show_persons((*rows[:300], back, *rows[301:]), known=everybody)
     assert heard == ["rowsMoved"]
     assert model.row_of(back.person_id) == 1
     state.close()
@@ -399,7 +503,7 @@ def test_people_are_found_by_name_group_and_tag(
     QTest.keyClick(field, Qt.Key.Key_Escape)
     assert console.calls[-1] == ("stop", None), "Esc stops the robot first of all"
     assert not field.isVisible()
-    assert len(names(panel)) == 26
+    assert len(names(panel)) == 25
 
 
 def test_every_word_has_to_be_there() -> None:
@@ -432,17 +536,6 @@ def test_what_was_decided_is_told_with_the_name_that_follows_from_it(panel: Peop
     rows = console.state.persons.value
     console.state.persons.set((*rows[:3], dataclasses.replace(rows[3], name="Eva")))
     assert bar.text.text() == "Named Eva"
-
-
-def test_a_mouse_that_lies_still_hides_nobody_who_comes(qtbot: QtBot, panel: PeoplePanel, console: FakeConsole) -> None:
-    panel.list._resting.setInterval(50)
-    QApplication.sendEvent(panel.list.viewport(), QEvent(QEvent.Type.Enter))
-    rows = people_samples.people_of_a_tour()
-    here = dataclasses.replace(rows[5], here=True, since_ns=clock.now_ns(), last_seen_ns=clock.now_ns())
-    people_samples.show_people(console, (*rows[:5], here, *rows[6:]))
-    assert names(panel)[-1] == "Mara Silva", "in place, under the mouse"
-    qtbot.waitUntil(lambda: names(panel)[4] == "Mara Silva")
-    assert panel.model.captions[5].startswith("Was here")
 
 
 def test_what_the_console_decided_offers_no_undo(panel: PeoplePanel, console: FakeConsole) -> None:
