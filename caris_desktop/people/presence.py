@@ -433,7 +433,9 @@ class Presence:
             self._visits.drop(old)
             self._known.drop_visit(old.visit_id)
             self.portraits.drop(_portrait_key(old))
-        return [] if self._is_here(visit.person_id) else [PersonLeft(now_ns, visit.person_id, visit.track)]
+        if self._is_here(visit.person_id):
+            return []
+        return [PersonLeft(now_ns, visit.person_id, visit.track, visit.last_seen_ns)]
 
     def _end(self, visit: Visit) -> None:
         """What there is to keep of a visit that is over."""

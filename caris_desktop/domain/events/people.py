@@ -23,11 +23,12 @@ class PersonAppeared:
 
 @dataclass(frozen=True, slots=True)
 class PersonLeft:
-    """A person has not been seen for a while."""
+    """A person has not been seen for a while: since ``last_seen_ns``, None in older recordings."""
 
     stamp_ns: int
     person_id: str
     track: int
+    last_seen_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

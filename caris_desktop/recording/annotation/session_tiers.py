@@ -8,7 +8,10 @@ said, wrote or named is none of them.
 import dataclasses
 import re
 from collections.abc import Callable, Iterable
+from operator import itemgetter
 from typing import Any, get_args
+
+import numpy as np
 
 from caris_desktop.domain.events import (
     AnswerUsed,
@@ -50,6 +53,7 @@ from caris_desktop.recording.annotation.model import (
     VocabularyEntry,
 )
 from caris_desktop.recording.session.answers import unheard
+from caris_desktop.recording.session.driving import held_until_ns
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.pauses import pauses_of
@@ -64,7 +68,6 @@ MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")
 ERRORS_VOCABULARY = QT_TR_NOOP("Wizard errors")
 UNNAMED = states.state("unspecified")  # a mark that nobody named
 MOST_PEOPLE = 12  # in a crowd only how many there are is worth a tier
-_HELD_NS = 500_000_000  # a velocity without a newer one says nothing of the time after that
 _STILL_MPS, _STILL_RADPS = 0.02, 0.05
 _TROUBLE = ("connecting", "trouble", "lost")
 _SPEECH = {
@@ -75,10 +78,10 @@ _SPEECH = {
 }
 _MOTIONS = {
     "standing": "No velocity was commanded.",
-    "forward": f"At least {_STILL_MPS} m/s forward, turning or not.",
-    "backward": f"At least {_STILL_MPS} m/s backward, turning or not.",
-    "sideways": f"At least {_STILL_MPS} m/s to the side and neither forward nor backward.",
-    "turning": f"At least {_STILL_RADPS} rad/s on the spot.",
+    "forward": f"At least {_STILL_MPS} m/s forward, turning or not; or slower, and nothing faster beside it.",
+    "backward": f"At least {_STILL_MPS} m/s backward, turning or not; or slower, and nothing faster beside it.",
+    "sideways": f"At least {_STILL_MPS} m/s to the side, neither forward nor backward; or slower likewise.",
+    "turning": f"At least {_STILL_RADPS} rad/s on the spot; or slower likewise.",
 }
 _ANSWER_USES = {
     "said": "",
@@ -145,8 +148,7 @@ class SessionRecord:
         self._emergencies: list[EmergencyStopChanged] = []
         self._scenarios: list[ScenarioOpened] = []
         self._protocol: list[ProtocolEvent] = []
-        self._motion = _Runs()
-        self._sources = _Runs()
+        self._commands: list[tuple[int, Twist2D, str]] = []
         self._others: dict[type[Any], list[_Stretch]] = {}
         self._folded: dict[type[Any], Callable[[Any], None]] = {
             **dict.fromkeys((UtteranceChanged, UtteranceCorrected), self._utterances.append),
@@ -276,12 +278,17 @@ class SessionRecord:
 
     def _driving_rows(self) -> Iterable[_Row]:
         ended_ns = self._session.ended_ns
-        motion = self._motion.until(ended_ns)
-        if motion:
+        commands = sorted(self._commands, key=itemgetter(0))
+        stamps_ns = np.array([stamp_ns for stamp_ns, _, _ in commands], np.int64)
+        held_ns = held_until_ns(stamps_ns, ended_ns=ended_ns, pauses=self._paused_spans()).tolist()
+        driven = [(*one, end_ns) for one, end_ns in zip(commands, held_ns, strict=True) if one[1] != Twist2D()]
+        motion = _joined([_Stretch(stamp_ns, end_ns, motion_of(twist)) for stamp_ns, twist, _, end_ns in driven])
+        if commands:
             # Nothing commanded is standing: before the first command and wherever commands went silent.
             motion = _filled(motion, "standing", self._session.started_ns, ended_ns, self._paused_spans())
+        sources = _joined([_Stretch(stamp_ns, end_ns, source) for stamp_ns, _, source, end_ns in driven])
         yield _Row(QT_TR_NOOP("Motion"), _in_states(motion), "Motion", "Robot")
-        yield _Row(QT_TR_NOOP("Driving source"), _in_states(self._sources.until(ended_ns)), "Driving source", "Wizard")
+        yield _Row(QT_TR_NOOP("Driving source"), _in_states(sources), "Driving source", "Wizard")
         goals = navigation_goals(self._goals, started_ns=self._session.started_ns, pauses=self._paused_spans())
         yield _Row(QT_TR_NOOP("Navigation goals"), [_of_goal(goal, ended_ns) for goal in goals], "", "Robot")
 
@@ -363,15 +370,10 @@ class SessionRecord:
         self._others.setdefault(StepTicked, []).append(_Stretch(tick.stamp_ns, None, summary_of(tick)))
 
     def _add_command(self, command: CommandSent) -> None:
-        state = motion_of(command.twist)
-        self._motion.add(command.stamp_ns, state, held=state == "standing")
-        self._sources.add(command.stamp_ns, "" if state == "standing" else command.source)
+        self._commands.append((command.stamp_ns, command.twist, command.source))
 
     def _add_pause(self, pause: RecordingPaused) -> None:
         self._pauses.append(pause)
-        if pause.paused:
-            self._motion.stop(pause.stamp_ns)
-            self._sources.stop(pause.stamp_ns)
 
     def _paused_spans(self) -> list[tuple[int, int]]:
         return pauses_of(self._pauses, ended_ns=self._session.ended_ns)
@@ -458,41 +460,15 @@ def _event_streams() -> tuple[StreamSpec, ...]:
 
 
 def motion_of(twist: Twist2D) -> str:
-    """In a word of the vocabulary Motion."""
-    if abs(twist.forward_mps) >= _STILL_MPS:
-        return "forward" if twist.forward_mps > 0 else "backward"
-    if abs(twist.left_mps) >= _STILL_MPS:
-        return "sideways"
-    return "turning" if abs(twist.turn_radps) >= _STILL_RADPS else "standing"
-
-
-class _Runs:
-    """Joins equal values that follow one another; the empty one is a gap."""
-
-    def __init__(self) -> None:
-        self._runs: list[_Stretch] = []
-        self._value = ""
-        self._since_ns = self._last_ns = 0
-        self._held = False
-
-    def add(self, stamp_ns: int, value: str, *, held: bool = False) -> None:
-        """``held``: it stays so however long nothing is said."""
-        silent = not self._held and stamp_ns - self._last_ns > _HELD_NS
-        if value != self._value or silent:
-            self.stop(stamp_ns)
-            self._value, self._since_ns, self._held = value, stamp_ns, held
-        self._last_ns = stamp_ns
-
-    def stop(self, stamp_ns: int) -> None:
-        end_ns = stamp_ns if self._held else min(stamp_ns, self._last_ns + _HELD_NS)
-        if self._value and end_ns > self._since_ns:
-            self._runs.append(_Stretch(self._since_ns, end_ns, self._value))
-        self._value = ""
-
-    def until(self, ended_ns: int) -> list[_Stretch]:
-        if self._value:
-            self.stop(max(ended_ns, self._last_ns))
-        return self._runs
+    """In a word of the vocabulary Motion. However slow, it is not standing: the largest part of it counts then."""
+    parts = {
+        "forward" if twist.forward_mps > 0 else "backward": abs(twist.forward_mps) / _STILL_MPS,
+        "sideways": abs(twist.left_mps) / _STILL_MPS,
+        "turning": abs(twist.turn_radps) / _STILL_RADPS,
+    }
+    if not any(parts.values()):
+        return "standing"
+    return next((word for word, size in parts.items() if size >= 1.0), max(parts, key=lambda word: parts[word]))
 
 
 def _filled(
@@ -507,14 +483,19 @@ def _filled(
             filled.append(_Stretch(at_ns, run.start_ns, value))
         filled.append(run)
         at_ns = max(at_ns, run.end_ns or run.start_ns)
+    return [run for run in _joined(filled) if run.value]
+
+
+def _joined(runs: list[_Stretch]) -> list[_Stretch]:
+    """Equal values that follow on one another are one; those that last no time are left out."""
     joined: list[_Stretch] = []
-    for run in filled:
+    for run in runs:
         before = joined[-1] if joined else None
         if before is not None and run.value == before.value and before.end_ns == run.start_ns:
             joined[-1] = dataclasses.replace(before, end_ns=run.end_ns)
         else:
             joined.append(run)
-    return [run for run in joined if run.value and (run.end_ns or 0) > run.start_ns]
+    return [run for run in joined if (run.end_ns or 0) > run.start_ns]
 
 
 def _start_ns(stretch: _Stretch) -> int:

@@ -19,10 +19,11 @@ from caris_desktop.recording.exporters.pictures import camera_file_name, picture
 from caris_desktop.recording.exporters.tables import whose_columns
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.answers import LlmUse, answer_uses, questions_of
+from caris_desktop.recording.session.driving import COMMAND_HOLDS_S
 from caris_desktop.recording.session.robot_clock import RobotClock, robot_clock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
-from caris_desktop.recording.studies.measures import COMMAND_HOLDS_S, reaction_times, read_facts, response_times
+from caris_desktop.recording.studies.measures import reaction_times, read_facts, response_times
 
 STEP_NS = 100_000_000
 PAUSE_NS = 2_000_000_000

@@ -101,7 +101,8 @@ def _movement_sentence(study: StudyFacts) -> str:
     goals = study.counted(lambda m: m.driving.goals)
     count, reached = sum(goals.values()), goals.get("reached", 0)
     ways = [one.measures.driving.distance_m for one in study.known if one.measures.driving.distance_m is not None]
-    distance = f" ({distance_text(sum(ways))} in all)" if ways else ""
+    of_some = "" if len(ways) == len(study.known) else f", in the {len(ways)} of {len(study.known)} with odometry"
+    distance = f" ({distance_text(sum(ways))} in all{of_some})" if ways else ""
     by_hand = f"was driven by hand for {duration_text(driven_s)}" if driven_s else ""
     by_itself = ""
     if count:

@@ -514,7 +514,14 @@ class _Answers:
         else:
             parts.append("The wizard did not drive it by hand.")
         if ways:
-            parts.append(f"It went {distance_text(sum(ways))} in all.")
+            some = (
+                ""
+                if len(ways) == len(self._of.known)
+                else f", in the {len(ways)} of {len(self._of.known)} with odometry"
+            )
+            parts.append(f"It went {distance_text(sum(ways))} in all{some}.")
+        else:
+            parts.append("How far it went is not known: the robot told no odometry.")
         if known_speeds:
             parts.append(f"Its highest speed was {max(known_speeds):.2f} m/s.")
         stops = sum(one.measures.driving.stops for one in self._of.known)

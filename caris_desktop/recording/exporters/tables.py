@@ -454,7 +454,8 @@ class _AnswerRow:
 @dataclass(frozen=True, slots=True)
 class _VisitRow:
     """A time for which somebody was there. The time columns tell when it began; ``person_number`` is that of
-    "Person 3" on the screen. One person who was lost and found again may have several ids.
+    "Person 3" on the screen. One person who was lost and found again may have several ids. ``end_ns`` is when they
+    counted as gone, some seconds after they were seen last (``last_seen_ns``; empty where the record does not tell it).
     """
 
     stamp_ns: int
@@ -462,6 +463,8 @@ class _VisitRow:
     person_number: int | None
     end_ns: int
     duration_s: float
+    last_seen_ns: int | None
+    seen_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -555,7 +558,10 @@ def _visit_rows(session: Session) -> Iterator[_VisitRow]:
     events = [value for _, value in session.values(*VISIT_STREAMS)]
     for visit in visits_of(events, started_ns=session.started_ns, ended_ns=session.ended_ns, pauses=_pauses(session)):
         duration_s = round((visit.end_ns - visit.start_ns) / 1e9, 6)
-        yield _VisitRow(visit.start_ns, visit.person_id, visit.number or None, visit.end_ns, duration_s)
+        seen_s = None if visit.last_seen_ns is None else round((visit.last_seen_ns - visit.start_ns) / 1e9, 6)
+        yield _VisitRow(
+            visit.start_ns, visit.person_id, visit.number or None, visit.end_ns, duration_s, visit.last_seen_ns, seen_s
+        )  # fmt: skip
 
 
 def _pauses(session: Session) -> list[tuple[int, int]]:

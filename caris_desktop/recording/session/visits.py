@@ -40,13 +40,15 @@ TOGETHER_NS = 2_000_000_000
 class Visit:
     """An identity was there. ``number`` is that of "Person 3" on the screen, 0 where the record does not tell it.
 
-    One person who was lost and found again may have several identities.
+    One person who was lost and found again may have several identities. ``end_ns`` is when they counted as gone, some
+    seconds after ``last_seen_ns``; that is None where the record does not tell it, or ends or pauses first.
     """
 
     person_id: str
     number: int
     start_ns: int
     end_ns: int
+    last_seen_ns: int | None = None
 
 
 def visits_of(
@@ -64,11 +66,12 @@ def visits_of(
     numbers: dict[str, int] = {}
     since: dict[str, int] = {}  # by the id with which it began
     seen: set[str] = set()
-    spans: list[tuple[str, int, int]] = []
+    spans: list[tuple[str, int, int, int | None]] = []
     links = _Links()
 
-    def leave(began_as: str, start_ns: int, end_ns: int) -> None:
-        spans.append((began_as, start_ns, max(start_ns, end_ns)))
+    def leave(began_as: str, start_ns: int, end_ns: int, seen_ns: int | None = None) -> None:
+        end_ns = max(start_ns, end_ns)
+        spans.append((began_as, start_ns, end_ns, None if seen_ns is None else min(max(start_ns, seen_ns), end_ns)))
 
     waiting = sorted(begin_ns for begin_ns, _ in pauses)
     for event in sorted(events, key=lambda event: event.stamp_ns):
@@ -83,18 +86,21 @@ def visits_of(
             seen.add(event.person_id)
         elif isinstance(event, PersonLeft | PersonForgotten):
             here = [began_as for began_as in since if links.of(began_as) == links.of(event.person_id)]
+            seen_ns = event.last_seen_ns if isinstance(event, PersonLeft) else None
             for began_as in here:
-                leave(began_as, since.pop(began_as), event.stamp_ns)
+                leave(began_as, since.pop(began_as), event.stamp_ns, seen_ns)
             if not here and isinstance(event, PersonLeft) and links.of(event.person_id) not in map(links.of, seen):
-                leave(event.person_id, started_ns, event.stamp_ns)
+                leave(event.person_id, started_ns, event.stamp_ns, seen_ns)
             seen.add(event.person_id)
         else:
             links.take(event)
     for began_as, start_ns in since.items():
         leave(began_as, start_ns, min([*waiting, ended_ns]))
     visits = (
-        Visit(links.of(began_as), numbers.get(links.of(began_as)) or numbers.get(began_as, 0), start_ns, end_ns)
-        for began_as, start_ns, end_ns in spans
+        Visit(
+            links.of(began_as), numbers.get(links.of(began_as)) or numbers.get(began_as, 0), start_ns, end_ns, seen_ns
+        )
+        for began_as, start_ns, end_ns, seen_ns in spans
     )
     return tuple(sorted(visits, key=lambda visit: visit.start_ns))
 

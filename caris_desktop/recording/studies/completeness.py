@@ -40,7 +40,7 @@ def what_is_missing(facts: SessionFacts, measures: Measures) -> tuple[str, ...]:
         sentences.append("There is no sound.")
     if not facts.odometry_ns.size:
         sentences.append(
-            "The robot told no odometry: the distance is that of its pose in the map."
+            "The robot told no odometry: the distance is not known, as its pose in the map jumps with each correction."
             if facts.pose_ns.size
             else "The robot told neither odometry nor its pose: there is no distance and no trajectory."
         )

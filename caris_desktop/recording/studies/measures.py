@@ -51,6 +51,7 @@ from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.alarms import AlarmRecord, alarms_of
 from caris_desktop.recording.session.answers import answer_uses, questions_of
+from caris_desktop.recording.session.driving import held_until_ns
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.pauses import pauses_of
@@ -69,8 +70,8 @@ from caris_desktop.recording.session.visits import VISIT_EVENTS, Visit, most_at_
 
 T = TypeVar("T")
 
-COMMAND_HOLDS_S = 0.3
-"""A velocity command counts as driving until the next one, but no longer than this."""
+_LONGEST_STEP_S = 1.0
+"""A velocity says nothing of the time after that."""
 PLAUSIBLE_SPEED_MPS = 5.0
 """A faster step of the odometry is a jump of its origin, not a way that was driven."""
 
@@ -273,7 +274,8 @@ class ModelUse:
 @dataclass(frozen=True, slots=True)
 class Driving:
     """How the robot moved. ``seconds_by_source`` is time with a command other than zero; ``max_speed_mps`` and
-    ``distance_m`` are None where the robot told neither odometry nor pose.
+    ``distance_m`` are None where the robot told no odometry: its pose in the map jumps with each correction of the
+    localisation, which adds up to a multiple of the way.
     """
 
     distance_m: float | None
@@ -534,13 +536,11 @@ def driving_stretches(facts: SessionFacts) -> tuple[Stretch, ...]:
 
 
 def _commanded(facts: SessionFacts) -> list[tuple[int, int, str]]:
-    if facts.command_ns.size < 2:
-        return []
     moving = (facts.commands != 0.0).any(axis=1)
-    held_ns = np.minimum(np.diff(facts.command_ns), int(COMMAND_HOLDS_S * 1e9))
+    until_ns = held_until_ns(facts.command_ns, ended_ns=facts.session.ended_ns, pauses=_spans(facts.pauses))
     return [
-        (int(facts.command_ns[index]), int(facts.command_ns[index] + held_ns[index]), facts.command_sources[index])
-        for index in np.flatnonzero(moving[:-1])
+        (int(facts.command_ns[index]), int(until_ns[index]), facts.command_sources[index])
+        for index in np.flatnonzero(moving)
     ]
 
 
@@ -593,8 +593,10 @@ def _driving(facts: SessionFacts) -> Driving:
     speed_mps: float | None = None
     if facts.odometry_ns.size:
         distance_m, speed_mps = way_m(facts.odometry_ns, facts.odometry[:, :2]), float(facts.odometry[:, 2].max())
-    elif facts.pose_ns.size:
-        distance_m = way_m(facts.pose_ns, facts.poses[:, :2])
+        if not np.ptp(facts.odometry[:, :2], axis=0).any():
+            # A base that tells its velocity and no place.
+            steps_s = np.minimum(np.diff(facts.odometry_ns) / 1e9, _LONGEST_STEP_S)
+            distance_m = float((facts.odometry[:-1, 2] * steps_s).sum())
     return Driving(
         distance_m=distance_m,
         max_speed_mps=speed_mps,
@@ -748,7 +750,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure("own_voice_utterances", "", "How often the wizard spoke through the robot.", _from("own_voice")),
     Figure("llm_exchanges", "", "Questions to a language model.", lambda m: sum(model.asked for model in m.models)),
     Figure("llm_accepted_fraction", "0-1", "Of its answers, how many were said, edited or not.", _accepted),
-    Figure("distance_m", "m", "The way the robot made, by its odometry (else its pose).",
+    Figure("distance_m", "m", "The way the robot made, by its odometry; nothing where it told none.",
            lambda m: m.driving.distance_m),
     Figure("driving_s", "s", "Time in which the wizard drove.", lambda m: m.driving.driving_s),
     Figure("max_speed_mps", "m/s", "The highest speed, by the robot's odometry.", lambda m: m.driving.max_speed_mps),

@@ -8,6 +8,7 @@ import pytest
 
 from caris_desktop.domain.events import (
     AnswerUsed,
+    CommandSent,
     DriveEnded,
     EmergencyStopChanged,
     Gap,
@@ -25,11 +26,13 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
+from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies.completeness import what_is_missing
 from caris_desktop.recording.studies.measures import (
     FIGURES,
     Measures,
+    SessionFacts,
     Spread,
     Stretch,
     covered_s,
@@ -359,3 +362,51 @@ def test_overlapping_stretches_count_once() -> None:
     stamps_ns = np.array([0, 10**9, 2 * 10**9])
     assert way_m(stamps_ns, np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 400.0]])) == 5.0
     assert way_m(stamps_ns[:1], np.zeros((1, 2))) == 0.0
+
+
+def _one_number(facts: SessionFacts) -> tuple[float, float, float, float]:
+    """Driving time by the measures, the report, and the two tiers of it."""
+    tiers = session_tiers(facts.session)
+    names = {tier.tier_id: tier.name for tier in tiers.tiers}
+
+    def of(name: str) -> float:
+        return sum(
+            (one.end_ms - one.start_ms) / 1000
+            for one in tiers.annotations
+            if names[one.tier_id] == name and one.value != "standing"
+        )
+
+    reported = sum(stretch.duration_s for stretch in driving_stretches(facts))
+    return measure(facts).driving.driving_s, reported, of("Driving source"), of("Motion")
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "turn_radps", "every_s"), [(0.3, 0.0, 0.1), (0.015, 0.03, 0.1), (0.3, 0.6, 0.44)]
+)
+def test_driving_time_is_one_number_everywhere_however_slow_or_seldom(
+    tmp_path: Path, speed_mps: float, turn_radps: float, every_s: float
+) -> None:
+    moments = [2.0 + number * every_s for number in range(20)]
+    events: list[Any] = [
+        CommandSent(at(moment), number, Twist2D(speed_mps, 0.0, turn_radps), "keyboard")
+        for number, moment in enumerate(moments)
+    ]
+    events += [CommandSent(at(moments[-1] + 0.2), 99, Twist2D(), "stop")]
+    events += [CommandSent(at(29.9), 100, Twist2D(speed_mps, 0.0, turn_radps), "keyboard")]
+    tell(tmp_path / "s", events, lasts_s=30)
+    expected_s = 19 * min(every_s, 0.3) + 0.2 + 0.1  # the last one holds until the end
+    assert _one_number(read_facts(open_session(tmp_path / "s"))) == pytest.approx((expected_s,) * 4, abs=0.05)
+
+
+def test_without_odometry_the_distance_is_not_known_and_without_places_it_is_the_integrated_speed(
+    tmp_path: Path,
+) -> None:
+    # As a localisation tells it that corrects itself by some centimetres each time.
+    poses = [RobotPose(at(moment / 10), None, Pose2D(0.1 * (moment % 2), 0.0, 0.0)) for moment in range(200)]
+    tell(tmp_path / "s", poses, lasts_s=30)
+    facts = read_facts(open_session(tmp_path / "s"))
+    assert measure(facts).driving.distance_m is None
+    assert any("the distance is not known" in sentence for sentence in what_is_missing(facts, measure(facts)))
+    driven = [Odometry(at(1 + n / 10), None, Pose2D(0.0, 0.0, 0.0), Twist2D(0.2, 0.0, 0.0)) for n in range(51)]
+    tell(tmp_path / "t", driven, lasts_s=30)
+    assert measure(read_facts(open_session(tmp_path / "t"))).driving.distance_m == pytest.approx(1.0, abs=0.01)
