@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.export import (
     BY_FORMAT,
     FORMATS,
@@ -42,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="who the wizards and coders were and where the robot is, in place of pseudonyms (W1, C1) and its profile",
     )
+    add_csv_arguments(parser)
     parser.add_argument("--verify", action="store_true", help="first compare the files with the session's checksums")
     parser.add_argument(
         "out", type=Path, help="folder to make; of a study, each session gets a folder in it. Nothing is overwritten"
@@ -58,8 +60,9 @@ def run(args: argparse.Namespace) -> int:
     damaged = _verify(sessions) if args.verify else []
     one = sessions == (args.session,)
     request = ExportRequest(
-        sessions, args.to, args.out, args.licence, folder_per_session=not one, with_names=args.with_names
-    )
+        sessions, args.to, args.out, args.licence,
+        folder_per_session=not one, with_names=args.with_names, csv=csv_style_of(args),
+    )  # fmt: skip
     written = 0
 
     def count(_folder: Path) -> None:

@@ -20,6 +20,7 @@ import psutil
 from caris_desktop.domain.file_replacement import no_room
 from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.names import Pseudonyms, pseudonymised, pseudonyms_of
 from caris_desktop.recording.session.losses import lost_values, missing_words
 from caris_desktop.recording.session.session_header import is_session
@@ -50,6 +51,7 @@ class ExportContext:
     warn: Callable[[str], None] = _log.warning
     with_names: bool = False
     pseudonyms: Pseudonyms | None = None
+    csv: CsvStyle = SHOWN
 
 
 Exporter = Callable[[Session, Path, ExportContext], list[Path]]
@@ -147,6 +149,7 @@ class ExportRequest:
     licence: str = ""
     folder_per_session: bool = True
     with_names: bool = False
+    csv: CsvStyle = SHOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,7 +375,7 @@ def _export_formats(
             place = partial / fmt if len(formats) > 1 else partial
             place.mkdir(exist_ok=True)
             warnings: list[str] = []
-            context = ExportContext(progress=progress, licence=request.licence, warn=warnings.append)
+            context = ExportContext(progress, request.licence, warnings.append, csv=request.csv)
             try:
                 _write(fmt, session, place, context)
             except _DiskFullError:
@@ -393,7 +396,7 @@ def _export_together(name: str, sessions: Sequence[Session], request: ExportRequ
     """Write one format once for all sessions, into the folder of its name. Raises ExportError."""
     target = request.out.absolute() / name
     with _whole_folder(target, sessions[0].folder) as partial:
-        context = ExportContext(licence=request.licence)
+        context = ExportContext(licence=request.licence, csv=request.csv)
         _told(
             lambda: BY_FORMAT[name].study_exporter()(sessions, partial, context),
             f"{len(sessions)} sessions",

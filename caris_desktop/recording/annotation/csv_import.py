@@ -26,6 +26,7 @@ from caris_desktop.recording.annotation.model import (
     VocabularyEntry,
 )
 from caris_desktop.recording.annotation.store import file_content
+from caris_desktop.recording.csv_cells import read_cell
 
 _MOST_ROWS = 500_000
 _SNIFFED_CHARACTERS = 50_000
@@ -124,7 +125,7 @@ def _lines(text: str) -> list[_Line]:
     try:
         for cells in rows:
             if any(cell.strip() for cell in cells) and not (cells[0].startswith(("#", '"#')) and len(cells) == 1):
-                lines.append(_Line(rows.line_num, [cell.strip() for cell in cells]))
+                lines.append(_Line(rows.line_num, [read_cell(cell.strip()) for cell in cells]))
             if len(lines) > _MOST_ROWS:
                 raise AnnotationError(QT_TR_NOOP("It has more than %n rows.", "", _MOST_ROWS))
     except csv.Error as error:

@@ -3,7 +3,6 @@
 Every row begins with the session that it is of, so that the tables of several can be put under one another.
 """
 
-import csv
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
@@ -35,8 +34,8 @@ def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]
         def write(table: Table, row: list[Any]) -> None:
             if table.name not in writers:
                 path = out / f"{table.name}.csv"
-                file = files.enter_context(path.open("w", encoding="utf-8", newline=""))
-                writers[table.name] = (table, csv.writer(file))
+                file = files.enter_context(path.open("w", encoding=context.csv.encoding, newline=""))
+                writers[table.name] = (table, context.csv.writer(file))
                 writers[table.name][1].writerow([column.name for column in (*whose, *table.columns)])
             writers[table.name][1].writerow(
                 [*of_this, *(_cell(column, value) for column, value in zip(table.columns, row, strict=True))]

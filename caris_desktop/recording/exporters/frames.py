@@ -1,6 +1,5 @@
 """A session as material for learning: pictures with boxes (YOLO, MOT), episodes of driving, turns of dialogue."""
 
-import csv
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.pictures import jpeg_of
 from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.episodes import PICTURE_WIDTH_PX, Written, write_dialogue, write_driving
 from caris_desktop.recording.exporters.pictures import Pace, camera_file_name, picture_of
@@ -54,8 +54,8 @@ def write_frames(
 
     Raises OSError, SessionError.
     """
-    yolo = _Yolo(session, out / "yolo", yolo_hz)
-    mot = _Mot(session, out / "mot", mot_hz)
+    yolo = _Yolo(session, out / "yolo", yolo_hz, context.csv)
+    mot = _Mot(session, out / "mot", mot_hz, context.csv)
     missing = _write_pictures(session, yolo, mot, lambda share: context.progress(_PICTURES_SHARE * share))
     driving = write_driving(
         session, out / "driving", lambda share: context.progress(_PICTURES_SHARE + _DRIVING_SHARE * share)
@@ -113,7 +113,8 @@ def _boxes(people: People, image_bgr: NDArray[np.uint8]) -> list[_Box]:
 class _Yolo:
     """``data.yaml``, ``images/``, ``labels/``, and ``boxes.csv`` with what YOLO's labels cannot say."""
 
-    def __init__(self, session: Session, folder: Path, most_hz: float | None) -> None:
+    def __init__(self, session: Session, folder: Path, most_hz: float | None, style: CsvStyle) -> None:
+        self._csv = style
         self.pace = Pace(most_hz)
         self.most_hz = most_hz
         self.images: Counter[str] = Counter()
@@ -135,8 +136,10 @@ class _Yolo:
         self._rows: Any = None
 
     def __enter__(self) -> "_Yolo":
-        file = self._files.enter_context(self.paths[1].open("w", encoding="utf-8", errors="replace", newline=""))
-        self._rows = csv.writer(file)
+        file = self._files.enter_context(
+            self.paths[1].open("w", encoding=self._csv.encoding, errors="replace", newline="")
+        )
+        self._rows = self._csv.writer(file)
         self._rows.writerow(_BOX_COLUMNS)
         return self
 
@@ -195,7 +198,8 @@ class _Sequence:
 class _Mot:
     """Sequences as the MOTChallenge lays them out; their tracks are those of the recording's own tracker."""
 
-    def __init__(self, session: Session, folder: Path, most_hz: float | None) -> None:
+    def __init__(self, session: Session, folder: Path, most_hz: float | None, style: CsvStyle) -> None:
+        self._csv = style
         self.pace = Pace(most_hz)
         self.most_hz = most_hz
         self.paths: list[Path] = []
@@ -263,14 +267,14 @@ class _Mot:
         )
         times = sequence.folder / "frames.csv"
         clock = self._session.clock
-        with times.open("w", encoding="utf-8", newline="") as file:
-            rows = csv.writer(file)
+        with times.open("w", encoding=self._csv.encoding, newline="") as file:
+            rows = self._csv.writer(file)
             rows.writerow(("frame", "session_s", "utc", "stamp_ns"))
             for number, stamp_ns in enumerate(stamps_ns, start=1):
                 rows.writerow((number, round(clock.session_s(stamp_ns), 6), clock.utc(stamp_ns), stamp_ns))
         tracks = sequence.folder / "tracks.csv"
-        with tracks.open("w", encoding="utf-8", errors="replace", newline="") as file:
-            rows = csv.writer(file)
+        with tracks.open("w", encoding=self._csv.encoding, errors="replace", newline="") as file:
+            rows = self._csv.writer(file)
             rows.writerow(("id", "track", "person_ids"))
             for track, identity in sequence.ids.items():
                 rows.writerow((identity, track, " ".join(sorted(sequence.people[identity]))))

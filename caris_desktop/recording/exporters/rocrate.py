@@ -7,7 +7,6 @@ that describe the metadata file, but list each file in the root and in its folde
 Long because it is the whole graph of an archive.
 """
 
-import csv
 import dataclasses
 import hashlib
 import json
@@ -29,6 +28,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.store import coding_jsonable, load_coding
+from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.templates import write_page
@@ -119,7 +119,7 @@ def write_rocrate(session: Session, out: Path, context: ExportContext) -> list[P
     folder = out / _folder_name(session)
     folder.mkdir()
     packed = list(_packed_session(session, folder, context))
-    packed += _packed_descriptions(session, out)
+    packed += _packed_descriptions(session, out, context.csv)
     graph = _graph(session, packed, licence_of(context.licence))
     metadata = out / "ro-crate-metadata.json"
     document = {"@context": [f"{_PROFILE}/context", {"sha256": "http://schema.org/sha256"}], "@graph": graph}
@@ -411,7 +411,7 @@ def _description(name: str) -> str:
     return next((text for pattern, text in _DESCRIPTIONS if fnmatch(name, pattern)), "A part of the session.")
 
 
-def _packed_descriptions(session: Session, out: Path) -> list[_Packed]:
+def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_Packed]:
     """How to read the record, for somebody who knows nothing of this program."""
     channels = list(read_index(session.folder / "events.mcap").channels.values())
     recorded = {spec.name: channel for channel in channels if (spec := spec_of_topic(channel.topic)) is not None}
@@ -421,8 +421,8 @@ def _packed_descriptions(session: Session, out: Path) -> list[_Packed]:
     (out / "schemas").mkdir()
     written = {"FORMAT.md": "How to read events.mcap and the other files, in words."}
     (out / "FORMAT.md").write_text(_format_text(session, specs), encoding="utf-8")
-    with (out / "data_dictionary.csv").open("w", encoding="utf-8", newline="") as file:
-        rows = csv.writer(file)
+    with (out / "data_dictionary.csv").open("w", encoding=style.encoding, newline="") as file:
+        rows = style.writer(file)
         rows.writerow(("stream", "field", "type", "unit", "description"))
         for stream, schema in schemas.items():
             rows.writerow((stream, "", "record", "", " ".join(str(schema.get("description", "")).split())))

@@ -883,7 +883,8 @@ DICTIONARY_TABLE = Table(
             ("unit", "The unit, empty where there is none."),
             (
                 "type",
-                "What the values are. In CSV files utc is ISO 8601, texts are JSON, numbers have semicolons between.",
+                "What the values are. In CSV files utc is ISO 8601, texts are JSON, numbers have semicolons between, an"
+                " apostrophe stands before text that spreadsheets would take for a formula (not with --plain-csv).",
             ),
             ("clock", "Of times: session (monotonic), UTC (this computer's at the start), or robot (its own)."),
             ("description", "What it means."),

@@ -3,7 +3,6 @@
 The folder that is made holds the tables, the results as CSV, and the SQL that made them, to go on from.
 """
 
-import csv
 import io
 import json
 import logging
@@ -16,6 +15,7 @@ from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.export import ExportContext, ExportError, export_session
 from caris_desktop.recording.names import pseudonyms_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
@@ -127,7 +127,11 @@ class StudyStatistics:
 
 
 def study_statistics(
-    study: Path, out: Path, progress: Callable[[float, str], None] = lambda _fraction, _what: None
+    study: Path,
+    out: Path,
+    progress: Callable[[float, str], None] = lambda _fraction, _what: None,
+    *,
+    csv: CsvStyle = SHOWN,
 ) -> StudyStatistics:
     """Bring the tables in ``out`` up to date and compute everything.
 
@@ -151,7 +155,7 @@ def study_statistics(
         folders, notices = _counting(folders)
         exported, problems = _export(folders, out, known, progress)
         progress(0.95, "computing")
-        summary, measures = _compute(out)
+        summary, measures = _compute(out, csv)
     except OSError as error:
         raise StatisticsError(f"The statistics in {out} failed: {error.strerror or error}.") from error
     if not measures:
@@ -279,7 +283,7 @@ def queries(out: Path, *, tables: str = "tables") -> str:
     return f"{text.rstrip()}\n".replace("-- The sessions, with", "\n".join([*lines, "", "-- The sessions, with"]), 1)
 
 
-def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], ...]]:
+def _compute(out: Path, style: CsvStyle) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], ...]]:
     import duckdb
 
     try:
@@ -315,9 +319,9 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
     summary = tuple(
         sorted(summary, key=lambda row: (row.condition is not None, row.condition or "", order[row.measure]))
     )
-    _write_csv(out / "measures.csv", measures)
+    _write_csv(out / "measures.csv", measures, style)
     for name, found in others.items():
-        _write_csv(out / f"{name}.csv", found)
+        _write_csv(out / f"{name}.csv", found, style)
     _write_csv(
         out / "summary.csv",
         [
@@ -336,6 +340,7 @@ def _compute(out: Path) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], .
             }
             for row in summary
         ],
+        style,
     )
     replace_file(out / "queries.sql", queries(out).encode(), durable=False)
     return summary, tuple(measures)
@@ -347,13 +352,13 @@ def _rows(database: Any, query: str) -> list[dict[str, Any]]:
     return [dict(zip(names, row, strict=True)) for row in cursor.fetchall()]
 
 
-def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+def _write_csv(path: Path, rows: list[dict[str, Any]], style: CsvStyle) -> None:
     text = io.StringIO(newline="")
     if rows:
-        writer = csv.DictWriter(text, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-    replace_file(path, text.getvalue().encode(), durable=False)
+        writer = style.writer(text)
+        writer.writerow(rows[0])
+        writer.writerows(row.values() for row in rows)
+    replace_file(path, text.getvalue().encode(style.encoding), durable=False)
 
 
 def _quoted(text: str) -> str:

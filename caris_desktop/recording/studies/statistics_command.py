@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.studies.statistics import StatisticsError, SummaryRow, study_statistics
 from caris_desktop.recording.studies.study_index import study_dir_of
 from caris_desktop.recording.terminal import ProgressLine, aligned
@@ -19,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="folder for tables and results (default: statistics in the study folder); made, or brought up to date",
     )
+    add_csv_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -26,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
     line = ProgressLine()
     try:
         out = args.out or study_dir_of(args.study) / "statistics"
-        made = study_statistics(args.study, out, line.show)
+        made = study_statistics(args.study, out, line.show, csv=csv_style_of(args))
     except StatisticsError as error:
         print(error, file=sys.stderr)
         return 1

@@ -1,0 +1,75 @@
+"""Cells of CSV files that spreadsheets show and do not run: what people say may begin like a formula."""
+
+import argparse
+import csv
+import re
+from collections.abc import Iterable
+from typing import IO, Any
+
+from caris_desktop.domain.value_class import dataclass
+
+_FORMULA = re.compile("'*[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
+"""As OWASP lists it ("CSV injection"), full width too; apostrophes before it, so that one can be taken off again."""
+_NUMBER = r"[+-]?(\d+\.?\d*([eE][+-]?\d+)?|inf|nan)"
+_NUMBERS = re.compile(rf"{_NUMBER}([; ]{_NUMBER})*")
+
+
+def shown_cell(text: str) -> str:
+    """``text`` with an apostrophe before it where a spreadsheet would take it for a formula. Numbers stay numbers."""
+    return f"'{text}" if _FORMULA.match(text) and not _NUMBERS.fullmatch(text) else text
+
+
+def read_cell(cell: str) -> str:
+    """What :func:`shown_cell` was given."""
+    return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell[1:]) else cell
+
+
+@dataclass(frozen=True, slots=True)
+class CsvStyle:
+    """How CSV files are written. ``plain``: cells as they are, for programs. ``byte_order_mark``: for spreadsheets that
+    take UTF-8 for something else.
+    """
+
+    plain: bool = False
+    byte_order_mark: bool = False
+
+    @property
+    def encoding(self) -> str:
+        return "utf-8-sig" if self.byte_order_mark else "utf-8"
+
+    def writer(self, file: IO[str]) -> "CsvWriter":
+        return CsvWriter(file, self)
+
+
+SHOWN = CsvStyle()
+"""For spreadsheets, as long as nobody asks for another one."""
+
+
+class CsvWriter:
+    """Rows of one CSV file."""
+
+    def __init__(self, file: IO[str], style: CsvStyle) -> None:
+        self._rows = csv.writer(file)
+        self._plain = style.plain
+
+    def writerow(self, cells: Iterable[Any]) -> None:
+        self._rows.writerow([shown_cell(c) if isinstance(c, str) and not self._plain else c for c in cells])
+
+    def writerows(self, rows: Iterable[Iterable[Any]]) -> None:
+        for row in rows:
+            self.writerow(row)
+
+
+def add_csv_arguments(parser: argparse.ArgumentParser) -> None:
+    """Of every command that writes CSV files."""
+    parser.add_argument(
+        "--plain-csv",
+        action="store_true",
+        help="write cells of CSV files as they are, for programs; else an apostrophe stands before text that begins"
+        " like a formula, so that spreadsheets show it",
+    )
+    parser.add_argument("--csv-bom", action="store_true", help="begin CSV files with the byte order mark of UTF-8")
+
+
+def csv_style_of(args: argparse.Namespace) -> CsvStyle:
+    return CsvStyle(args.plain_csv, args.csv_bom)
