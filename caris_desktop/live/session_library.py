@@ -334,7 +334,8 @@ def _not_yet_there(folder: Path) -> Path:
 
 def _look(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryStatus:
     sessions = index.sessions(query)
-    hits = index.search(query) if query.text.strip() else ()
+    hits = index.search(query)
+    places = sum(index.places(query).values())
     total = len(index.sessions())
     unreadable = index.unreadable()
     details = [tr(index.message)] if index.message else []
@@ -342,4 +343,4 @@ def _look(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryS
         names = ", ".join(session.folder.name for session in unreadable[:3])
         told = tr("Cannot be read: {names} and others.") if len(unreadable) > 3 else tr("Cannot be read: {names}.")
         details.append(told.format(names=names))
-    return LibraryStatus(query, sessions, hits, total, updating, " ".join(details))
+    return LibraryStatus(query, sessions, hits, total, updating, " ".join(details), places)

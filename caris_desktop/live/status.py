@@ -599,7 +599,10 @@ class ExportStatus:
 
 @dataclass(frozen=True, slots=True)
 class LibraryStatus:
-    """The sessions of the study that match ``query``, newest first; ``updating`` while the index is brought to date."""
+    """The sessions of the study that match ``query``, newest first; ``updating`` while the index is brought to date.
+
+    ``places`` counts where its text was found, of which ``hits`` are the first.
+    """
 
     query: SessionQuery = field(default_factory=SessionQuery)
     sessions: tuple[SessionEntry, ...] = ()
@@ -607,3 +610,4 @@ class LibraryStatus:
     total: int = 0
     updating: bool = False
     detail: str = ""
+    places: int = 0

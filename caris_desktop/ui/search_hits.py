@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOpti
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import LibraryStatus
-from caris_desktop.recording.studies.query import SearchHit
+from caris_desktop.recording.studies.query import PLACES_A_PAGE, SearchHit
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.session_table import local_time
 from caris_desktop.ui.theme import Theme
@@ -19,17 +19,27 @@ _HIT_ROLE = int(Qt.ItemDataRole.UserRole)
 
 
 class HitsModel(QAbstractListModel):
-    """Where the text was found."""
+    """Where the text was found; more of it as somebody scrolls there."""
+
+    more_wanted = Signal(int)
+    """So many places are to be shown."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
         self._hits: tuple[SearchHit, ...] = ()
+        self._places = self._wanted = 0
         self._whose: dict[Path, str] = {}
         self.pattern: re.Pattern[str] | None = None
 
     def show_hits(self, status: LibraryStatus) -> None:
         if status.updating and status.hits == self._hits:
             return  # those of the search before, until there are others
+        self._places, self._wanted = status.places, status.query.places
+        if self._hits and len(status.hits) > len(self._hits) and status.hits[: len(self._hits)] == self._hits:
+            self.beginInsertRows(QModelIndex(), len(self._hits), len(status.hits) - 1)
+            self._hits = status.hits
+            self.endInsertRows()
+            return
         self.beginResetModel()
         self._hits = status.hits
         self._whose = {
@@ -49,6 +59,13 @@ class HitsModel(QAbstractListModel):
     def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(self._hits)
 
+    def canFetchMore(self, _parent: QModelIndex | QPersistentModelIndex) -> bool:
+        return len(self._hits) < self._places and len(self._hits) >= self._wanted
+
+    def fetchMore(self, _parent: QModelIndex | QPersistentModelIndex) -> None:
+        self._wanted += PLACES_A_PAGE
+        self.more_wanted.emit(self._wanted)
+
     def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
         hit = self._hits[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
@@ -58,7 +75,10 @@ class HitsModel(QAbstractListModel):
         if role == Qt.ItemDataRole.AccessibleTextRole:
             return f"{self.whose(hit)}, {words.elapsed(hit.session_s)}, {kind_words(hit.kind)}: {hit.snippet}"
         if role == Qt.ItemDataRole.ToolTipRole:
-            return "\n".join((hit.snippet, tr("Double click to replay from here")))
+            lines = [hit.snippet, tr("Double click to replay from here")]
+            if hit.quoted:
+                lines.insert(1, tr("%n prompt(s) to the language model have it in them.", "", hit.quoted))
+            return "\n".join(lines)
         return None
 
 

@@ -1,6 +1,7 @@
 """All sessions of the study: find them by what heads them or by what was said, replay and export them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import LibraryStatus
 from caris_desktop.live.wizard_console import SessionLibrary
-from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
+from caris_desktop.recording.studies.query import PLACES_A_PAGE, SessionEntry, SessionQuery
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.search_hits import HitDelegate, HitList, HitsModel
 from caris_desktop.ui.session_table import (
@@ -89,7 +90,9 @@ class SessionsWindow(TabAsRead, QWidget):
             heading_px = self.table.horizontalHeader().sectionSizeHint(number)
             self.table.setColumnWidth(number, max(column.width_px, heading_px))
         self.table.sortByColumn(0, Qt.SortOrder.DescendingOrder)
+        self._places = PLACES_A_PAGE
         self.hits = HitsModel(self)
+        self.hits.more_wanted.connect(self._show_more)
         self.hit_list = HitList()
         self.hit_list.setObjectName("sessions_hits")
         self.hit_list.setAccessibleName(tr("Found"))
@@ -160,12 +163,12 @@ class SessionsWindow(TabAsRead, QWidget):
 
     @property
     def query(self) -> SessionQuery:
-        chosen = {name: str(choice.currentData() or "") for name, choice in self._filters.items()}
+        chosen: dict[str, Any] = {name: str(choice.currentData() or "") for name, choice in self._filters.items()}
         return SessionQuery(" ".join(self.search.text().split()), **chosen)
 
     def refresh(self) -> None:
         """Look again: sessions may have come."""
-        self._library.find(self.query)
+        self._library.find(replace(self.query, places=self._places))
 
     def show_recording(self, folder: Path | None) -> None:
         """Which session is being recorded now: it is whole only when that has ended."""
@@ -179,7 +182,12 @@ class SessionsWindow(TabAsRead, QWidget):
 
     def _find(self, _index: int = 0) -> None:
         self._typing.stop()
+        self._places = PLACES_A_PAGE
         self._library.find(self.query)
+
+    def _show_more(self, places: int) -> None:
+        self._places = places
+        self.refresh()
 
     def _show_all(self) -> None:
         self.search.clear()
@@ -199,7 +207,7 @@ class SessionsWindow(TabAsRead, QWidget):
         self.hits.show_hits(status)
         searching = status.updating and bool(status.query.text) and not self._hits_part.isHidden()
         self._hits_part.setVisible(bool(status.hits) or searching)
-        places = len(status.hits)
+        places = status.places
         found = tr("1 place with “{text}”") if places == 1 else tr("%n places with “{text}”", "", places)
         self._found.setText(found.format(text=status.query.text) if places else tr("Searching…"))
         self._learn(status)

@@ -754,7 +754,8 @@ class FakeLibrary:
                 for name in ("participant", "condition", "wizard", "scenario", "purpose")
             )
         )
-        self.found.set(LibraryStatus(query, found, hits, len(self.sessions)))
+        shown = hits[: query.places]
+        self.found.set(LibraryStatus(query, found, shown, len(self.sessions), places=len(hits)))
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         self.calls.append(("open_replay", (folder, at_ns)))

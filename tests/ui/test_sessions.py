@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -674,3 +675,23 @@ def test_that_the_machine_is_busy_leaves_room_for_the_recording(window: MainWind
     shown = sorted((item.geometry() for item in items.values() if item.isVisible()), key=lambda place: place.left())
     assert all(left.right() < right.left() for left, right in itertools.pairwise(shown)), "nothing lies over another"
     assert items["recording"].isVisible() and window.width() == 1366
+
+
+def test_all_that_is_found_is_counted_and_comes_as_one_scrolls_there(
+    qtbot: QtBot, sessions: SessionsWindow, library: FakeLibrary
+) -> None:
+    hit = replace(HITS[0], quoted=2)
+    library.hits = tuple(replace(hit, session_s=float(number)) for number in range(1200))
+    QTest.keyClicks(sessions.search, "robot")
+    qtbot.waitUntil(lambda: sessions.hits.rowCount() == 500, timeout=2000)
+    assert find(sessions, "sessions_found").property("text") == "1200 places with “robot”"
+    bar = sessions.hit_list.verticalScrollBar()
+
+    def scrolled_to_the_end() -> bool:
+        bar.setValue(bar.maximum())
+        return sessions.hits.rowCount() == 1200
+
+    qtbot.waitUntil(scrolled_to_the_end, timeout=5000)
+    assert [sessions.hits.hit(row).session_s for row in (0, 499, 500, 1199)] == [0.0, 499.0, 500.0, 1199.0]
+    tip = sessions.hits.data(sessions.hits.index(0, 0), Qt.ItemDataRole.ToolTipRole)
+    assert "2 prompt(s) to the language model" in tip

@@ -4,6 +4,8 @@ from pathlib import Path
 
 from caris_desktop.domain.value_class import dataclass
 
+PLACES_A_PAGE = 500
+
 
 @dataclass(frozen=True, slots=True)
 class SessionEntry:
@@ -37,7 +39,7 @@ class SessionQuery:
     """What to find; empty fields do not matter. ``text`` is searched in everything said, noted and marked.
 
     The other fields are compared whole, whatever their case; ``*`` stands for anything. Of ``text`` each word must
-    begin a word of one utterance, note or mark.
+    begin a word of one utterance, note or mark. The first ``places`` are given where it was found.
     """
 
     text: str = ""
@@ -46,14 +48,19 @@ class SessionQuery:
     wizard: str = ""
     scenario: str = ""
     purpose: str = ""
+    places: int = PLACES_A_PAGE
 
 
 @dataclass(frozen=True, slots=True)
 class SearchHit:
-    """Where a text was found: ``at_ns`` of that session's clock. ``snippet`` has the words around it."""
+    """Where a text was found: ``at_ns`` of that session's clock. ``snippet`` has the words around it.
+
+    ``quoted`` prompts to language models have this utterance in them: they are no places of their own.
+    """
 
     folder: Path
     at_ns: int
     session_s: float
     kind: str
     snippet: str
+    quoted: int = 0

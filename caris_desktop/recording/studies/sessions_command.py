@@ -3,11 +3,11 @@
 import argparse
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from caris_desktop.recording.session.session_clock import clock_text
-from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.studies.query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
 from caris_desktop.recording.studies.study_index import StudyIndex
 from caris_desktop.recording.terminal import aligned
 
@@ -28,6 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for name, meaning in _FILTERS:
         parser.add_argument(f"--{name}", default="", metavar="NAME", help=f"{meaning}; * stands for anything")
+    parser.add_argument(
+        "--page", type=int, default=1, metavar="N", help=f"of what --search finds, the N-th {PLACES_A_PAGE} places"
+    )
     parser.add_argument("--rebuild", action="store_true", help="forget the index and read every session again")
 
 
@@ -41,7 +44,8 @@ def run(args: argparse.Namespace) -> int:
     try:
         (index.rebuild if args.rebuild else index.update)(_show if sys.stderr.isatty() else lambda _: None)
         entries = index.sessions(query)
-        hits = index.search(query) if args.search else ()
+        hits = index.search(query, after=PLACES_A_PAGE * (max(1, args.page) - 1)) if args.search else ()
+        places = index.places(query) if args.search else {}
         unreadable = index.unreadable()
     except OSError as error:
         print(f"{args.study} cannot be read: {error.strerror or error}.", file=sys.stderr)
@@ -60,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     if not entries:
         print("No session fits." if args.search or query != SessionQuery() else f"{args.study} holds no sessions.")
         return 1
-    print("\n".join(_hits(entries, hits) if args.search else _list(entries)))
+    print("\n".join(_hits(entries, hits, places, max(1, args.page)) if args.search else _list(entries)))
     return 0
 
 
@@ -100,22 +104,38 @@ def _states(entry: SessionEntry) -> tuple[str, ...]:
     )
 
 
-def _hits(entries: Sequence[SessionEntry], hits: Sequence[SearchHit]) -> list[str]:
+def _hits(
+    entries: Sequence[SessionEntry], hits: Sequence[SearchHit], places: Mapping[Path, int], page: int
+) -> list[str]:
+    """By session, in the order of ``entries``, which is that of the places; sessions of other pages say which."""
     by_folder: dict[Path, list[SearchHit]] = {}
     for hit in hits:
         by_folder.setdefault(hit.folder, []).append(hit)
     lines = []
+    before = 0
     for entry in entries:
+        count = places.get(entry.folder, 0)
+        its_page, before = before // PLACES_A_PAGE + 1, before + count
         about = ", ".join(part for part in (entry.participant, entry.condition, entry.wizard) if part)
-        lines.append(f"{entry.folder.name}{f'  ({about})' if about else ''}")
+        here = by_folder.get(entry.folder, [])
+        elsewhere = f": {_places(count)}, from page {its_page}" if len(here) < count else "" if count else ": no place"
+        lines.append(f"{entry.folder.name}{f'  ({about})' if about else ''}{elsewhere}")
         lines += [
             f"  {clock_text(hit.session_s):>8}  {hit.kind.replace('_', ' ')}: {hit.snippet}"
-            for hit in by_folder.get(entry.folder, ())
+            + (f"  (in {hit.quoted} prompt{'s' * (hit.quoted != 1)})" if hit.quoted else "")
+            for hit in here
         ]
-    found = sum(len(of_session) for of_session in by_folder.values())
-    count = len(entries)
-    places = f"{found} place{'' if found == 1 else 's'}"
-    return [*lines, f"{places} in {count} session{'' if count == 1 else 's'}"]
+    found, with_places = sum(places.values()), sum(bool(places.get(entry.folder)) for entry in entries)
+    last = f"{_places(found)} in {with_places} session{'' if with_places == 1 else 's'}"
+    if len(hits) < found:
+        first = PLACES_A_PAGE * (page - 1) + 1
+        shown = f"places {first} to {first + len(hits) - 1} are shown" if hits else "none are on this page"
+        last += f"; {shown} (--page {page} of {-(-found // PLACES_A_PAGE)})"
+    return [*lines, last]
+
+
+def _places(count: int) -> str:
+    return f"{count} place{'' if count == 1 else 's'}"
 
 
 def _show(fraction: float) -> None:

@@ -7,6 +7,7 @@ import os
 import re
 import sqlite3
 import unicodedata
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,7 +30,9 @@ T = TypeVar("T")
 
 DATABASE_NAME = "session-index.sqlite"
 _APPLICATION_ID = 0x43415249
-_SCHEMA_VERSION = 3
+_SCHEMA_VERSION = 4
+_QUOTED_FROM = 12
+"""Characters: a shorter sentence in the midst of a line may be somebody else's words."""
 _BUSY_MS = 2000
 _SNIPPET_CHARACTERS = 160
 _MAX_WORDS = 40
@@ -63,7 +66,8 @@ CREATE TABLE item (
     at_ns INTEGER NOT NULL,
     session_s REAL NOT NULL,
     kind TEXT NOT NULL,
-    text TEXT NOT NULL
+    text TEXT NOT NULL,
+    quoted INTEGER NOT NULL
 );
 CREATE INDEX item_of_session ON item (session_id);
 CREATE VIRTUAL TABLE item_text USING fts5 (
@@ -184,23 +188,39 @@ class StudyIndex:
         rows = self._database.execute(sql)
         return copies_among({name: (identity, losses.splitlines()) for name, identity, losses in rows})
 
-    def search(self, query: SessionQuery, *, limit: int = 500) -> tuple[SearchHit, ...]:
-        """Where the text was found: newest session first, each in the order of time, at most ``limit`` hits."""
+    def search(self, query: SessionQuery, *, after: int = 0) -> tuple[SearchHit, ...]:
+        """Where the text was found: newest session first, each in the order of time; ``query.places`` at most, those
+        ``after`` so many.
+        """
+        words = _words(query.text)
+        rows = self._found(
+            query,
+            "s.name, i.at_ns, i.session_s, i.kind, i.text, i.quoted",
+            "ORDER BY s.started_utc DESC, s.name DESC, i.at_ns, i.id LIMIT ? OFFSET ?",
+            query.places,
+            after,
+        )
+        return tuple(
+            SearchHit(self._sessions_dir / name, at_ns, session_s, kind, _snippet(text, words), quoted)
+            for name, at_ns, session_s, kind, text, quoted in rows
+        )
+
+    def places(self, query: SessionQuery) -> dict[Path, int]:
+        """In how many places of each session the text was found, all of them, newest session first."""
+        rows = self._found(query, "s.name, count(*)", "GROUP BY s.id ORDER BY s.started_utc DESC, s.name DESC")
+        return {self._sessions_dir / name: count for name, count in rows}
+
+    def _found(self, query: SessionQuery, columns: str, how: str, *more: int) -> list[tuple[Any, ...]]:
         words = _words(query.text)
         if not words:
-            return ()
+            return []
         condition, arguments = _header_condition(query)
         matching, its_arguments = _text_condition(words)
         sql = (
-            "SELECT s.name, i.at_ns, i.session_s, i.kind, i.text FROM item i JOIN session s ON s.id = i.session_id"  # noqa: S608 - no values in it
-            f" WHERE {matching} AND s.trouble = '' AND {condition}"
-            " ORDER BY s.started_utc DESC, s.name DESC, i.at_ns, i.id LIMIT ?"
+            f"SELECT {columns} FROM item i JOIN session s ON s.id = i.session_id"  # noqa: S608 - no values in it
+            f" WHERE {matching} AND s.trouble = '' AND {condition} {how}"
         )
-        rows = self._whole(lambda: self._database.execute(sql, [*its_arguments, *arguments, limit]).fetchall())
-        return tuple(
-            SearchHit(self._sessions_dir / name, at_ns, session_s, kind, _snippet(text, words))
-            for name, at_ns, session_s, kind, text in rows
-        )
+        return self._whole(lambda: self._database.execute(sql, [*its_arguments, *arguments, *more]).fetchall())
 
     def unreadable(self) -> tuple[UnreadableSession, ...]:
         """Folders that hold a session, or what is left of one, and yet cannot be read."""
@@ -257,8 +277,8 @@ class StudyIndex:
         ).lastrowid
         for item in content.items:
             item_row = self._database.execute(
-                "INSERT INTO item (session_id, at_ns, session_s, kind, text) VALUES (?, ?, ?, ?, ?)",
-                (row, item.at_ns, item.session_s, item.kind, item.text),
+                "INSERT INTO item (session_id, at_ns, session_s, kind, text, quoted) VALUES (?, ?, ?, ?, ?, ?)",
+                (row, item.at_ns, item.session_s, item.kind, item.text, item.quoted),
             ).lastrowid
             self._database.execute("INSERT INTO item_text (rowid, text) VALUES (?, ?)", (item_row, item.text))
 
@@ -332,6 +352,7 @@ class _Item:
     session_s: float
     kind: str
     text: str
+    quoted: int = 0
 
 
 def _connected(path: str) -> sqlite3.Connection:
@@ -498,25 +519,49 @@ _TOLD_BY = (
 
 
 def _items(session: Session) -> Iterator[_Item]:
-    def item(at_ns: int, kind: str, text: str) -> _Item:
-        return _Item(at_ns, session.clock.session_s(at_ns), kind, _storable(text))
+    def item(at_ns: int, kind: str, text: str, quoted: int = 0) -> _Item:
+        return _Item(at_ns, session.clock.session_s(at_ns), kind, _storable(text), quoted)
 
     # One pass: a session that was cut off has no index to jump by.
     events = [value for _, value in session.values(*_TOLD_BY)]
     paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
     utterances = [event for event in events if isinstance(event, UtteranceEvent)]
-    for utterance in spoken_of(utterances, ended_ns=session.ended_ns, paused_ns=paused_ns):
-        if utterance.said and utterance.start_ns is not None:
-            yield item(utterance.start_ns, utterance.speaker, utterance.text)
+    spoken = spoken_of(utterances, ended_ns=session.ended_ns, paused_ns=paused_ns)
+    said = [(one, one.start_ns) for one in spoken if one.said and one.start_ns is not None]
+    texts = {text for one, _ in said if (text := " ".join(one.text.split()))}
+    quoted: Counter[str] = Counter()
+    exchanges = []
+    for event in events:
+        if isinstance(event, LlmExchange):
+            asked, found = _without_quotations(event.messages[-1].content if event.messages else "", texts)
+            quoted.update(found)
+            exchanges.append(item(event.asked_ns, "assistant", f"{asked}\n{event.answer}".strip()))
+    for one, start_ns in said:
+        yield item(start_ns, one.speaker, one.text, quoted[" ".join(one.text.split())])
+    yield from exchanges
     for mark in final_marks_of((event for event in events if isinstance(event, Marked)), ended_ns=session.ended_ns):
         yield item(mark.start_ns, mark.kind, " ".join(part for part in (mark.label, mark.note) if part))
     for event in events:
-        if isinstance(event, LlmExchange):
-            asked = event.messages[-1].content if event.messages else ""
-            yield item(event.asked_ns, "assistant", f"{asked}\n{event.answer}".strip())
-        elif isinstance(event, Problem):
+        if isinstance(event, Problem):
             yield item(event.stamp_ns, "problem", f"{event.what} {event.meaning}".strip())
     yield from _annotations(session)
+
+
+def _without_quotations(asked: str, texts: set[str]) -> tuple[str, set[str]]:
+    """A prompt without what was said in the session and stands in it, and what of that stands in it."""
+    left, found = [], set()
+    for line in asked.splitlines():
+        plain = " ".join(line.split())
+        whole = next((text for text in (plain, plain.partition(": ")[2]) if text in texts), None)
+        if whole is not None:
+            found.add(whole)
+            continue
+        for text in texts:
+            if len(text) >= _QUOTED_FROM and text in plain:
+                plain = plain.replace(text, " … ")
+                found.add(text)
+        left.append(plain)
+    return "\n".join(left), found
 
 
 def _annotations(session: Session) -> Iterator[_Item]:

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import pytest
 
-from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
+from caris_desktop.domain.events import ChatMessage, Marked, Problem, UtteranceChanged
 from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.store import save_coder
@@ -431,4 +431,52 @@ def test_whatever_a_reader_raises_the_rest_of_the_study_is_found(study: Path, mo
     (trouble,) = index.unreadable()
     assert trouble.folder.name == "b"
     assert "The log has the details" in trouble.trouble
+    index.close()
+
+
+def test_all_places_are_counted_paged_and_told_by_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sessions_dir = tmp_path / "study" / "sessions"
+    for number, later_s in (("a", 0), ("b", 3600)):
+        events = [
+            value
+            for turn in range(400)
+            for value in heard(turn, turn * 0.1 + 1.0, turn * 0.1 + 1.05, f"The robot says {turn}")
+        ]
+        tell(sessions_dir / number, events, lasts_s=60, trial={**TRIAL}, later_s=later_s)
+    session(sessions_dir / "c", "Nothing of it", later_s=7200)
+    index = StudyIndex.of_study(tmp_path / "study")
+    index.update()
+    query = SessionQuery(text="robot")
+    assert index.places(query) == {sessions_dir / "b": 400, sessions_dir / "a": 400}
+    pages = [index.search(query), index.search(query, after=500)]
+    assert [len(page) for page in pages] == [500, 300]
+    assert len({(hit.folder, hit.at_ns) for page in pages for hit in page}) == 800
+    assert len(index.search(replace(query, places=1000))) == 800
+    index.close()
+    parser = argparse.ArgumentParser()
+    sessions_command.add_arguments(parser)
+    assert sessions_command.run(parser.parse_args([str(tmp_path / "study"), "--search", "robot"])) == 0
+    first = capsys.readouterr().out.splitlines()
+    assert first[-1] == "800 places in 2 sessions; places 1 to 500 are shown (--page 1 of 2)"
+    assert [line.split("  ")[0] for line in first if not line.startswith(" ")][:2] == ["b", "a"]
+    assert any(line.startswith("a") and line.endswith(": 400 places, from page 1") for line in first)
+    assert sessions_command.run(parser.parse_args([str(tmp_path / "study"), "--search", "robot", "--page", "2"])) == 0
+    second = capsys.readouterr().out.splitlines()
+    assert second[-1] == "800 places in 2 sessions; places 501 to 800 are shown (--page 2 of 2)"
+    assert any(line.startswith("b") and line.endswith(": 400 places, from page 1") for line in second)
+
+
+def test_a_prompt_that_quotes_a_sentence_is_folded_into_it(tmp_path: Path) -> None:
+    asked = "Participant: Do you like bananas?\nAnswer to: We said: Do you like bananas? is a question of cherries."
+    prompts = [
+        replace(exchange(number, 7.0 + number, 9.0 + number, "Yes, and figs."), messages=(ChatMessage("user", asked),))
+        for number in range(3)
+    ]
+    tell(tmp_path / "sessions" / "s", [*heard(1, 2.0, 4.0, "Do you like  bananas?"), *prompts], lasts_s=30)
+    index = StudyIndex.of_study(tmp_path)
+    index.update()
+    (hit,) = index.search(SessionQuery(text="like bananas"))
+    assert (hit.kind, hit.quoted) == ("participant", 3)
+    assert len(index.search(SessionQuery(text="cherries"))) == 3, "what else is asked is found"
+    assert len(index.search(SessionQuery(text="figs"))) == 3
     index.close()
