@@ -68,6 +68,9 @@ class ActionClient(Protocol):
     def cancel(self, wire_id: str) -> None:
         """Cancel one goal."""
 
+    def give_up(self, wire_id: str) -> None:
+        """Cancel one goal of which nothing is heard, and await nothing of it any more."""
+
     def cancel_all(self) -> None:
         """Cancel whatever goal the action server has, whoever asked for it."""
 
@@ -76,27 +79,32 @@ class ActionClient(Protocol):
 
 
 def make_action_client(
-    ros: SafeRos, dialect: Dialect, name: str, action_type: str, listener: GoalListener
+    ros: SafeRos, dialect: Dialect, name: str, action_type: str, listener: GoalListener, *, motion: bool = False
 ) -> ActionClient:
-    """A client of the action server ``name``; ``action_type`` may be spelled as in either dialect."""
+    """A client of the action server ``name``; ``action_type`` may be spelled as in either dialect.
+
+    ``motion``: goals that are topics go over the websocket that carries nothing which can wait, as their cancels do.
+    """
     package, type_ = action_package_and_name(action_type)
     if dialect is Dialect.ROS1:
-        return ActionlibClient(ros, name, package, type_, listener)
+        return ActionlibClient(ros, name, package, type_, listener, motion=motion)
     return BridgedActionClient(ros, name, action_type_name(Dialect.ROS2, package, type_), listener)
 
 
 class ActionlibClient:
     """actionlib's topics. Subscriptions stand, so goals are followed without polling."""
 
-    def __init__(self, ros: SafeRos, name: str, package: str, type_: str, listener: GoalListener) -> None:
-        def topic(leaf: str, package: str, message: str) -> SafeTopic:
+    def __init__(
+        self, ros: SafeRos, name: str, package: str, type_: str, listener: GoalListener, *, motion: bool
+    ) -> None:
+        def topic(leaf: str, package: str, message: str, *, motion: bool = False) -> SafeTopic:
             message_type = type_name(Dialect.ROS1, package, message)
-            return SafeTopic(ros, f"{name}/{leaf}", message_type, queue_length=10, every_message=True)
+            return SafeTopic(ros, f"{name}/{leaf}", message_type, queue_length=10, every_message=True, motion=motion)
 
         self._listener = listener
         self._type = f"{type_}Action"
-        self._goal = topic("goal", package, f"{self._type}Goal")
-        self._cancel = topic("cancel", "actionlib_msgs", "GoalID")
+        self._goal = topic("goal", package, f"{self._type}Goal", motion=motion)
+        self._cancel = topic("cancel", "actionlib_msgs", "GoalID", motion=motion)
         self._status = topic("status", "actionlib_msgs", "GoalStatusArray")
         self._feedback = topic("feedback", package, f"{self._type}Feedback")
         self._result = topic("result", package, f"{self._type}Result")
@@ -113,6 +121,9 @@ class ActionlibClient:
 
     def cancel(self, wire_id: str) -> None:
         self._cancel.publish(encode_goal_id(Dialect.ROS1, wire_id))
+
+    def give_up(self, wire_id: str) -> None:
+        self.cancel(wire_id)
 
     def cancel_all(self) -> None:
         self._cancel.publish(encode_goal_id(Dialect.ROS1, ""))
@@ -159,6 +170,9 @@ class BridgedActionClient:
         self._unknown: str | None = None
         # Their answers went down with the link that they were asked over.
         self._unanswered: set[str] = set()
+        # A cancel that came before the goal was taken had nothing to cancel.
+        self._cancelled: dict[str, None] = {}
+        ros.factory.urgent_services.add(f"{name}/_action/cancel_goal")
         status_type = type_name(Dialect.ROS2, "action_msgs", "GoalStatusArray")
         self._status = SafeTopic(ros, f"{name}/_action/status", status_type, queue_length=10, every_message=True)
         self._status.subscribe(self._take_status)
@@ -199,10 +213,17 @@ class BridgedActionClient:
 
     def cancel(self, wire_id: str) -> None:
         self._client.cancel_goal(wire_id)
+        self._cancelled[wire_id] = None
+        while len(self._cancelled) > _REMEMBERED_GOALS:
+            del self._cancelled[next(iter(self._cancelled))]
         uuid_hex = self._uuid_of.get(wire_id)
         if uuid_hex is not None:
             # Versions of rosbridge before 2.1 take the operation above and do nothing.
             self._call_cancel(encode_cancel_goal(uuid_hex))
+
+    def give_up(self, wire_id: str) -> None:
+        self.cancel(wire_id)
+        self._ros.factory.give_up_goal(wire_id)
 
     def cancel_all(self) -> None:
         # rosbridge cancels only what this very connection asked for. The action's own service knows every goal.
@@ -234,6 +255,8 @@ class BridgedActionClient:
                 self._uuid_of[wire_id] = uuid_hex
                 while len(self._uuid_of) > _REMEMBERED_GOALS:
                     del self._uuid_of[next(iter(self._uuid_of))]
+                if wire_id in self._cancelled:
+                    self.cancel(wire_id)
                 self._listener.goal_active(wire_id)
 
     def _tell_unanswered(self, uuid_hex: str, status: int) -> None:

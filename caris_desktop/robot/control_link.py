@@ -25,6 +25,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.robot.controls import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
+from caris_desktop.robot.handled import HANDLED_TOPIC, HandledOperations
 from caris_desktop.robot.head import RobotHead
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, LeasedTwist, MotionLease
 from caris_desktop.robot.link_measurement import LinkMeasurement
@@ -57,6 +58,8 @@ _ODOMETRY_COUNTS_S = 1.0
 OLDEST_DRIVE_S = 0.25
 """No older command moves the robot, even if the console went on holding the lease."""
 GUARD_WATCHED_EVERY_S = 0.25
+HANDLING_WATCHED_EVERY_S = 0.1
+NOT_HANDLED = QT_TR_NOOP("its rosbridge reads what is sent, and does not carry it out")
 
 
 class ControlLink:
@@ -98,11 +101,12 @@ class ControlLink:
         self._connected = False
         self._silent = False
         self._drives_count_from_ns = 0
-        self._told_missing = False
+        self._told_missing: list[str] = []
+        self._told_unproven = False
         self._closing = False
         self._tasks: set[asyncio.Task[None]] = set()
         velocity_type = type_name(self._dialect, "geometry_msgs", profile.velocity.type)
-        self._velocity = SafeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1)
+        self._velocity = SafeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1, motion=True)
         self._velocity.advertise()
         # Whoever else commands the base is heard there, and what was sent from here comes back.
         self._velocities = SafeTopic(
@@ -110,6 +114,8 @@ class ControlLink:
         )
         self._velocities.subscribe(self._take_velocity)
         self._ros.factory.say_first(profile.velocity.topic, self._say_first)
+        self._ros.factory.motion_round_trip = self._motion_round_trip
+        self._handled = HandledOperations(self._ros, self._dialect, handled=self._commands_answered)
         self._navigator = Navigator(
             self._ros,
             profile.navigation,
@@ -168,6 +174,7 @@ class ControlLink:
         self._ros.connect()
         self._in_background(self._measurement.run())
         self._in_background(self._watch_guard())
+        self._in_background(self._watch_handling())
 
     def take_commands(self, received: list[commands.RobotCommand]) -> None:
         """Obey them in order, then send what is due: one Twist for a whole batch, in this very call."""
@@ -197,6 +204,7 @@ class ControlLink:
         self._forget_zeros()
         self._watched.link_lost()
         self._controls.close()
+        self._emergency_stop.close()
         await self._voice.close()
         for task in self._tasks:
             task.cancel()
@@ -412,7 +420,7 @@ class ControlLink:
         self._told = twist
         if self._velocity.publish(message):
             self._unread.sent(self._loop.time(), moving=twist.moving)
-            self._ros.send_ping(self._commands_answered)
+            self._handled.ask()
             self._guard.note_sent(twist, self._loop.time())
             self._movement.sent(twist, self._loop.time())
             self._sequence += 1
@@ -429,6 +437,44 @@ class ControlLink:
 
     def _commands_answered(self, round_trip_s: float) -> None:
         self._unread.answered(round_trip_s, self._loop.time())
+
+    async def _watch_handling(self) -> None:
+        """Find out when what is sent lies unhandled at the robot, also while nothing moves."""
+        while True:
+            await asyncio.sleep(HANDLING_WATCHED_EVERY_S)
+            if not self._connected:
+                continue
+            self._handled.ask_now_and_then()
+            if self._handled.stuck():
+                self._put(
+                    Problem(
+                        now_ns(),
+                        "error",
+                        QT_TR_NOOP("The robot's rosbridge reads what this console sends and does not carry it out."),
+                        QT_TR_NOOP(
+                            "Stop and driving did not reach the robot, so it may be moving. The console connects again"
+                            " and sends zero and a cancel first."
+                        ),
+                        QT_TR_NOOP("Watch the robot; use its own emergency stop if it moves."),
+                        cause="not_handled",
+                    )
+                )
+                self._ros.factory.reconnect(NOT_HANDLED)
+            elif self._handled.unproven and not self._told_unproven:
+                self._told_unproven = True
+                self._put(
+                    Problem(
+                        now_ns(),
+                        "warning",
+                        QT_TR_NOOP("The robot's rosbridge does not show whether it carries out what is sent."),
+                        QT_TR_NOOP("If commands wait at the robot, this console notices it late or not at all."),
+                        filled(
+                            QT_TR_NOOP("If rosbridge restricts topics (topics_glob), allow {topic} as well."),
+                            topic=HANDLED_TOPIC,
+                        ),
+                        cause="handling_unproven",
+                    )
+                )
 
     def _end_drive(self, reason: str) -> None:
         if self._lease.end(self._loop.time()):
@@ -540,6 +586,7 @@ class ControlLink:
         self._tell_movement(MovementChanged(now_ns(), "unknown", self._lease.latched))
         self._guard_switcher = CONSOLE
         self._tell_guard(self._guard.limit(ZERO_TWIST, self._loop.time()), self._loop.time())
+        self._handled.link_connected()
         self._goal_speed.link_connected()
         self._navigator.link_connected()
         self._voice.link_connected()
@@ -569,11 +616,13 @@ class ControlLink:
         self._silent = False
         self._told = ZERO_TWIST
         self._unread.forget()
+        self._handled.link_lost()
         self._forget_zeros()
         if self._lease.held:
             self._put(DriveEnded(now_ns(), QT_TR_NOOP("The link to the robot was lost"), CONSOLE))
         self._lease.forget()
         self._navigator.link_lost()
+        self._emergency_stop.link_lost()
         self._goal_speed.link_lost()
         self._voice.link_lost()
         self._head.link_lost()
@@ -590,9 +639,14 @@ class ControlLink:
         self._report.unreachable(what, advice)
 
     def link_round_trip(self, round_trip_s: float) -> None:
-        self._commands_answered(round_trip_s)
         self._measurement.take_round_trip(round_trip_s)
         self._guard.take_round_trip(round_trip_s)
+
+    def _motion_round_trip(self, round_trip_s: float) -> None:
+        self._guard.take_round_trip(round_trip_s)
+        self._handled.read(round_trip_s)
+        if not self._handled.counts:
+            self._commands_answered(round_trip_s)
 
     def link_refused(self, detail: str) -> None:
         self._report.refused(detail)
@@ -620,7 +674,7 @@ class ControlLink:
             self._sensors.clear_path()
 
     async def _look_around(self) -> None:
-        """Learn what the robot offers, and say once what it lacks of its profile."""
+        """Learn what the robot offers, and say what it lacks of its profile, again where that has changed."""
         try:
             inventory = await take_inventory(self._ros)
         except ServiceCallError as error:
@@ -629,10 +683,10 @@ class ControlLink:
             return
         self._emergency_stop.learn(inventory)
         self._maps.learn(inventory)
-        missing = [] if self._told_missing else missing_from(self._profile, inventory)
-        self._told_missing = True
-        if missing:
+        missing = missing_from(self._profile, inventory)
+        if missing and missing != self._told_missing:
             self._put(problem_of_missing(missing))
+        self._told_missing = missing
 
     def _report_unusable_reading(self, title: str, reason: str) -> None:
         self._report.problems.count(

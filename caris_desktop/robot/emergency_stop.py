@@ -1,8 +1,8 @@
 """The latched emergency stop: the console's own, and the robot's where it has one."""
 
+import asyncio
 import logging
 from collections.abc import Callable, Coroutine
-from dataclasses import replace
 from typing import Any, Literal, Protocol
 
 from caris_desktop.domain.actor import Actor
@@ -10,7 +10,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import SetEmergencyStop
 from caris_desktop.domain.events import EmergencyStopChanged, Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
-from caris_desktop.robot.preflight import RobotInventory
+from caris_desktop.robot.preflight import RobotInventory, absolute_name
 from caris_desktop.robot.profile import EmergencyStopInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.watched import WatchedTopics
@@ -19,6 +19,8 @@ from caris_desktop.ros.messages import decode_bool, encode_bool
 
 logger = logging.getLogger(__name__)
 _REFUSED = QT_TR_NOOP("it refused")
+TRIED_AGAIN_AFTER_S = 2.0
+_TRIED_AGAIN_AT_LEAST_S = 30.0
 
 
 class StoppedByIt(Protocol):
@@ -33,6 +35,9 @@ class StoppedByIt(Protocol):
 
 class EmergencyStop:
     """Two latches, the wizard's and the robot's; the stop is set while either is.
+
+    A stop that the wizard has latched and that the robot did not take, since what takes it is not there or does not
+    answer, is sent again until the robot takes it or the wizard clears it.
 
     ``emit`` gets an EmergencyStopChanged for each change but the one that the wizard asked for by latching it, and a
     Problem where the robot does not follow.
@@ -59,6 +64,12 @@ class EmergencyStop:
         self._robot_latched = False
         self._asked = 0
         self._asked_by: Actor = ""
+        # None while the robot has not told them.
+        self._services: frozenset[str] | None = None
+        self._reached = False
+        self._told_unreached = False
+        self._again: asyncio.TimerHandle | None = None
+        self._again_after_s = TRIED_AGAIN_AFTER_S
         self._command: SafeTopic | None = None
         bool_type = type_name(dialect, "std_msgs", "Bool")
         if self._interface.topic is not None:
@@ -67,8 +78,13 @@ class EmergencyStop:
             watched.subscribe(state, self._take_state)
         if self._interface.command_topic is not None:
             # Latched: who subscribes a moment later must learn of it too.
-            self._command = SafeTopic(ros, self._interface.command_topic, bool_type, latch=True, queue_size=1)
+            self._command = SafeTopic(
+                ros, self._interface.command_topic, bool_type, latch=True, queue_size=1, motion=True
+            )
             self._command.advertise()
+        interface = self._interface
+        services = (interface.service, interface.set_service, interface.clear_service)
+        ros.factory.urgent_services.update(service for service in services if service is not None)
 
     @property
     def latched(self) -> bool:
@@ -79,6 +95,7 @@ class EmergencyStop:
         self._asked += 1
         self._asked_by = command.actor
         if command.latched:
+            self._reached = self._told_unreached = False
             self._latch(wizard=True, by="wizard")
             self._stopped.cancel_goals("emergency stop", command.actor)
             # Said again on every request: the wizard must see that it is set.
@@ -122,17 +139,97 @@ class EmergencyStop:
         if self._wizard_latched:
             self._tell_robot(latched=True)
 
+    def link_lost(self) -> None:
+        self._services = None
+        self._reached = False
+        self._try_no_more()
+
     def learn(self, inventory: RobotInventory) -> None:
-        """Services that the robot does not have are not asked for: the stop is the console's alone then."""
+        """Services that the robot does not have are not asked for, until it has them."""
+        self._services = inventory.services
+        if self._again is not None:
+            self._try_no_more()
+            self._tell_robot(latched=True)
 
-        def offered(service: str | None) -> str | None:
-            return service if service is not None and inventory.has_service(service) else None
+    def close(self) -> None:
+        """The link ends."""
+        self._try_no_more()
 
-        self._interface = replace(
-            self._interface,
-            service=offered(self._interface.service),
-            set_service=offered(self._interface.set_service),
-            clear_service=offered(self._interface.clear_service),
+    def _offered(self, service: str | None) -> str | None:
+        if service is None or self._services is None or absolute_name(service) in self._services:
+            return service
+        return None
+
+    def _try_again_later(self) -> None:
+        if self._again is None and self._wizard_latched:
+            self._again = asyncio.get_running_loop().call_later(self._again_after_s, self._try_again)
+            # A service that does not answer holds a part of rosbridge each time.
+            self._again_after_s = min(2.0 * self._again_after_s, _TRIED_AGAIN_AT_LEAST_S)
+
+    def _try_no_more(self) -> None:
+        self._again_after_s = TRIED_AGAIN_AFTER_S
+        if self._again is not None:
+            self._again.cancel()
+            self._again = None
+
+    def _try_again(self) -> None:
+        self._again = None
+        if self._wizard_latched and not self._reached and self._ros.is_connected:
+            self._in_background(self._look_and_tell() if self._command is None else self._look_who_listens(again=True))
+
+    async def _look_and_tell(self) -> None:
+        """Call the service that takes the latched stop, if it is there by now."""
+        if self._services is not None:
+            try:
+                answer = await self._ros.ask("/rosapi/services", "rosapi/Services")
+            except ServiceCallError as error:
+                logger.info("Emergency stop: %s", error)
+            else:
+                self._services = frozenset(absolute_name(str(name)) for name in answer.get("services") or ())
+                # To ask for them costs the robot nothing.
+                self._again_after_s = TRIED_AGAIN_AFTER_S
+        if self._wizard_latched and not self._reached and self._ros.is_connected:
+            self._tell_robot(latched=True)
+
+    async def _look_who_listens(self, *, again: bool) -> None:
+        """Find out whether anybody takes the command topic; ``again`` publishes the latched stop to who does."""
+        command = self._command
+        if command is None:
+            return
+        try:
+            answer = await self._ros.ask("/rosapi/subscribers", "rosapi/Subscribers", {"topic": command.name})
+        except ServiceCallError as error:
+            # Without rosapi it is not known.
+            logger.info("Emergency stop: %s", error)
+            return
+        if not self._wizard_latched or self._reached:
+            return
+        self._reached = bool(answer.get("subscribers"))
+        if not self._reached:
+            self._again_after_s = TRIED_AGAIN_AFTER_S
+            self._not_reached(command.name)
+        elif again:
+            command.publish(encode_bool(True))
+
+    def _not_reached(self, name: str) -> None:
+        """Nothing on the robot takes the latched stop."""
+        self._try_again_later()
+        if self._told_unreached:
+            return
+        self._told_unreached = True
+        self._emit(
+            Problem(
+                now_ns(),
+                "error",
+                filled(QT_TR_NOOP("Nothing on the robot takes the emergency stop ({name} is not there)."), name=name),
+                QT_TR_NOOP(
+                    "It is set in this console, which sends no motion; the robot itself is not stopped. It is sent as"
+                    " soon as the robot offers it."
+                ),
+                QT_TR_NOOP("Use the robot's own emergency stop."),
+                until="released",
+                cause="emergency_stop",
+            )
         )
 
     def _latch(self, *, by: Literal["wizard", "robot"], wizard: bool | None = None, robot: bool | None = None) -> None:
@@ -148,6 +245,7 @@ class EmergencyStop:
             self._emit(EmergencyStopChanged(now_ns(), self.latched, by, actor))
 
     def _clear_here(self) -> None:
+        self._try_no_more()
         self._latch(wizard=False, by="wizard")
         if self.latched:
             self._emit(
@@ -169,18 +267,25 @@ class EmergencyStop:
         if self._command is not None:
             if self._command.publish(encode_bool(latched)):
                 self._told(latched=latched, reason="")
+                if latched:
+                    self._in_background(self._look_who_listens(again=False))
             else:
                 self._told(latched=latched, reason=QT_TR_NOOP("it is not connected"))
-        elif interface.service is not None:
+            return
+        wanted = interface.service or (interface.set_service if latched else interface.clear_service)
+        service = self._offered(wanted)
+        if service is not None and interface.service is not None:
             kind = service_type_name(self._dialect, "std_srvs", "SetBool")
             request = {interface.service_field: latched is interface.service_stop_value}
-            self._call(interface.service, kind, request, latched=latched)
-        elif (service := interface.set_service if latched else interface.clear_service) is not None:
+            self._call(service, kind, request, latched=latched)
+        elif service is not None:
             package, _, name = interface.service_type.partition("/")
             kind = service_type_name(self._dialect, package, name)
             self._call(service, kind, {}, latched=latched)
         elif not latched:
             self._clear_here()
+        elif wanted is not None:
+            self._not_reached(wanted)
 
     def _call(self, service: str, kind: str, request: dict[str, Any], *, latched: bool) -> None:
         self._in_background(self._call_now(service, kind, request, latched=latched, asked=self._asked))
@@ -188,11 +293,21 @@ class EmergencyStop:
     async def _call_now(self, service: str, kind: str, request: dict[str, Any], *, latched: bool, asked: int) -> None:
         try:
             answer = await self._ros.ask(service, kind, request)
-            reason = "" if answer.get("success", True) else str(answer.get("message") or _REFUSED)
+            reason, unanswered = "" if answer.get("success", True) else str(answer.get("message") or _REFUSED), False
         except ServiceCallError as error:
-            reason = str(error)
+            reason, unanswered = str(error), True
         # The wizard may have changed her mind while the robot thought about it; the last word counts.
-        if asked == self._asked:
+        if asked != self._asked:
+            return
+        again = latched and self._told_unreached
+        if latched:
+            self._reached = not unanswered
+            if unanswered:
+                self._told_unreached = True
+                self._try_again_later()
+            else:
+                self._try_no_more()
+        if not (reason and again):
             self._told(latched=latched, reason=reason)
 
     def _told(self, *, latched: bool, reason: str) -> None:
@@ -225,6 +340,7 @@ class EmergencyStop:
             # Who asked may show it as cleared already.
             self._emit(EmergencyStopChanged(now_ns(), True, "robot"))
         elif not latched:
+            self._try_no_more()
             # Its topic will say the same a moment later; the wizard need not wait for it.
             self._latch(wizard=False, robot=False, by="wizard")
 

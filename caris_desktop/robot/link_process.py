@@ -3,10 +3,14 @@
 import asyncio
 import gc
 import logging
+import os
+import pickle
 import signal
+import struct
 import sys
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, Literal, Protocol
 
 from caris_desktop.domain import commands
@@ -20,6 +24,7 @@ logger = logging.getLogger(__name__)
 
 GOODBYE_S = 0.3
 _LAST_WORDS_S = 0.5
+_READ_BYTES = 64 * 1024
 
 UNREACHABLE_MEANING = QT_TR_NOOP(
     "Driving, video and everything else of the robot is off. The console keeps trying to connect."
@@ -53,14 +58,13 @@ async def _serve(connection: Connection, make: Callable[[Outbox], Link]) -> None
     outbox = Outbox(connection)
     link = make(outbox)
     ended = asyncio.Event()
+    reader = CommandReader(connection)
     loop.add_signal_handler(signal.SIGTERM, ended.set)
 
     def take_commands() -> None:
-        received: list[Any] = []
         try:
-            while connection.poll(0):
-                received.append(connection.recv())
-        except (EOFError, OSError):
+            received = reader.read()
+        except (EOFError, OSError, pickle.UnpicklingError):
             # The console died or closed its end. Nothing that it said last is obeyed any more.
             received = [commands.CloseLink(now_ns())]
         if any(isinstance(command, commands.CloseLink) for command in received):
@@ -76,6 +80,48 @@ async def _serve(connection: Connection, make: Callable[[Outbox], Link]) -> None
     await ended.wait()
     await link.finish()
     outbox.close(_LAST_WORDS_S)
+
+
+class CommandReader:
+    """Reads what has come from a ``multiprocessing`` connection, and never waits for the rest of a message.
+
+    ``Connection.recv`` does: a console that is stopped while it writes a message that the pipe does not take whole
+    would stop the loop, and the motion lease with it. A message is its length in four bytes, then its pickle.
+    """
+
+    _LENGTH = struct.Struct("!i")
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._received = bytearray()
+
+    def read(self) -> list[Any]:
+        """The messages that are complete by now, oldest first.
+
+        Raises
+        ------
+        EOFError, OSError, pickle.UnpicklingError
+            When the other end is gone, or sends something else.
+        """
+        while self._connection.poll(0):
+            piece = os.read(self._connection.fileno(), _READ_BYTES)
+            if not piece:
+                raise EOFError
+            self._received += piece
+        messages: list[Any] = []
+        while (end := self._end_of_first()) <= len(self._received):
+            messages.append(ForkingPickler.loads(self._received[self._LENGTH.size : end]))
+            del self._received[:end]
+        return messages
+
+    def _end_of_first(self) -> int:
+        """Where the first message ends, or would at least."""
+        if len(self._received) < self._LENGTH.size:
+            return self._LENGTH.size
+        (length,) = self._LENGTH.unpack_from(self._received)
+        if length < 0:
+            raise pickle.UnpicklingError("a message of more than 2 GB")
+        return self._LENGTH.size + int(length)
 
 
 class LinkReporter:

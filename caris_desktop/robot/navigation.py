@@ -82,7 +82,7 @@ class Navigator:
         if server is not None:
             dialect = Dialect.ROS1 if self._moves_base else Dialect.ROS2
             action_type = "move_base_msgs/MoveBase" if self._moves_base else "nav2_msgs/NavigateToPose"
-            self._server = make_action_client(ros, dialect, server.name, action_type, self)
+            self._server = make_action_client(ros, dialect, server.name, action_type, self, motion=True)
 
     @property
     def under_way(self) -> bool:
@@ -242,9 +242,9 @@ class Navigator:
     def _give_up(self, epoch: int) -> None:
         if self._goal is None or self._epoch != epoch or self._goal.state != "requested" or self._server is None:
             return
-        if self._fate is not None:
+        if self._fate is not None or self._goal.cancelling is not None:
             return
-        self._server.cancel(self._goal.wire_id)
+        self._server.give_up(self._goal.wire_id)
         late = QT_TR_NOOP("the robot's navigation did not answer within {seconds} s")
         self._end("failed", filled(late, seconds=f"{NO_ANSWER_S:g}"))
 
@@ -263,6 +263,7 @@ class Navigator:
             return
         if self._fate is not None:
             return
+        self._server.give_up(self._goal.wire_id)
         self._server.cancel_all()
         unconfirmed = QT_TR_NOOP("{why}; the robot did not confirm it")
         self._end("cancelled", filled(unconfirmed, why=filled(self._goal.cancelling)))

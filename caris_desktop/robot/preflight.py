@@ -37,15 +37,15 @@ class RobotInventory:
         return Dialect.ROS2 if any("/msg/" in kind for kind in kinds) else Dialect.ROS1
 
     def has_service(self, name: str) -> bool:
-        return _absolute(name) in self.services
+        return absolute_name(name) in self.services
 
     def has_action(self, name: str) -> bool | None:
         """None where it cannot be told. An action of ROS 1 is known by the topic of its goals."""
-        if _absolute(f"{name}/goal") in self.topics:
+        if absolute_name(f"{name}/goal") in self.topics:
             return True
         if self.dialect is Dialect.ROS1:
             return False
-        return None if self.actions is None else _absolute(name) in self.actions
+        return None if self.actions is None else absolute_name(name) in self.actions
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +82,8 @@ async def take_inventory(ros: SafeRos) -> RobotInventory:
     if len(types) != len(names):
         types = [""] * len(names)
     return RobotInventory(
-        {_absolute(name): kind for name, kind in zip(names, types, strict=True)},
-        frozenset(_absolute(name) for name in _texts(services.get("services"))),
+        {absolute_name(name): kind for name, kind in zip(names, types, strict=True)},
+        frozenset(absolute_name(name) for name in _texts(services.get("services"))),
         actions,
     )
 
@@ -100,7 +100,7 @@ def what_rosapi_said(error: Exception) -> str:
 async def _action_servers(ros: SafeRos) -> frozenset[str] | None:
     try:
         answer = await ros.ask("/rosapi/action_servers", "rosapi/GetActionServers")
-        return frozenset(_absolute(name) for name in _texts(answer.get("action_servers")))
+        return frozenset(absolute_name(name) for name in _texts(answer.get("action_servers")))
     except ServiceCallError:
         # Older servers do not have it.
         return None
@@ -133,7 +133,7 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
             sentences.append(filled("{label}: {sentence}", label=filled(label), sentence=sentence))
 
     for named in named_in(profile):
-        kind = inventory.topics.get(_absolute(named.topic))
+        kind = inventory.topics.get(absolute_name(named.topic))
         otherwise = picture_advice(named, inventory)
         if otherwise:
             sentences.append(filled("{label}: {sentence}", label=filled(named.label), sentence=otherwise))
@@ -343,7 +343,7 @@ def _texts(value: Any) -> list[str]:
     return value
 
 
-def _absolute(name: str) -> str:
+def absolute_name(name: str) -> str:
     return name if name.startswith("/") else f"/{name}"
 
 

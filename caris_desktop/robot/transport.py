@@ -23,6 +23,12 @@ established" this means "now, or not at all". What the stock transport does, and
    ``roslibpy.actionlib.ActionClient`` still blocks in its constructor, so goals are sent through topics
    (:mod:`caris_desktop.robot.navigation`). A ``roslibpy.ActionClient`` (ROS 2) does not, and is used.
 8. Its reactor cannot be restarted. Here the loop is the caller's.
+9. It has one websocket. rosbridge 2.0 and 2.1 handle the operations of one websocket one after another by default
+   (``send_action_goals_in_new_thread`` and ``call_services_in_new_thread`` false): a goal holds everything behind it
+   until it ends, and one that is refused holds it for good, while pings are still answered. Where there are motion
+   topics (``SafeTopic(..., motion=True)``) they have a websocket of their own here, which carries nothing that can
+   wait. Goals and service calls then have one for each that is under way, questions to rosapi another, and
+   subscriptions and everything else the main one.
 
 Beyond that: ``wss://`` and rosauth as the profile's security settings say; every arrival is counted per topic
 (:mod:`caris_desktop.robot.traffic`); a message that is malformed, unknown or too large is refused and reported, and
@@ -43,36 +49,35 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import roslibpy
-from roslibpy.comm import RosBridgeProtocol
 from roslibpy.core import GoalStatus
 from websockets.exceptions import InvalidHandshake, InvalidURI
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.robot.bridge_socket import (
+    HEAD_BYTES,
+    BridgeSocket,
+    Callback,
+    LargeAnswer,
+    NoAnswer,
+    Operation,
+    SafeProtocol,
+    WaitingOperation,
+)
 from caris_desktop.robot.profile import SecuritySettings
-from caris_desktop.robot.real_time import LARGE_BYTES, go_back
-from caris_desktop.robot.security import SecurityError, auth_operation
+from caris_desktop.robot.security import SecurityError
 from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.wire import CONTROL_TIMINGS, Timings, Wire, explain_failure, open_wire
+from caris_desktop.robot.wire import CONTROL_TIMINGS, Timings, Wire, explain_failure
 from caris_desktop.ros.definitions import cbor_carries
 from caris_desktop.ros.fields import MessageError
-from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json, encode_json
 
 logger = logging.getLogger(__name__)
 
-Operation = dict[str, Any]
-Callback = Callable[..., Any]
-
 _STANDING = {"subscribe", "advertise", "advertise_service"}
 _ENDING = {"unsubscribe": "subscribe", "unadvertise": "advertise", "unadvertise_service": "advertise_service"}
-_HEAD_BYTES = 400
-_TAIL_BYTES = 400
-_LONGEST_REASON = 500
 _JSON_PUBLISH = re.compile(rb'"op"\s*:\s*"publish"')
 _JSON_TOPIC = re.compile(rb'"topic"\s*:\s*"([^"\\]+)"')
-_JSON_ANSWER = re.compile(rb'"op"\s*:\s*"service_response"')
-_JSON_ID = re.compile(rb'"id"\s*:\s*"(call_service:[^"\\]+)"')
 _CBOR_PUBLISH = b"\x62op\x67publish"
 _CBOR_TOPIC = re.compile(rb"\x65topic(?:([\x61-\x77])|\x78(.))", re.DOTALL)
 _UNDECODABLE_BEFORE_JSON = 3
@@ -80,10 +85,13 @@ _MOST_WAITING = 5_000
 # A pause of the process for 0.2 s costs no scan and no odometry: to take these few in is soon done. Pictures and maps
 # are worked on for long, and of them only the newest waits.
 _SMALL_BYTES, _SMALL_WAITING = 32 * 1024, 5
-_ADMISSION_S = 3.0
 # A connection that ends sooner than this was not wanted by the server.
 _SHORT_LIVED_S = 1.0
-_ADMISSION_SERVICE = "/rosapi/get_time"
+_QUESTIONS = "/rosapi/"
+# A rosapi that hangs holds its questions for ever. A new websocket for them costs the robot another thread.
+_NEW_QUESTIONS_SOCKET_AFTER_S = 30.0
+# So many calls and goals may be under way at once, and a few more of those that stop the robot.
+MOST_CALLS, MOST_URGENT_CALLS = 8, 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,209 +140,12 @@ class ServiceCallError(Exception):
         self.said = said
 
 
-class NoAnswer(str):
-    """Why a call has failed without the robot having answered."""
-
-    __slots__ = ()
-
-
-@dataclass(frozen=True, slots=True)
-class LargeAnswer:
-    """An answer that is too large to be read; ``tail`` is its end, as it came."""
-
-    size_bytes: int
-    tail: bytes
-
-    def __str__(self) -> str:
-        return f"its answer of {self.size_bytes / 2**20:.0f} MB is larger than is accepted"
-
-
 class AnswerTooLargeError(ServiceCallError):
     """The service answered, and more than this link reads."""
 
     def __init__(self, service: str, answer: LargeAnswer) -> None:
         super().__init__(f"{service}: {answer}")
         self.tail = answer.tail
-
-
-class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no types
-    """The rosbridge operations of one connection."""
-
-    _pending_service_requests: dict[str, tuple[Callback | None, Callback | None]]
-    _pending_action_requests: dict[str, tuple[Callback | None, Callback | None, Callback | None]]
-
-    def __init__(self, factory: "SafeFactory", wire: Wire) -> None:
-        super().__init__()
-        self.factory = factory
-        self.wire = wire
-        self._fragments = FragmentAssembler(max_bytes=factory.sizes.message_bytes)
-        self._binary = False
-        self._message_handlers["status"] = self._handle_status
-        self._message_handlers["fragment"] = self._handle_fragment
-
-    def on_message(self, payload: bytes) -> None:
-        """Decode and handle one message. Never raises."""
-        factory = self.factory
-        if len(payload) > LARGE_BYTES:
-            go_back()
-        if len(payload) > factory.sizes.message_bytes:
-            if not self._take_large_answer(payload):
-                factory.refuse(
-                    filled(
-                        QT_TR_NOOP("a message of {payload} MB, larger than is accepted"),
-                        payload=f"{len(payload) / 2**20:.0f}",
-                    )
-                )
-            return
-        # Some servers send either in either kind of frame. A CBOR map begins above 0x80, and JSON never does.
-        binary = payload[:1] >= b"\x80"
-        try:
-            operation = decode_cbor(payload) if binary else decode_json(str(payload, "utf-8"))
-        except (ProtocolError, UnicodeDecodeError) as error:
-            factory.refuse(str(error))
-            if binary:
-                factory.binary_failed()
-            return
-        if binary:
-            factory.binary_worked()
-        self._binary = binary
-        self._handle(operation)
-
-    def _take_large_answer(self, payload: bytes) -> bool:
-        """Whether it answers a call, which fails then: not even its end is awaited by decoding all of it."""
-        ends = payload[:_HEAD_BYTES], payload[-_TAIL_BYTES:]
-        if not any(_JSON_ANSWER.search(end) for end in ends):
-            return False
-        found = next((found for end in ends if (found := _JSON_ID.search(end))), None)
-        request_id = "" if found is None else found[1].decode("utf-8", "replace")
-        _, errback = self._pending_service_requests.pop(request_id, (None, None))
-        if errback is None:
-            return False
-        self.factory.run_safely(errback, LargeAnswer(len(payload), ends[1]))
-        return True
-
-    def _handle(self, operation: Operation) -> None:
-        handler = self._message_handlers.get(operation["op"])
-        if handler is None:
-            self.factory.refuse(
-                filled(QT_TR_NOOP("an unknown operation {operation}"), operation=f"{operation['op']!r}")
-            )
-            return
-        try:
-            handler(operation)
-        except Exception as error:
-            # Callbacks are guarded one by one, so what fails here is the operation's own form.
-            self.factory.refuse(
-                filled(
-                    QT_TR_NOOP("a malformed {operation}: {name}: {error}"),
-                    operation=operation["op"],
-                    name=type(error).__name__,
-                    error=error,
-                )
-            )
-
-    def send_message(self, payload: bytes) -> bool:
-        """Hand one encoded operation to the socket. Any thread; False when it was not sent by this very call."""
-        if threading.get_ident() == self.factory.manager.thread_id:
-            return self.wire.send_text(payload)
-        self.factory.manager.loop.call_soon_threadsafe(self.wire.send_text, payload)
-        return False
-
-    def send_close(self) -> None:
-        self.factory.stop()
-
-    def send_operation(self, operation: Mapping[str, Any]) -> bool:
-        try:
-            payload = encode_json(dict(operation)).encode()
-        except ProtocolError:
-            logger.exception("A message to the robot could not be written and was dropped")
-            return False
-        return self.send_message(payload)
-
-    def send_ros_message(self, message: Mapping[str, Any]) -> bool:
-        return self.send_operation(message)
-
-    def send_ros_service_request(
-        self, message: Mapping[str, Any], callback: Callback, errback: Callback, timeout_s: float | None = None
-    ) -> None:
-        wait_s = self.factory.service_timeout_s if timeout_s is None else timeout_s
-        self._pending_service_requests[message["id"]] = (callback, errback)
-        self.send_operation(message)
-        self.factory.manager.call_later(wait_s, lambda: self._time_out(message["id"], wait_s))
-
-    def send_ros_action_goal(
-        self, message: Mapping[str, Any], resultback: Callback, feedback: Callback, errback: Callback
-    ) -> None:
-        self._pending_action_requests[message["id"]] = (resultback, feedback, errback)
-        self.send_operation(message)
-
-    def fail_everything(self, reason: str) -> None:
-        """The connection is over: everything under way fails now."""
-        services, self._pending_service_requests = self._pending_service_requests, {}
-        actions, self._pending_action_requests = self._pending_action_requests, {}
-        for _, errback in services.values():
-            self.factory.run_safely(errback, reason)
-        for _, _, errback in actions.values():
-            self.factory.run_safely(errback, {"status": GoalStatus.UNKNOWN, "values": {"error_msg": reason}})
-        self._fragments.clear()
-
-    def _time_out(self, request_id: str, waited_s: float) -> None:
-        _, errback = self._pending_service_requests.pop(request_id, (None, None))
-        self.factory.run_safely(
-            errback, NoAnswer(filled(QT_TR_NOOP("no answer within {waited_s} s"), waited_s=f"{waited_s:g}"))
-        )
-
-    def _handle_publish(self, message: Operation) -> None:
-        if not isinstance(message["topic"], str):
-            raise TypeError("the topic is not a text")
-        self.factory.take_publish(message["topic"], message["msg"], binary=self._binary)
-
-    def _handle_service_response(self, message: Operation) -> None:
-        callback, errback = self._pending_service_requests.pop(message["id"], (None, None))
-        if callback is None and errback is None:
-            logger.info("An answer came that nobody waits for any more: %r", message["id"])
-        elif message.get("result") is False:
-            self.factory.run_safely(errback, message.get("values"))
-        else:
-            self.factory.run_safely(callback, roslibpy.ServiceResponse(message.get("values") or {}))
-
-    def _handle_action_feedback(self, message: Operation) -> None:
-        _, feedback, _ = self._pending_action_requests.get(message["id"], (None, None, None))
-        self.factory.run_safely(feedback, roslibpy.Feedback(message["values"]))
-
-    def _handle_action_result(self, message: Operation) -> None:
-        resultback, _, errback = self._pending_action_requests.pop(message["id"], (None, None, None))
-        values = message.get("values")
-        # A call that never reached the action server is answered with a text.
-        values = values if isinstance(values, dict) else {"error_msg": str(values or "")}
-        status = message.get("status", values.get("status"))
-        try:
-            known = GoalStatus(status)
-        except ValueError:
-            known = GoalStatus.UNKNOWN
-        results = {"status": known, "values": values}
-        if message.get("result") is False:
-            self.factory.run_safely(errback, results)
-        else:
-            self.factory.run_safely(resultback, roslibpy.Result(results))
-
-    def _handle_status(self, message: Operation) -> None:
-        levels = {"error": logging.ERROR, "warning": logging.WARNING}
-        level = levels.get(str(message.get("level")), logging.INFO)
-        logger.log(level, "rosbridge says: %.500s", message.get("msg"))
-        if level == logging.ERROR:
-            # Some servers answer a call that they cannot carry out in this way only.
-            request_id = str(message.get("id"))
-            _, errback = self._pending_service_requests.pop(request_id, (None, None))
-            self.factory.run_safely(errback, str(message.get("msg"))[:_LONGEST_REASON])
-
-    def _handle_fragment(self, message: Operation) -> None:
-        whole = self._fragments.add(message)
-        if whole is None:
-            return
-        if whole["op"] == "fragment":
-            raise ProtocolError("a fragment must not hold fragments")
-        self._handle(whole)
 
 
 class LoopManager:
@@ -400,10 +211,15 @@ class _Arrival:
     stamp_ns: int
     topic: str | None
     replaceable: bool
+    protocol: SafeProtocol
 
 
 class SafeFactory:
-    """Keeps one connection alive, remembers what stands, and hands messages out."""
+    """Keeps one link alive, remembers what stands, and hands messages out.
+
+    The link is connected while its main websocket and, where there are motion topics, theirs are; it is lost when one
+    of them is, or one with a goal under way.
+    """
 
     def __init__(
         self,
@@ -424,12 +240,22 @@ class SafeFactory:
         self.refused = 0
         self._overtaken: Counter[str] = Counter()
         self._observer = observer
-        self._timings = timings
-        self._security = security
+        self.timings = timings
+        self.security = security
         self.traffic = traffic
-        self._admission: asyncio.Future[None] | None = None
-        self._admission_numbers = itertools.count(1)
-        self._proto: SafeProtocol | None = None
+        self.admission_numbers = itertools.count(1)
+        self.motion_topics: set[str] = set()
+        self.urgent_services: set[str] = set()
+        self.motion_round_trip: Callback = observer.link_round_trip
+        self._main = BridgeSocket(self)
+        self._motion: BridgeSocket | None = None
+        self._questions: BridgeSocket | None = None
+        self._calls: list[BridgeSocket] = []
+        self._opening: set[asyncio.Task[None]] = set()
+        self._ask_first = security.rosauth_secret_env is not None
+        self._at_once = False
+        self._silent = False
+        self._stopping = False
         self._listeners: dict[str, list[Callback]] = {}
         self._standing: dict[str, Operation] = {}
         self._retired: set[str] = set()
@@ -444,43 +270,57 @@ class SafeFactory:
         self._cbor_works = True
         self._binary_failures = 0
         self._keeper: asyncio.Task[None] | None = None
-        self._lost: asyncio.Future[str] | None = None
+        self._lost: asyncio.Future[Wire] | None = None
         self._left_open: list[Wire] = []
         self._first_topic = ""
         self._say_first: Callback | None = None
 
     @property
     def is_connected(self) -> bool:
-        return self._proto is not None and self._proto.wire.is_open
+        return self._main.is_open and (self._motion is None or self._motion.is_open)
 
     @property
     def protocol(self) -> SafeProtocol | None:
-        return self._proto
+        """Of the main websocket."""
+        return self._main.protocol
+
+    @property
+    def motion_protocol(self) -> SafeProtocol | None:
+        """Of the websocket that carries nothing which can wait."""
+        return (self._motion or self._main).protocol
+
+    def _protocols(self) -> list[SafeProtocol]:
+        sockets = (self._main, self._motion, self._questions, *self._calls)
+        return [socket.protocol for socket in sockets if socket is not None and socket.protocol is not None]
 
     def connect(self) -> None:
         if self._keeper is None or self._keeper.done():
+            self._stopping = False
             self._keeper = self.manager.loop.create_task(self._keep_connected())
 
     def stop(self) -> None:
         """Close the connection properly and stop trying for another."""
+        self._stopping = True
         if self._keeper is not None:
             self._keeper.cancel()
+        for task in self._opening:
+            task.cancel()
         for wire in self._left_open:
             wire.drop()
-        if self._proto is not None:
-            self._proto.wire.close()
+        for protocol in self._protocols():
+            protocol.wire.close()
 
     async def closed(self, timeout_s: float) -> None:
         """Wait until the peer took everything and said goodbye, at most ``timeout_s``."""
         if self._lost is not None and not self._lost.done():
             await asyncio.wait([self._lost], timeout=timeout_s)
-        if self._proto is not None:
-            self._proto.wire.abort(QT_TR_NOOP("closed by this program"))
+        for protocol in self._protocols():
+            protocol.wire.abort(QT_TR_NOOP("closed by this program"))
 
     def on_ready(self, callback: Callback) -> None:
         """Call ``callback`` with the protocol now, or at the next connection."""
-        if self._proto is not None:
-            callback(self._proto)
+        if self.protocol is not None:
+            callback(self.protocol)
         else:
             self.once("ready", callback)
 
@@ -507,10 +347,33 @@ class SafeFactory:
                 self._retired.add(key)
             if op == "unsubscribe" and not self._subscribed(operation["topic"]):
                 self.traffic.stops_listening(operation["topic"])
-        if self._proto is None or not self._proto.send_operation(operation):
+        if op == "cancel_action_goal":
+            return self._cancel_goal(operation)
+        protocol = self._protocol_for(operation)
+        if protocol is None or not protocol.send_operation(operation):
             self.dropped += 1
             return False
         return True
+
+    def _protocol_for(self, operation: Mapping[str, Any]) -> SafeProtocol | None:
+        """Of the websocket that carries an operation. A subscription and a publisher belong to the one they are on."""
+        return self.motion_protocol if operation.get("topic") in self.motion_topics else self.protocol
+
+    def _cancel_goal(self, operation: Operation) -> bool:
+        """Over the websocket of the goal, which servers want that keep goals apart by client; and over the main one,
+        as the goal holds everything behind it on its own where goals are not sent in new threads.
+        """
+        for socket in self._calls:
+            for waiting in [waiting for waiting in socket.waiting if waiting.id == operation.get("id")]:
+                # It is not even sent yet.
+                socket.waiting.remove(waiting)
+                waiting.fail(QT_TR_NOOP("it was cancelled before it was sent"))
+                return True
+        goals = [socket.protocol for socket in self._calls]
+        having = [protocol for protocol in goals if protocol is not None and protocol.has_goal(operation.get("id"))]
+        sent = [protocol.send_operation(operation) for protocol in (self.protocol, *having) if protocol is not None]
+        self.dropped += not any(sent)
+        return any(sent)
 
     def _subscribed(self, topic: str) -> bool:
         standing = self._standing.values()
@@ -525,12 +388,13 @@ class SafeFactory:
         self._every_message.add(topic)
 
     def _establish(self, key: str, operation: Operation) -> bool:
-        if self._proto is None:
+        protocol = self._protocol_for(operation)
+        if protocol is None:
             return False
         if operation.get("compression") in ("cbor", "none"):
             operation = {**operation, "compression": self._encoding_of(operation)}
         self._established.add(key)
-        return self._proto.send_operation(operation)
+        return protocol.send_operation(operation)
 
     def _encoding_of(self, subscription: Operation) -> str:
         binary = (subscription["compression"] == "cbor") is not (subscription["topic"] in self._in_other_encoding)
@@ -549,8 +413,8 @@ class SafeFactory:
             if operation["op"] == "subscribe" and operation["topic"] == topic
         ]
         for _, operation in standing:
-            if leave_first and self._proto is not None:
-                self._proto.send_operation({"op": "unsubscribe", "id": operation.get("id"), "topic": topic})
+            if leave_first and (protocol := self._protocol_for(operation)) is not None:
+                protocol.send_operation({"op": "unsubscribe", "id": operation.get("id"), "topic": topic})
         for key, operation in standing:
             self._establish(key, operation)
         return self._encoding_of(standing[0][1]) if standing else ""
@@ -568,105 +432,65 @@ class SafeFactory:
         logger.warning("The robot's binary messages cannot be read; asking for JSON instead")
         self._cbor_works = False
         for key, operation in self._standing.items():
-            if operation.get("compression") == "cbor" and self._proto is not None:
-                self._proto.send_operation({"op": "unsubscribe", "id": operation["id"], "topic": operation["topic"]})
+            if operation.get("compression") == "cbor" and (protocol := self._protocol_for(operation)) is not None:
+                protocol.send_operation({"op": "unsubscribe", "id": operation["id"], "topic": operation["topic"]})
                 self._establish(key, operation)
 
-    # The connection
+    # The websockets
 
     async def _keep_connected(self) -> None:
-        delay_s = self._timings.first_retry_s
-        ask_first = self._security.rosauth_secret_env is not None
+        delay_s = self.timings.first_retry_s
         while True:
+            if self.motion_topics and self._motion is None:
+                self._motion = BridgeSocket(self)
+            sockets = [socket for socket in (self._motion, self._main) if socket is not None]
             try:
-                wire = await open_wire(
-                    self.url,
-                    self,
-                    self._timings,
-                    largest_frame_bytes=self.sizes.frame_bytes,
-                    security=self._security,
-                )
-                if ask_first:
-                    await self._ask_for_admission(wire)
+                await self._open_all(sockets)
             except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI, SecurityError) as error:
                 what, advice = explain_failure(error, self.url)
                 logger.debug("%s (%s)", what, type(error).__name__)
                 self.run_safely(self._observer.link_unreachable, what, advice)
                 await asyncio.sleep(delay_s)
-                delay_s = min(delay_s * 1.7, self._timings.longest_retry_s)
+                delay_s = min(delay_s * 1.7, self.timings.longest_retry_s)
                 continue
-            if wire.is_open:
+            begun = [socket.begin() for socket in sockets]
+            if all(begun):
                 began_s = self.manager.loop.time()
                 self._lost = self.manager.loop.create_future()
-                self._begin(wire)
-                await asyncio.shield(self._lost)
+                self._begin()
+                wire = await asyncio.shield(self._lost)
                 if wire.broken_by_size:
                     # A latched message of that size comes again at once.
-                    delay_s = self._timings.longest_retry_s
+                    delay_s = self.timings.longest_retry_s
                 elif wire.parted_by_peer and self.manager.loop.time() - began_s < _SHORT_LIVED_S:
                     # Coming back as fast as it throws us out helps nobody; find out first whether it wants us.
-                    ask_first = True
-                    delay_s = min(delay_s * 1.7, self._timings.longest_retry_s)
+                    self._ask_first = True
+                    delay_s = min(delay_s * 1.7, self.timings.longest_retry_s)
                 else:
-                    delay_s = self._timings.first_retry_s
-            await asyncio.sleep(delay_s)
+                    delay_s = self.timings.first_retry_s
+            else:
+                for socket in sockets:
+                    socket.take_protocol()
+                    socket.abort(QT_TR_NOOP("the other connection broke off"))
+            at_once, self._at_once = self._at_once, False
+            await asyncio.sleep(0.0 if at_once else delay_s)
 
-    async def _ask_for_admission(self, wire: Wire) -> None:
-        """Prove who we are, where the profile says so, and wait until the server answers anything at all.
-
-        A rosbridge that demands rosauth says nothing when it accepts and closes the connection when it does not.
-
-        Raises
-        ------
-        SecurityError
-            When it does not answer.
-        """
-        self._admission = self.manager.loop.create_future()
+    async def _open_all(self, sockets: list[BridgeSocket]) -> None:
+        """Open them side by side, all or none. Raises what :meth:`BridgeSocket.open` does."""
+        opening = [asyncio.ensure_future(socket.open(ask_first=self._ask_first)) for socket in sockets]
         try:
-            authorization = auth_operation(self._security, client=wire.own_host, server=wire.peer_host)
-            question = {
-                "op": "call_service",
-                "service": _ADMISSION_SERVICE,
-                "args": {},
-                "id": f"admission:{next(self._admission_numbers)}",
-            }
-            for operation in (authorization, question):
-                if operation is not None:
-                    wire.send_text(encode_json(operation).encode())
-            async with asyncio.timeout(_ADMISSION_S):
-                await self._admission
-        except (ConnectionError, TimeoutError) as error:
-            raise self._refusal() from error
-        finally:
-            admission, self._admission = self._admission, None
-            if not admission.done() or admission.cancelled() or admission.exception() is not None:
-                wire.abort(QT_TR_NOOP("not admitted"))
+            await asyncio.gather(*opening)
+        except BaseException:
+            for task in opening:
+                task.cancel()
+            await asyncio.gather(*opening, return_exceptions=True)
+            for socket in sockets:
+                socket.abort(QT_TR_NOOP("the other connection did not come about"))
+            raise
 
-    def _refusal(self) -> SecurityError:
-        name = self._security.rosauth_secret_env
-        if name is None:
-            return SecurityError(
-                QT_TR_NOOP("The robot's rosbridge closes each connection at once."),
-                QT_TR_NOOP(
-                    "If it demands a secret (rosauth), put the secret into an environment variable and name that under "
-                    "Security ('rosauth_secret_env' in the robot profile). The log of rosbridge tells more."
-                ),
-            )
-        return SecurityError(
-            QT_TR_NOOP("The robot's rosbridge refused this console: the secret was not accepted."),
-            filled(
-                QT_TR_NOOP(
-                    "Check that the environment variable {name} holds the robot's rosauth secret, that the "
-                    "clocks of this computer and the robot differ by less than 5 s, and that rosauth runs on "
-                    "the robot."
-                ),
-                name=name,
-            ),
-        )
-
-    def _begin(self, wire: Wire) -> None:
-        self._proto = SafeProtocol(self, wire)
+    def _begin(self) -> None:
         self._established.clear()
+        self._silent = False
         standing = list(self._standing.items())
         if self._say_first is not None:
             for key, operation in standing:
@@ -676,14 +500,117 @@ class SafeFactory:
         for key, operation in standing:
             if key not in self._established:
                 self._establish(key, operation)
-        self.emit("ready", self._proto)
+        self.emit("ready", self.protocol)
         self.run_safely(self._observer.link_connected)
+        if self._motion is not None:
+            self._keep_one_free()
 
-    def wire_received(self, payload: bytes) -> None:
-        if self._admission is not None:
-            if not self._admission.done() and b"service_response" in payload[:_HEAD_BYTES]:
-                self._admission.set_result(None)
+    def reconnect(self, reason: str) -> None:
+        """End the link, and with it whatever the server has not handled yet, and connect anew at once."""
+        protocol = self.motion_protocol
+        if protocol is not None:
+            self._at_once = True
+            protocol.wire.abort(reason)
+
+    # Calls and goals
+
+    def call(
+        self, request_id: str, service: str, send: Callable[[SafeProtocol], None], fail: Callable[[str], None]
+    ) -> None:
+        """Have a call or a goal sent over a websocket where it waits for nothing, and holds nothing up.
+
+        ``service`` is empty for a goal. ``fail`` is called instead where it cannot be sent.
+        """
+        if not self.is_connected:
+            self.dropped += 1
+            self.run_safely(fail, NoAnswer(QT_TR_NOOP("the robot is not connected")))
             return
+        if self._motion is None:
+            socket: BridgeSocket | None = self._main
+        elif service.startswith(_QUESTIONS):
+            socket = self._questions = self._questions or self._open_call_socket()
+        else:
+            socket = self._free_socket(urgent=service in self.urgent_services)
+        if socket is None:
+            under_way = QT_TR_NOOP("the robot has not answered {count} others yet")
+            self.run_safely(fail, NoAnswer(filled(under_way, count=len(self._calls))))
+        elif socket.protocol is not None:
+            send(socket.protocol)
+        else:
+            socket.waiting.append(WaitingOperation(request_id, send, fail))
+        if self._motion is not None:
+            self._keep_one_free()
+
+    def _free_socket(self, *, urgent: bool) -> BridgeSocket | None:
+        free = [socket for socket in self._calls if socket.is_free]
+        if not urgent and len(self._calls) - len(free) >= MOST_CALLS:
+            return None
+        if free:
+            return next((socket for socket in free if socket.is_open), free[0])
+        if len(self._calls) >= MOST_URGENT_CALLS:
+            return None
+        self._calls.append(self._open_call_socket())
+        return self._calls[-1]
+
+    def _keep_one_free(self) -> None:
+        """One is open beforehand, so that what stops the robot need not wait for it."""
+        if not any(socket.is_free for socket in self._calls) and len(self._calls) < MOST_URGENT_CALLS:
+            self._calls.append(self._open_call_socket())
+
+    def _open_call_socket(self) -> BridgeSocket:
+        socket = BridgeSocket(self)
+        task = self.manager.loop.create_task(self._open_for_calls(socket))
+        self._opening.add(task)
+        task.add_done_callback(self._opening.discard)
+        return socket
+
+    async def _open_for_calls(self, socket: BridgeSocket) -> None:
+        why = QT_TR_NOOP("the link to the robot was lost")
+        try:
+            await socket.open(ask_first=self._ask_first)
+        except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI, SecurityError) as error:
+            why, _ = explain_failure(error, self.url)
+            logger.debug("No further connection: %s", why)
+        wanted = self._questions is socket or socket in self._calls
+        waiting, socket.waiting = socket.waiting, []
+        if wanted and socket.begin() and socket.protocol is not None:
+            for each in waiting:
+                each.send(socket.protocol)
+            return
+        self._forget_socket(socket)
+        socket.abort(why)
+        for each in waiting:
+            self.run_safely(each.fail, NoAnswer(why))
+
+    def _forget_socket(self, socket: BridgeSocket) -> None:
+        if self._questions is socket:
+            self._questions = None
+        if socket in self._calls:
+            self._calls.remove(socket)
+
+    def not_answered(self, protocol: SafeProtocol) -> None:
+        """A call has timed out; what it holds up in the server is left behind with its websocket."""
+        questions = self._questions
+        if questions is not None and questions.protocol is protocol:
+            if self.manager.loop.time() - protocol.began_s >= _NEW_QUESTIONS_SOCKET_AFTER_S:
+                self._questions = None
+                questions.close()
+            return
+        for socket in [socket for socket in self._calls if socket.protocol is protocol and socket.is_free]:
+            self._calls.remove(socket)
+            socket.close()
+
+    def give_up_goal(self, goal_id: str) -> None:
+        """Nothing is awaited of a goal any more; what it holds up is left behind."""
+        for socket in list(self._calls):
+            if socket.protocol is not None and socket.protocol.has_goal(goal_id):
+                socket.protocol.forget_goal(goal_id)
+                self._calls.remove(socket)
+                socket.close()
+
+    # What comes
+
+    def receive(self, payload: bytes, protocol: SafeProtocol) -> None:
         if len(self._arrived) >= _MOST_WAITING:
             self.refuse(QT_TR_NOOP("more messages at once than can be handled"))
             return
@@ -693,7 +620,7 @@ class SafeFactory:
         if topic is not None:
             self.traffic.arrived(topic, size_bytes=len(payload), arrival_ns=stamp_ns)
         if topic is None or topic in self._every_message:
-            self._arrived.append(_Arrival(payload, stamp_ns, topic, replaceable=False))
+            self._arrived.append(_Arrival(payload, stamp_ns, topic, replaceable=False, protocol=protocol))
         else:
             waiting = self._newest.setdefault(topic, [])
             if len(waiting) >= (_SMALL_WAITING if len(payload) <= _SMALL_BYTES else 1):
@@ -703,7 +630,7 @@ class SafeFactory:
                 waiting[-1].payload, waiting[-1].stamp_ns = payload, stamp_ns
                 self._overtaken[topic] += 1
                 return
-            arrival = _Arrival(payload, stamp_ns, topic, replaceable=True)
+            arrival = _Arrival(payload, stamp_ns, topic, replaceable=True, protocol=protocol)
             waiting.append(arrival)
             self._arrived.append(arrival)
         if not self._handling:
@@ -712,15 +639,15 @@ class SafeFactory:
 
     def _handle_next(self) -> None:
         # One message a turn, so that timers and commands come between any two of them.
-        if self._arrived and self._proto is not None:
+        if self._arrived:
             arrival = self._arrived.popleft()
             if arrival.replaceable and arrival.topic is not None:
                 self._newest[arrival.topic].remove(arrival)
             self.arrival_ns = arrival.stamp_ns
             self._handled = arrival
-            self.run_safely(self._proto.on_message, arrival.payload)
+            self.run_safely(arrival.protocol.on_message, arrival.payload)
             self._handled = None
-        self._handling = bool(self._arrived) and self._proto is not None
+        self._handling = bool(self._arrived)
         if self._handling:
             self.manager.loop.call_soon(self._handle_next)
 
@@ -738,41 +665,77 @@ class SafeFactory:
         self.traffic.decoded(topic, message, binary=binary)
         self.emit(topic, message)
 
-    def wire_heard(self) -> None:
-        if self._proto is not None:
-            self.run_safely(self._observer.link_heard)
+    def _is_main(self, socket: BridgeSocket) -> bool:
+        return socket is self._main or socket is self._motion
 
-    def wire_silent(self) -> None:
-        if self._proto is not None:
+    def socket_silent(self, socket: BridgeSocket) -> None:
+        if self._is_main(socket) and not self._silent:
+            self._silent = True
             self.run_safely(self._observer.link_silent)
 
-    def wire_round_trip(self, round_trip_s: float) -> None:
-        if self._proto is not None:
-            self.run_safely(self._observer.link_round_trip, round_trip_s)
+    def socket_heard(self) -> None:
+        silent = self._main.silent or (self._motion is not None and self._motion.silent)
+        if self._silent and not silent:
+            self._silent = False
+            self.run_safely(self._observer.link_heard)
 
-    def wire_lost(self, reason: str) -> None:
-        proto, self._proto = self._proto, None
-        if self._admission is not None and not self._admission.done():
-            self._admission.set_exception(ConnectionError(reason))
+    def socket_round_trip(self, socket: BridgeSocket, round_trip_s: float) -> None:
+        if socket is self._main:
+            self.run_safely(self._observer.link_round_trip, round_trip_s)
+        elif socket is self._motion:
+            self.run_safely(self.motion_round_trip, round_trip_s)
+
+    def socket_lost(self, socket: BridgeSocket, reason: str) -> None:
+        protocol = socket.protocol
+        if protocol is None:
+            return
+        if self._stopping and self._protocols() != [protocol]:
+            # What was sent over the others still arrives.
+            socket.take_protocol()
+            protocol.fail_everything(NoAnswer(QT_TR_NOOP("the link to the robot was lost")))
+        elif self._is_main(socket) or protocol.has_goal() or self._stopping:
+            self._link_lost(socket, protocol, reason)
+        else:
+            socket.take_protocol()
+            self._forget_socket(socket)
+            protocol.fail_everything(NoAnswer(QT_TR_NOOP("the link to the robot was lost")))
+
+    def _link_lost(self, ended: BridgeSocket, protocol: SafeProtocol, reason: str) -> None:
         # Nothing that arrived before the gap is handed out after it.
         self._arrived.clear()
         self._newest.clear()
-        if proto is None:
-            return
-        if proto.wire.broken_by_size:
+        if protocol.wire.broken_by_size:
             self.refuse(
                 filled(
                     QT_TR_NOOP("a message of more than {frame_bytes} MB, which ended the connection"),
                     frame_bytes=f"{self.sizes.frame_bytes / 2**20:.0f}",
                 )
             )
-        self._left_open = [wire for wire in (*self._left_open, proto.wire) if wire.left_open]
+        protocols = self._protocols()
+        calls, self._calls = self._calls, []
+        questions, self._questions = self._questions, None
+        others = [socket for socket in (self._main, self._motion) if socket is not None and socket is not ended]
+        for socket in (ended, *others, *calls, *([questions] if questions is not None else [])):
+            over = socket.take_protocol()
+            if over is not None and socket in others:
+                over.wire.give_up(reason)
+            elif over is not None and socket is not ended:
+                # What a server that was stopped has not read of it is gone with it.
+                over.wire.abort(reason)
+        wires = [*self._left_open, *(each.wire for each in protocols)]
+        self._left_open = [wire for wire in wires if wire.left_open]
         self._established.clear()
-        proto.fail_everything(NoAnswer(QT_TR_NOOP("the link to the robot was lost")))
-        self.emit("close", proto)
+        why = NoAnswer(QT_TR_NOOP("the link to the robot was lost"))
+        for each in protocols:
+            each.fail_everything(why)
+        for socket in (*calls, *([questions] if questions is not None else [])):
+            waiting, socket.waiting = socket.waiting, []
+            for unsent in waiting:
+                self.run_safely(unsent.fail, why)
+        self.emit("close", protocol)
         self.run_safely(self._observer.link_lost, reason)
         if self._lost is not None and not self._lost.done():
-            self._lost.set_result(reason)
+            self._lost.set_result(protocol.wire)
 
     def refuse(self, detail: str) -> None:
         self.refused += 1
@@ -874,23 +837,22 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
     def call_async_service(
         self, message: Mapping[str, Any], callback: Callback, errback: Callback, timeout_s: float | None = None
     ) -> None:
-        protocol = self.factory.protocol
-        if protocol is None:
-            self.factory.dropped += 1
-            self.factory.run_safely(errback, NoAnswer(QT_TR_NOOP("the robot is not connected")))
-        else:
-            protocol.send_ros_service_request(message, callback, errback, timeout_s)
+        self.factory.call(
+            message["id"],
+            message["service"],
+            lambda protocol: protocol.send_ros_service_request(message, callback, errback, timeout_s),
+            errback,
+        )
 
     def call_async_action(
         self, message: Mapping[str, Any], resultback: Callback, feedback: Callback, errback: Callback
     ) -> None:
-        protocol = self.factory.protocol
-        if protocol is None:
-            self.factory.dropped += 1
-            failure = {"status": GoalStatus.UNKNOWN, "values": {"error_msg": QT_TR_NOOP("the robot is not connected")}}
-            self.factory.run_safely(errback, failure)
-        else:
-            protocol.send_ros_action_goal(message, resultback, feedback, errback)
+        self.factory.call(
+            message["id"],
+            "",
+            lambda protocol: protocol.send_ros_action_goal(message, resultback, feedback, errback),
+            lambda reason: errback({"status": GoalStatus.UNKNOWN, "values": {"error_msg": reason}}),
+        )
 
     def ask(
         self,
@@ -943,16 +905,10 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         """Session time when the message that is being handled reached this machine."""
         return int(self.factory.arrival_ns)
 
-    def send_ping(self, answered: Callable[[float], None]) -> None:
-        """Ask for an answer: ``answered`` gets the round trip, in seconds, when all that was sent before was read."""
-        protocol = self.factory.protocol
-        if protocol is not None:
-            protocol.wire.send_ping(lambda round_trip_s: self.factory.run_safely(answered, round_trip_s))
-
     @property
     def unsent_bytes(self) -> int:
-        """What the network has not taken yet; above zero the connection does not keep up."""
-        protocol = self.factory.protocol
+        """What the network has not taken yet of what moves the robot; above zero the connection does not keep up."""
+        protocol = self.factory.motion_protocol
         return 0 if protocol is None else protocol.wire.unsent_bytes
 
 
@@ -960,7 +916,8 @@ class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
     """A topic that shares nothing with other Topics of its name.
 
     ``every_message`` asks for each message where they do not replace one another (results, transforms).
-    ``compression`` None asks for CBOR where rosbridge can send the type in it.
+    ``compression`` None asks for CBOR where rosbridge can send the type in it. ``motion`` has it on the websocket that
+    carries nothing which can wait.
     """
 
     SUPPORTED_COMPRESSION_TYPES = ("none", "cbor")
@@ -979,6 +936,7 @@ class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
         queue_size: int = 10,
         queue_length: int = 1,
         every_message: bool = False,
+        motion: bool = False,
     ) -> None:
         super().__init__(
             ros,
@@ -993,6 +951,8 @@ class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
         self._callback: Callback | None = None
         if every_message:
             ros.factory.ask_for_every_message(name)
+        if motion:
+            ros.factory.motion_topics.add(name)
 
     def unsubscribe(self) -> None:
         if not self._subscribe_id:
@@ -1028,7 +988,7 @@ class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
 
 def topic_of_publish(payload: bytes) -> bytes | None:
     """The topic of an encoded publish, from its first bytes; None when it is not plainly one."""
-    head = payload[:_HEAD_BYTES]
+    head = payload[:HEAD_BYTES]
     if head[:1] == b"{":
         head = head.partition(b'"msg"')[0]
         found = _JSON_TOPIC.search(head)

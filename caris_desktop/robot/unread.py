@@ -1,7 +1,8 @@
-"""Which velocity commands may still lie unread at the robot. Pure logic, time comes in as an argument.
+"""Which velocity commands may still lie unhandled at the robot. Pure logic, time comes in as an argument.
 
 A rosbridge that was stopped goes on acknowledging bytes, because its system does that for it; all of them are read and
-obeyed when it wakes up. Only its own answer tells that it reads: behind each command goes a ping.
+obeyed when it wakes up. Only its own answer tells that it handles them: behind each command goes a question (see
+:mod:`caris_desktop.robot.handled`).
 """
 
 import math
@@ -38,7 +39,7 @@ class UnreadCommands:
         return self._settled
 
     def sent(self, now_s: float, *, moving: bool) -> None:
-        """A command went out, and a ping behind it."""
+        """A command went out, and a question behind it."""
         self._sent_s.append(now_s)
         if moving:
             self._settled, self._zero_s = False, None
@@ -46,7 +47,7 @@ class UnreadCommands:
             self._zero_s = now_s
 
     def answered(self, round_trip_s: float, now_s: float) -> None:
-        """A ping came back, whether or not it went behind a command."""
+        """An answer came, whether or not its question went behind a command."""
         if now_s - self._least_since_s >= _USUAL_OVER_S:
             self._least_before_s, self._least_s, self._least_since_s = self._least_s, math.inf, now_s
         self._least_s = min(self._least_s, round_trip_s)

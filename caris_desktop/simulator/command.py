@@ -61,6 +61,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--simulation-time", action="store_true", help="publish /clock and stamp with the time of the simulation"
     )
+    parser.add_argument(
+        "--send-action-goals-in-new-thread",
+        action="store_true",
+        help="rosbridge's parameter of ROS 2: a goal does not hold what its client sends afterwards",
+    )
+    parser.add_argument(
+        "--call-services-in-new-thread",
+        action="store_true",
+        help="rosbridge's parameter of ROS 2: a service call does not hold what its client sends afterwards",
+    )
     parser.add_argument("--empty", action="store_true", help="nobody walks about")
     parser.add_argument(
         "--people",
@@ -240,6 +250,8 @@ async def _simulate(
         log=settings.log,
         obeyed_log=settings.obeyed_log,
         topics_glob=args.topics_glob,
+        goals_in_new_threads=args.send_action_goals_in_new_thread,
+        services_in_new_threads=args.call_services_in_new_thread,
     )
     wiring = Wiring(robot, server, dress, clock, Faults(args.fault_latency_ms / 1000.0))
     maps = MapFiles(args.maps_folder)

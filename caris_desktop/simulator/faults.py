@@ -11,12 +11,14 @@ MAX_DROP_S = 600.0
 MAX_CLOCK_OFFSET_S = 1e9
 MAX_CLOCK_DRIFT_PPM = 1e6
 MAX_MALFORMED = 10_000
+MAX_SERVICE_S = 600.0
 
 HELP = (
     "latency:<ms>, throttle_kbps:<kbit/s>, drop_link[:<seconds>], freeze_camera, black_camera, silent_camera, "
     "silent_lidar, silent_microphone, sound_dropouts:<share>, sound_noise:<share>, voice_leak:<share>, "
     "wrong_frame_ids, malformed:<count>, clock_offset:<seconds>, clock_drift:<millionths>, "
-    "full_battery, empty_battery, press_stop_button, release_stop_button, pose:<x>,<y>,<heading in degrees>, clear"
+    "slow_services:<seconds>, full_battery, empty_battery, press_stop_button, release_stop_button, "
+    "pose:<x>,<y>,<heading in degrees>, clear"
 )
 
 
@@ -37,6 +39,7 @@ class Faults:
     sound_dropouts: float = 0.0
     sound_noise: float = 0.001
     voice_leak: float = 0.5
+    service_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +91,8 @@ def inject(faults: Faults, command: str) -> Injection:
     if name == "clock_drift":
         drift_ppm = _amount(argument, name, MAX_CLOCK_DRIFT_PPM, least=-MAX_CLOCK_DRIFT_PPM / 2)
         return Injection(replace(faults, clock_drift_ppm=drift_ppm))
+    if name == "slow_services":
+        return Injection(replace(faults, service_s=_amount(argument, name, MAX_SERVICE_S)))
     if name == "malformed":
         return Injection(faults, malformed=int(_amount(argument, name, MAX_MALFORMED)))
     if name == "drop_link":

@@ -338,6 +338,7 @@ class RobotTopics:
     def _apply_faults(self, faults: Faults) -> None:
         before, self._wiring.faults = self._wiring.faults, faults
         self._wiring.server.latency_s = faults.latency_s
+        self._wiring.server.service_s = faults.service_s
         self._wiring.server.rate_bytes_s = None if faults.rate_kbps is None else faults.rate_kbps * 125.0
         clock_before = (before.clock_offset_s, before.clock_drift_ppm)
         if (faults.clock_offset_s, faults.clock_drift_ppm) != clock_before:

@@ -98,6 +98,9 @@ class Client:
         self.services: dict[str, str] = {}
         self.advertised: set[str] = set()
         self.admitted = False
+        # What it has sent and what is not handled yet, and whether a goal or a call holds it up.
+        self.queue: deque[Message] = deque()
+        self.held = False
 
     def abort(self) -> None:
         """Cut the socket without a word, as a failing network does."""
@@ -138,6 +141,10 @@ class BridgeServer:
         Is told of each message that was delivered.
     obeyed_log
         Is told of each client, and of each message that the robot took from one and obeyed.
+    goals_in_new_threads, services_in_new_threads
+        rosbridge's ``send_action_goals_in_new_thread`` and ``call_services_in_new_thread``, false by default as
+        they are in rosbridge 2.0 and 2.1: a goal or a call holds everything behind it that came over the same
+        websocket, and a goal that no action server takes holds it for good. In ROS 1 neither does.
     """
 
     def __init__(
@@ -149,10 +156,15 @@ class BridgeServer:
         log: SentLog | None = None,
         obeyed_log: ObeyedLog | None = None,
         topics_glob: Sequence[str] = (),
+        goals_in_new_threads: bool = False,
+        services_in_new_threads: bool = False,
     ) -> None:
         """``topics_glob``: as rosbridge's parameter, no other topics are let through; empty for all."""
         self.dialect = dialect
         self._topics_glob = topics_glob
+        self._goals_hold = dialect is Dialect.ROS2 and not goals_in_new_threads
+        self._services_hold = dialect is Dialect.ROS2 and not services_in_new_threads
+        self.service_s = 0.0
         self.refusals: deque[str] = deque(maxlen=_REFUSALS_KEPT)
         self.topics: dict[str, Topic] = {}
         self.services: dict[str, SimulatedService] = {}
@@ -295,6 +307,7 @@ class BridgeServer:
             logger.info("%s: %s", client.name, closed)
         finally:
             self.clients.discard(client)
+            client.queue.clear()
             for name in client.outbox.topics:
                 self._forget_unused(name)
             for name, topic in self.topics.items():
@@ -324,11 +337,23 @@ class BridgeServer:
             if not client.admitted:
                 self._admit_by_secret(client, operation)
                 return
-            self._handle(client, operation)
+            client.queue.append(operation)
+            self._handle_queue(client)
         except (ProtocolError, MessageError) as error:
             self._note_refusal(f"{client.name}: {error}")
             if not client.admitted:
                 self._send_away(client)
+
+    def _handle_queue(self, client: Client) -> None:
+        while client.queue and not client.held:
+            try:
+                self._handle(client, client.queue.popleft())
+            except (ProtocolError, MessageError) as error:
+                self._note_refusal(f"{client.name}: {error}")
+
+    def _let_go(self, client: Client) -> None:
+        client.held = False
+        self._handle_queue(client)
 
     def _note_refusal(self, refusal: str) -> None:
         logger.warning("%s", refusal)
@@ -495,12 +520,25 @@ class BridgeServer:
     def _call_service(self, client: Client, operation: Message) -> None:
         name = _name(operation, "service")
         request_id = _id(operation)
-        response: Message = {"op": "service_response", "service": name}
         arguments = operation.get("args", {})
         provider = next((other for other in self.clients if name in other.services), None)
         if name not in self.services and provider is not None:
             self._forward(client, provider, name, arguments, request_id)
             return
+        if self.service_s > 0.0 and name in self.services and not name.startswith(("/rosapi/", "/simulator/")):
+            client.held = self._services_hold
+
+            def answer_late() -> None:
+                self._answer_call(client, name, arguments, request_id)
+                if self._services_hold:
+                    self._let_go(client)
+
+            asyncio.get_running_loop().call_later(self.service_s, answer_late)
+        else:
+            self._answer_call(client, name, arguments, request_id)
+
+    def _answer_call(self, client: Client, name: str, arguments: Any, request_id: str | None) -> None:
+        response: Message = {"op": "service_response", "service": name}
         values: Any
         succeeded = False
         try:
@@ -530,6 +568,7 @@ class BridgeServer:
 
     def _forward(self, caller: Client, provider: Client, name: str, arguments: Any, request_id: str | None) -> None:
         forwarded_id = f"forwarded:{name}:{next(self._numbers)}"
+        caller.held = self._services_hold
         self._forwarded[forwarded_id] = (caller, request_id, name)
         self._answer(provider, {"op": "call_service", "service": name, "args": arguments}, forwarded_id)
 
@@ -537,6 +576,8 @@ class BridgeServer:
             if self._forwarded.pop(forwarded_id, None) is not None:
                 failure = {"op": "service_response", "service": name, "values": "no answer in time", "result": False}
                 self._answer(caller, failure, request_id)
+                if self._services_hold:
+                    self._let_go(caller)
 
         asyncio.get_running_loop().call_later(_CLIENT_SERVICE_LIMIT_S, give_up)
 
@@ -561,6 +602,8 @@ class BridgeServer:
             "result": operation.get("result", True) is not False,
         }
         self._answer(caller, answer, request_id)
+        if self._services_hold:
+            self._let_go(caller)
 
     def _send_action_goal(self, client: Client, operation: Message) -> None:
         name = _name(operation, "action")
@@ -570,16 +613,19 @@ class BridgeServer:
         def reply(answer: Message) -> None:
             if answer["op"] != "action_feedback" or wants_feedback:
                 self._answer(client, {"action": name, **answer}, request_id)
+            if answer["op"] == "action_result" and self._goals_hold:
+                self._let_go(client)
 
-        failure = {"op": "action_result", "status": 0, "result": False}
+        client.held = self._goals_hold
         action = self.actions.get(name)
         if action is None:
-            reply({**failure, "values": f"Action {name} does not exist"})
+            # The real one waits for the answer of an action server, and tells nobody that there is none.
+            self._note_refusal(f"{client.name}: no action server takes {name}")
             return
         try:
             action.start(request_id, message_of(operation.get("args", {}), "args"), reply)
         except MessageError as error:
-            reply({**failure, "values": str(error)})
+            reply({"op": "action_result", "status": 0, "result": False, "values": str(error)})
 
     def _cancel_action_goal(self, _: Client, operation: Message) -> None:
         action = self.actions.get(_name(operation, "action"))

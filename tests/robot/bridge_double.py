@@ -2,8 +2,10 @@
 
 Run as a script so that it can be killed and stopped. It prints one JSON line for each operation that arrives
 (``at`` on the machine's monotonic clock) and for each connection; on standard input it takes one JSON line for each
-thing to send to every client: ``{"text": ...}``, ``{"hex": ...}``, ``{"size": N}``, ``{"frame": N}`` or
-``{"flood": N}``; ``{"drop": true}`` ends every connection. Service calls listed in ``answers`` are answered, others of
+thing to send: ``{"text": ...}``, ``{"hex": ...}``, ``{"size": N}``, ``{"frame": N}`` or ``{"flood": N}``;
+``{"drop": true}`` ends every connection. What is published goes to who subscribed to its topic, everything else to the
+clients that subscribe to anything of the robot's. What a link asks to see whether it is obeyed is answered and not
+told. Service calls listed in ``answers`` are answered, others of
 rosapi refused; scans and odometry are published while somebody subscribes to them.
 """
 
@@ -19,6 +21,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
 HEADER = {"seq": 0, "stamp": {"secs": 12, "nsecs": 5}, "frame_id": "laser"}
+PROBES = ("/caris_desktop/handled", "/caris_desktop/no_such_service")
 POSE = {"position": {"x": 1.0, "y": 2.0, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
 SCAN = {
     "header": HEADER,
@@ -68,8 +71,12 @@ async def handle(client: ServerConnection) -> None:
     with contextlib.suppress(Exception):
         async for message in client:
             operation = json.loads(message)
-            note(**operation)
-            if operation["op"] == "subscribe":
+            if operation.get("topic", operation.get("service")) not in PROBES:
+                note(**operation)
+            if operation["op"] == "publish":
+                for other in subscribers(operation["topic"]):
+                    await other.send(json.dumps({**operation, "id": None}))
+            elif operation["op"] == "subscribe":
                 clients[client].add(operation["topic"])
             elif operation["op"] == "call_service":
                 known = answers().get(operation["service"])
@@ -78,6 +85,19 @@ async def handle(client: ServerConnection) -> None:
                     await client.send(json.dumps({**answer, "values": known or "there is no such service"}))
     del clients[client]
     note(event="disconnected")
+
+
+def subscribers(topic: str) -> list[ServerConnection]:
+    return [client for client, topics in clients.items() if topic in topics]
+
+
+def recipients(order: dict[str, Any]) -> list[ServerConnection]:
+    """Who is sent what was ordered; everybody where nobody subscribes to anything."""
+    with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        operation = json.loads(order["text"])
+        if operation["op"] == "publish" and (found := subscribers(operation["topic"])):
+            return found
+    return [client for client, topics in clients.items() if topics - set(PROBES)] or list(clients)
 
 
 async def publish() -> None:
@@ -95,7 +115,7 @@ async def obey() -> None:
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     while line := await reader.readline():
         order = json.loads(line)
-        for client in list(clients):
+        for client in list(clients) if "drop" in order else recipients(order):
             # Who is sent too much may hang up meanwhile.
             with contextlib.suppress(ConnectionClosed):
                 await send_ordered(client, order)

@@ -118,6 +118,11 @@ class LinkProcess:
     def send(self, command: Any) -> None:
         self._ours.send(command)
 
+    def send_bytes(self, piece: bytes) -> None:
+        """A piece of a message, as the system takes it from a console that is stopped in the middle of one."""
+        while piece:
+            piece = piece[os.write(self._ours.fileno(), piece) :]
+
     def drive(self, forward_mps: float = 0.3, turn_radps: float = 0.0) -> None:
         self.send(Drive(now_ns(), Twist2D(forward_mps, 0.0, turn_radps), "keyboard"))
 

@@ -12,6 +12,7 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from caris_desktop.domain import commands
 from caris_desktop.domain.events import LinkChanged
 from caris_desktop.robot.control_link import ControlLink
+from caris_desktop.robot.handled import HANDLED_TOPIC, NO_SERVICE
 from caris_desktop.robot.media_link import MediaLink
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.ros.rosbridge import encode_cbor, encode_json
@@ -44,15 +45,20 @@ class Bridge:
     """Listens, answers the services in ``answers`` and sends what it is told to.
 
     An answer may be a function of the request; a text means that the call failed, None that nothing is answered. All
-    other services are said not to exist.
+    other services are said not to exist. Messages go to who subscribed to their topic, answers to who asked, everything
+    else to the clients that subscribe to anything of the robot's. What a link asks to see whether it is obeyed is not
+    among ``lines``.
     """
 
     def __init__(self) -> None:
         self.lines: list[dict[str, Any]] = []
         self.answers: dict[str, Answer] = {}
         self.on_operation: Callable[[dict[str, Any]], Awaitable[None] | None] | None = None
-        self.clients: set[ServerConnection] = set()
+        self.clients: dict[ServerConnection, set[str]] = {}
+        # Topics and services of the link's own are not let through, as topics_glob and services_glob can have it.
+        self.restricted = False
         self.port = 0
+        self._asked_by: dict[str, ServerConnection] = {}
         self._server: Server | None = None
 
     def operations(self, op: str, name: str | None = None) -> list[dict[str, Any]]:
@@ -69,16 +75,30 @@ class Bridge:
 
     async def publish(self, topic: str, message: Any, *, cbor: bool = False) -> None:
         operation = {"op": "publish", "topic": topic, "msg": message}
-        await self.send(encode_cbor(operation) if cbor else encode_json(operation))
+        payload = encode_cbor(operation) if cbor else encode_json(operation)
+        await self._send(payload, self._subscribers(topic) or self._main())
 
     async def send(self, payload: str | bytes) -> None:
-        for client in list(self.clients):
+        asked_by = None
+        with contextlib.suppress(ValueError, TypeError, KeyError):
+            asked_by = self._asked_by.get(json.loads(payload)["id"])
+        await self._send(payload, self._main() if asked_by is None else [asked_by])
+
+    async def _send(self, payload: str | bytes, to: list[ServerConnection]) -> None:
+        for client in to:
             with contextlib.suppress(Exception):
                 await client.send(payload)
 
+    def _subscribers(self, topic: str) -> list[ServerConnection]:
+        return [client for client, topics in self.clients.items() if topic in topics]
+
+    def _main(self) -> list[ServerConnection]:
+        return [client for client, topics in self.clients.items() if topics - {HANDLED_TOPIC}] or list(self.clients)
+
     async def open(self) -> None:
         """Listen, on the same port as before."""
-        self._server = await serve(self.handle, "127.0.0.1", self.port, max_size=None, compression=None)
+        # Everything is read, and pings are answered, also while an operation holds the others up.
+        self._server = await serve(self.handle, "127.0.0.1", self.port, max_size=None, max_queue=None, compression=None)
         self.port = self._server.sockets[0].getsockname()[1]
 
     async def drop(self) -> None:
@@ -95,23 +115,42 @@ class Bridge:
             await server.wait_closed()
 
     async def handle(self, client: ServerConnection) -> None:
-        self.clients.add(client)
+        topics = self.clients[client] = set()
         with contextlib.suppress(Exception):
             async for text in client:
                 operation = json.loads(text)
-                self.lines.append(operation)
+                if operation.get("topic", operation.get("service")) not in (HANDLED_TOPIC, NO_SERVICE):
+                    self.lines.append(operation)
+                elif self.restricted:
+                    continue
+                if "id" in operation:
+                    self._asked_by[operation["id"]] = client
+                if operation["op"] == "subscribe":
+                    topics.add(operation["topic"])
+                elif operation["op"] == "publish":
+                    await self._send(json.dumps({**operation, "id": None}), self._subscribers(operation["topic"]))
                 if self.on_operation is not None:
                     reaction = self.on_operation(operation)
-                    if reaction is not None:
-                        await reaction
+                    if reaction is not None and not await self._reacts(client, reaction):
+                        # What it has not handled yet of a client that left is forgotten.
+                        break
                 if operation["op"] == "call_service":
                     answer = self.answers.get(operation["service"], lambda _: "there is no such service")
-                    values = answer(operation["args"]) if callable(answer) else answer
+                    values = answer(operation.get("args", {})) if callable(answer) else answer
                     if values is not None:
                         worked = not isinstance(values, str)
                         response = {"op": "service_response", "id": operation["id"], "values": values, "result": worked}
                         await client.send(json.dumps({**response, "service": operation["service"]}))
-        self.clients.discard(client)
+        del self.clients[client]
+
+    async def _reacts(self, client: ServerConnection, reaction: Awaitable[None]) -> bool:
+        """Wait for it, as long as the client is there. Nothing else of this client is handled meanwhile."""
+        reacting, leaving = asyncio.ensure_future(reaction), asyncio.ensure_future(client.wait_closed())
+        await asyncio.wait({reacting, leaving}, return_when=asyncio.FIRST_COMPLETED)
+        reacted = reacting.done()
+        for task in (reacting, leaving):
+            task.cancel()
+        return reacted
 
 
 class LoopBench:

@@ -8,6 +8,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import SetEmergencyStop
 from caris_desktop.domain.events import EmergencyStopChanged, Problem
 from caris_desktop.domain.sensing import BatteryState
+from caris_desktop.robot import emergency_stop
 from caris_desktop.robot.profile import EmergencyStopInterface, RobotProfile, TopicSource
 from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link
 
@@ -121,4 +122,85 @@ def test_a_robot_without_the_service_leaves_the_stop_to_the_console() -> None:
         assert latched(bench) == [(False, "wizard")]
         assert bench.bridge.operations("call_service", "/estop") == []
 
+    with_link(robot(interface), test, prepare=lambda bridge: bridge.answers.update(inventory()))
+
+
+def test_a_stop_that_nobody_took_is_told_and_sent_when_the_service_appears_also_after_a_reconnect(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(emergency_stop, "TRIED_AGAIN_AFTER_S", 0.05)
+
+    async def test(bench: LoopBench) -> None:
+        await bench.until(lambda: bench.of(Problem), "what is missing")
+        bench.send(SetEmergencyStop(now_ns(), True))
+        [told] = [problem for problem in bench.of(Problem) if problem.cause == "emergency_stop"]
+        assert "/estop is not there" in told.what
+        assert "the robot itself is not stopped" in told.meaning
+        bench.bridge.answers.update({**inventory(services=("/estop",)), "/estop": {"success": True}})
+        [call] = await bench.until(lambda: bench.bridge.operations("call_service", "/estop"), "the stop")
+        assert call["args"] == {"data": True}
+        bench.bridge.lines.clear()
+        await bench.bridge.drop()
+        [again] = await bench.until(lambda: bench.bridge.operations("call_service", "/estop"), "the stop again")
+        assert again["args"] == {"data": True}
+        bench.send(SetEmergencyStop(now_ns(), False))
+        await bench.until(lambda: latched(bench)[-1:] == [(False, "wizard")], "cleared by the robot")
+        assert [call["args"] for call in bench.bridge.operations("call_service", "/estop")][-1] == {"data": False}
+
+    interface = EmergencyStopInterface(service="/estop")
+    with_link(robot(interface), test, prepare=lambda bridge: bridge.answers.update(inventory()))
+
+
+@pytest.mark.logs(r"robot\.emergency_stop: ")
+def test_a_service_that_does_not_answer_is_asked_again_and_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(emergency_stop, "TRIED_AGAIN_AFTER_S", 0.05)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(SetEmergencyStop(now_ns(), True))
+        calls = await bench.until(lambda: bench.bridge.operations("call_service", "/estop")[2:], "a third call")
+        assert calls[0]["args"] == {"data": True}
+        assert len([problem for problem in bench.of(Problem) if problem.cause == "emergency_stop"]) == 1
+
+    # No rosapi, and a service that is not there.
+    with_link(robot(EmergencyStopInterface(service="/estop")), test)
+
+
+def test_a_command_topic_that_nobody_takes_is_told_and_published_again_to_who_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(emergency_stop, "TRIED_AGAIN_AFTER_S", 0.05)
+
+    async def test(bench: LoopBench) -> None:
+        bench.bridge.answers["/rosapi/subscribers"] = {"subscribers": []}
+        bench.send(SetEmergencyStop(now_ns(), True))
+        await bench.until(lambda: [p for p in bench.of(Problem) if "/e_stop is not there" in p.what], "the alarm")
+        published = len(bench.bridge.published("/e_stop"))
+        bench.bridge.answers["/rosapi/subscribers"] = {"subscribers": ["/base"]}
+        await bench.until(lambda: len(bench.bridge.published("/e_stop")) > published, "the stop again")
+        assert bench.bridge.published("/e_stop")[-1] == {"data": True}
+
+    with_link(robot(EmergencyStopInterface(command_topic="/e_stop")), test)
+
+
+def test_what_a_robot_lacks_is_told_again_when_it_has_changed() -> None:
+    async def test(bench: LoopBench) -> None:
+        def lacking() -> list[str]:
+            return [problem.what for problem in bench.of(Problem) if problem.cause == "robot_lacks"]
+
+        async def reconnected() -> None:
+            asked = len(bench.bridge.operations("call_service", "/rosapi/services"))
+            await bench.bridge.drop()
+            await bench.until(
+                lambda: len(bench.bridge.operations("call_service", "/rosapi/services")) > asked, "asked again"
+            )
+
+        await bench.until(lambda: len(lacking()) == 1, "what is missing")
+        await reconnected()
+        bench.bridge.answers.update(inventory(services=("/estop",)))
+        await reconnected()
+        bench.bridge.answers.update(inventory())
+        await reconnected()
+        await bench.until(lambda: len(lacking()) == 2, "what is missing again")
+
+    interface = EmergencyStopInterface(service="/estop")
     with_link(robot(interface), test, prepare=lambda bridge: bridge.answers.update(inventory()))

@@ -4,8 +4,10 @@ import json
 import os
 import signal
 import socket
+import struct
 import time
 from collections.abc import Iterator
+from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 
 import pytest
@@ -525,3 +527,17 @@ def test_an_unreachable_robot_is_one_problem_and_not_one_per_attempt() -> None:
             assert {change.address for change in process.of(LinkChanged)} == {f"ws://127.0.0.1:{port}/"}
         finally:
             process.close()
+
+
+def test_a_console_that_is_stopped_in_the_middle_of_a_long_message_cannot_keep_the_robot_moving(
+    own_bridge: BridgeDouble, own_link: LinkProcess
+) -> None:
+    say = ForkingPickler.dumps(Say(now_ns(), "u", "A long story. " * 10_000))
+    message = struct.pack("!i", len(say)) + bytes(say)
+    wait_for(lambda: own_link.drive() or len(moving(own_bridge)) >= 5, "some velocity commands")
+    own_link.send_bytes(message[:30_000])
+    wait_for(lambda: own_bridge.twists()[-1][1] == 0.0, "zero")
+    # It goes on where it was stopped.
+    own_link.send_bytes(message[30_000:])
+    wait_for(lambda: own_link.of(UtteranceChanged), "the message")
+    wait_for(lambda: own_link.drive() or own_bridge.twists()[-1][1] > 0.0, "driving again")

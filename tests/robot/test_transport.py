@@ -266,9 +266,9 @@ def test_when_handling_lags_the_newest_of_each_topic_wins(bridge: BridgeDouble) 
             for topic in ("/newest", "/every"):
                 text = json.dumps({"op": "publish", "topic": topic, "msg": {"data": number}})
                 # All of it in one turn of the loop, as after a stall.
-                ros.factory.wire_received(text.encode())
+                ros.factory.receive(text.encode(), ros.factory.protocol)
             large = json.dumps({"op": "publish", "topic": "/large", "msg": {"data": f"{number:_>40000}"}})
-            ros.factory.wire_received(large.encode())
+            ros.factory.receive(large.encode(), ros.factory.protocol)
         await until(lambda: len(every) == 50 and newest and pictures, "all")
         assert [message["data"] for message in newest] == [45, 46, 47, 48, 49], "a short pause costs nothing small"
         assert [message["data"].strip("_") for message in pictures] == ["49"], (

@@ -41,7 +41,8 @@ FAR_AWAY = {"position": {"x": 12.9, "y": 7.6, "z": 0.0}, "orientation": {"x": 0.
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["ros1", "ros2"])
 def robot(request: pytest.FixtureRequest) -> Iterator[SimulatedRobot]:
-    with SimulatedRobot(ros=request.param) as running:
+    # It has one websocket, which a goal would hold until its end.
+    with SimulatedRobot("--send-action-goals-in-new-thread", ros=request.param) as running:
         yield running
 
 

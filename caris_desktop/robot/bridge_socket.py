@@ -1,0 +1,395 @@
+"""One websocket to a rosbridge server: its operations, the answers awaited on it, and who is let in."""
+
+import asyncio
+import logging
+import re
+import threading
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import roslibpy
+from roslibpy.comm import RosBridgeProtocol
+from roslibpy.core import GoalStatus
+
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.robot.profile import SecuritySettings
+from caris_desktop.robot.real_time import LARGE_BYTES, go_back
+from caris_desktop.robot.security import SecurityError, auth_operation
+from caris_desktop.robot.wire import Wire, open_wire
+from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json, encode_json
+
+if TYPE_CHECKING:  # it makes these
+    from caris_desktop.robot.transport import SafeFactory
+
+logger = logging.getLogger(__name__)
+
+Operation = dict[str, Any]
+Callback = Callable[..., Any]
+
+HEAD_BYTES = 400
+_TAIL_BYTES = 400
+_LONGEST_REASON = 500
+_JSON_ANSWER = re.compile(rb'"op"\s*:\s*"service_response"')
+_JSON_ID = re.compile(rb'"id"\s*:\s*"(call_service:[^"\\]+)"')
+_ADMISSION_S = 3.0
+_ADMISSION_SERVICE = "/rosapi/get_time"
+
+
+class NoAnswer(str):
+    """Why a call has failed without the robot having answered."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LargeAnswer:
+    """An answer that is too large to be read; ``tail`` is its end, as it came."""
+
+    size_bytes: int
+    tail: bytes
+
+    def __str__(self) -> str:
+        return f"its answer of {self.size_bytes / 2**20:.0f} MB is larger than is accepted"
+
+
+class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no types
+    """The rosbridge operations of one websocket."""
+
+    _pending_service_requests: dict[str, tuple[Callback | None, Callback | None]]
+    _pending_action_requests: dict[str, tuple[Callback | None, Callback | None, Callback | None]]
+
+    def __init__(self, factory: "SafeFactory", wire: Wire) -> None:
+        super().__init__()
+        self.factory = factory
+        self.wire = wire
+        self.began_s = factory.manager.loop.time()
+        self._fragments = FragmentAssembler(max_bytes=factory.sizes.message_bytes)
+        self._binary = False
+        self._message_handlers["status"] = self._handle_status
+        self._message_handlers["fragment"] = self._handle_fragment
+
+    @property
+    def waits(self) -> bool:
+        """Whether a call or a goal of this websocket is not answered yet."""
+        return bool(self._pending_service_requests or self._pending_action_requests)
+
+    def has_goal(self, goal_id: str | None = None) -> bool:
+        """Whether this goal, or any, was sent here and has not ended yet."""
+        goals = self._pending_action_requests
+        return bool(goals) if goal_id is None else goal_id in goals
+
+    def on_message(self, payload: bytes) -> None:
+        """Decode and handle one message. Never raises."""
+        factory = self.factory
+        if len(payload) > LARGE_BYTES:
+            go_back()
+        if len(payload) > factory.sizes.message_bytes:
+            if not self._take_large_answer(payload):
+                factory.refuse(
+                    filled(
+                        QT_TR_NOOP("a message of {payload} MB, larger than is accepted"),
+                        payload=f"{len(payload) / 2**20:.0f}",
+                    )
+                )
+            return
+        # Some servers send either in either kind of frame. A CBOR map begins above 0x80, and JSON never does.
+        binary = payload[:1] >= b"\x80"
+        try:
+            operation = decode_cbor(payload) if binary else decode_json(str(payload, "utf-8"))
+        except (ProtocolError, UnicodeDecodeError) as error:
+            factory.refuse(str(error))
+            if binary:
+                factory.binary_failed()
+            return
+        if binary:
+            factory.binary_worked()
+        self._binary = binary
+        self._handle(operation)
+
+    def _take_large_answer(self, payload: bytes) -> bool:
+        """Whether it answers a call, which fails then: not even its end is awaited by decoding all of it."""
+        ends = payload[:HEAD_BYTES], payload[-_TAIL_BYTES:]
+        if not any(_JSON_ANSWER.search(end) for end in ends):
+            return False
+        found = next((found for end in ends if (found := _JSON_ID.search(end))), None)
+        request_id = "" if found is None else found[1].decode("utf-8", "replace")
+        _, errback = self._pending_service_requests.pop(request_id, (None, None))
+        if errback is None:
+            return False
+        self.factory.run_safely(errback, LargeAnswer(len(payload), ends[1]))
+        return True
+
+    def _handle(self, operation: Operation) -> None:
+        handler = self._message_handlers.get(operation["op"])
+        if handler is None:
+            self.factory.refuse(
+                filled(QT_TR_NOOP("an unknown operation {operation}"), operation=f"{operation['op']!r}")
+            )
+            return
+        try:
+            handler(operation)
+        except Exception as error:
+            # Callbacks are guarded one by one, so what fails here is the operation's own form.
+            self.factory.refuse(
+                filled(
+                    QT_TR_NOOP("a malformed {operation}: {name}: {error}"),
+                    operation=operation["op"],
+                    name=type(error).__name__,
+                    error=error,
+                )
+            )
+
+    def send_message(self, payload: bytes) -> bool:
+        """Hand one encoded operation to the socket. Any thread; False when it was not sent by this very call."""
+        if threading.get_ident() == self.factory.manager.thread_id:
+            return self.wire.send_text(payload)
+        self.factory.manager.loop.call_soon_threadsafe(self.wire.send_text, payload)
+        return False
+
+    def send_close(self) -> None:
+        self.factory.stop()
+
+    def send_operation(self, operation: Mapping[str, Any]) -> bool:
+        try:
+            payload = encode_json(dict(operation)).encode()
+        except ProtocolError:
+            logger.exception("A message to the robot could not be written and was dropped")
+            return False
+        return self.send_message(payload)
+
+    def send_ros_message(self, message: Mapping[str, Any]) -> bool:
+        return self.send_operation(message)
+
+    def send_ros_service_request(
+        self, message: Mapping[str, Any], callback: Callback, errback: Callback, timeout_s: float | None = None
+    ) -> None:
+        wait_s = self.factory.service_timeout_s if timeout_s is None else timeout_s
+        self._pending_service_requests[message["id"]] = (callback, errback)
+        self.send_operation(message)
+        self.factory.manager.call_later(wait_s, lambda: self._time_out(message["id"], wait_s))
+
+    def send_ros_action_goal(
+        self, message: Mapping[str, Any], resultback: Callback, feedback: Callback, errback: Callback
+    ) -> None:
+        self._pending_action_requests[message["id"]] = (resultback, feedback, errback)
+        self.send_operation(message)
+
+    def forget_goal(self, goal_id: str) -> None:
+        self._pending_action_requests.pop(goal_id, None)
+
+    def fail_everything(self, reason: str) -> None:
+        """The connection is over: everything under way fails now."""
+        services, self._pending_service_requests = self._pending_service_requests, {}
+        actions, self._pending_action_requests = self._pending_action_requests, {}
+        for _, errback in services.values():
+            self.factory.run_safely(errback, reason)
+        for _, _, errback in actions.values():
+            self.factory.run_safely(errback, {"status": GoalStatus.UNKNOWN, "values": {"error_msg": reason}})
+        self._fragments.clear()
+
+    def _time_out(self, request_id: str, waited_s: float) -> None:
+        _, errback = self._pending_service_requests.pop(request_id, (None, None))
+        if errback is None:
+            return
+        self.factory.not_answered(self)
+        self.factory.run_safely(
+            errback, NoAnswer(filled(QT_TR_NOOP("no answer within {waited_s} s"), waited_s=f"{waited_s:g}"))
+        )
+
+    def _handle_publish(self, message: Operation) -> None:
+        if not isinstance(message["topic"], str):
+            raise TypeError("the topic is not a text")
+        self.factory.take_publish(message["topic"], message["msg"], binary=self._binary)
+
+    def _handle_service_response(self, message: Operation) -> None:
+        callback, errback = self._pending_service_requests.pop(message["id"], (None, None))
+        if callback is None and errback is None:
+            logger.info("An answer came that nobody waits for any more: %r", message["id"])
+        elif message.get("result") is False:
+            self.factory.run_safely(errback, message.get("values"))
+        else:
+            self.factory.run_safely(callback, roslibpy.ServiceResponse(message.get("values") or {}))
+
+    def _handle_action_feedback(self, message: Operation) -> None:
+        _, feedback, _ = self._pending_action_requests.get(message["id"], (None, None, None))
+        self.factory.run_safely(feedback, roslibpy.Feedback(message["values"]))
+
+    def _handle_action_result(self, message: Operation) -> None:
+        resultback, _, errback = self._pending_action_requests.pop(message["id"], (None, None, None))
+        values = message.get("values")
+        # A call that never reached the action server is answered with a text.
+        values = values if isinstance(values, dict) else {"error_msg": str(values or "")}
+        status = message.get("status", values.get("status"))
+        try:
+            known = GoalStatus(status)
+        except ValueError:
+            known = GoalStatus.UNKNOWN
+        results = {"status": known, "values": values}
+        if message.get("result") is False:
+            self.factory.run_safely(errback, results)
+        else:
+            self.factory.run_safely(resultback, roslibpy.Result(results))
+
+    def _handle_status(self, message: Operation) -> None:
+        levels = {"error": logging.ERROR, "warning": logging.WARNING}
+        level = levels.get(str(message.get("level")), logging.INFO)
+        logger.log(level, "rosbridge says: %.500s", message.get("msg"))
+        if level == logging.ERROR:
+            # Some servers answer a call that they cannot carry out in this way only.
+            request_id = str(message.get("id"))
+            _, errback = self._pending_service_requests.pop(request_id, (None, None))
+            self.factory.run_safely(errback, str(message.get("msg"))[:_LONGEST_REASON])
+
+    def _handle_fragment(self, message: Operation) -> None:
+        whole = self._fragments.add(message)
+        if whole is None:
+            return
+        if whole["op"] == "fragment":
+            raise ProtocolError("a fragment must not hold fragments")
+        self._handle(whole)
+
+
+@dataclass(frozen=True, slots=True)
+class WaitingOperation:
+    """An operation for a websocket that is being opened."""
+
+    id: str
+    send: Callable[[SafeProtocol], None]
+    fail: Callable[[str], None]
+
+
+class BridgeSocket:
+    """One of the websockets of a :class:`SafeFactory`. A ``WireOwner``."""
+
+    def __init__(self, factory: "SafeFactory") -> None:
+        self._factory = factory
+        self._admission: asyncio.Future[None] | None = None
+        self._wire: Wire | None = None
+        self.protocol: SafeProtocol | None = None
+        self.silent = False
+        self.waiting: list[WaitingOperation] = []
+
+    @property
+    def is_open(self) -> bool:
+        return self.protocol is not None and self.protocol.wire.is_open
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nothing that was sent over it, or will be, is still to be answered."""
+        return not self.waiting and (self.protocol is None or not self.protocol.waits)
+
+    async def open(self, *, ask_first: bool) -> None:
+        """Connect. Raises what ``open_wire`` does, and SecurityError when the server does not let us in."""
+        factory = self._factory
+        self._wire = await open_wire(
+            factory.url,
+            self,
+            factory.timings,
+            largest_frame_bytes=factory.sizes.frame_bytes,
+            security=factory.security,
+        )
+        if ask_first:
+            await self._ask_for_admission(self._wire)
+
+    def begin(self) -> bool:
+        """What is sent goes out from now on. False where the connection has ended meanwhile."""
+        self.silent = False
+        if self._wire is not None and self._wire.is_open:
+            self.protocol = SafeProtocol(self._factory, self._wire)
+        return self.protocol is not None
+
+    def abort(self, reason: str) -> None:
+        if self._wire is not None:
+            self._wire.abort(reason)
+
+    def close(self) -> None:
+        if self._wire is not None:
+            self._wire.close()
+
+    def take_protocol(self) -> SafeProtocol | None:
+        """The protocol, which is over."""
+        protocol, self.protocol = self.protocol, None
+        return protocol
+
+    async def _ask_for_admission(self, wire: Wire) -> None:
+        """Prove who we are, where the profile says so, and wait until the server answers anything at all.
+
+        A rosbridge that demands rosauth says nothing when it accepts and closes the connection when it does not.
+
+        Raises
+        ------
+        SecurityError
+            When it does not answer.
+        """
+        factory = self._factory
+        self._admission = factory.manager.loop.create_future()
+        try:
+            authorization = auth_operation(factory.security, client=wire.own_host, server=wire.peer_host)
+            question = {
+                "op": "call_service",
+                "service": _ADMISSION_SERVICE,
+                "args": {},
+                "id": f"admission:{next(factory.admission_numbers)}",
+            }
+            for operation in (authorization, question):
+                if operation is not None:
+                    wire.send_text(encode_json(operation).encode())
+            async with asyncio.timeout(_ADMISSION_S):
+                await self._admission
+        except (ConnectionError, TimeoutError) as error:
+            raise _refusal(factory.security) from error
+        finally:
+            admission, self._admission = self._admission, None
+            if not admission.done() or admission.cancelled() or admission.exception() is not None:
+                wire.abort(QT_TR_NOOP("not admitted"))
+
+    def wire_received(self, payload: bytes) -> None:
+        if self._admission is not None:
+            if not self._admission.done() and b"service_response" in payload[:HEAD_BYTES]:
+                self._admission.set_result(None)
+        elif self.protocol is not None:
+            self._factory.receive(payload, self.protocol)
+
+    def wire_heard(self) -> None:
+        self.silent = False
+        if self.protocol is not None:
+            self._factory.socket_heard()
+
+    def wire_silent(self) -> None:
+        self.silent = True
+        if self.protocol is not None:
+            self._factory.socket_silent(self)
+
+    def wire_round_trip(self, round_trip_s: float) -> None:
+        if self.protocol is not None:
+            self._factory.socket_round_trip(self, round_trip_s)
+
+    def wire_lost(self, reason: str) -> None:
+        if self._admission is not None and not self._admission.done():
+            self._admission.set_exception(ConnectionError(reason))
+        if self.protocol is not None:
+            self._factory.socket_lost(self, reason)
+
+
+def _refusal(security: SecuritySettings) -> SecurityError:
+    name = security.rosauth_secret_env
+    if name is None:
+        return SecurityError(
+            QT_TR_NOOP("The robot's rosbridge closes each connection at once."),
+            QT_TR_NOOP(
+                "If it demands a secret (rosauth), put the secret into an environment variable and name that under "
+                "Security ('rosauth_secret_env' in the robot profile). The log of rosbridge tells more."
+            ),
+        )
+    return SecurityError(
+        QT_TR_NOOP("The robot's rosbridge refused this console: the secret was not accepted."),
+        filled(
+            QT_TR_NOOP(
+                "Check that the environment variable {name} holds the robot's rosauth secret, that the "
+                "clocks of this computer and the robot differ by less than 5 s, and that rosauth runs on "
+                "the robot."
+            ),
+            name=name,
+        ),
+    )
