@@ -65,8 +65,10 @@ NOT_HANDLED = QT_TR_NOOP("its rosbridge reads what is sent, and does not carry i
 class ControlLink:
     """Everything of the robot that must not wait for pictures. Lives on one asyncio loop; a ``link_process.Link``."""
 
-    def __init__(self, profile: RobotProfile, address: str, outbox: Outbox) -> None:
+    def __init__(self, profile: RobotProfile, address: str, outbox: Outbox, *, follows_crash: bool = False) -> None:
         self._profile = profile
+        # Goals of the process before, of navigation and of controls.
+        self._goals_left = self._control_goals_left = follows_crash
         self._dialect = Dialect(profile.ros)
         self._loop = asyncio.get_running_loop()
         self._put = outbox.put
@@ -257,6 +259,9 @@ class ControlLink:
                 self._refused(QT_TR_NOOP("The head does not turn"), self._head.move(command))
             case commands.OfferControls(controls=controls, driving_permitted=driving_permitted):
                 self._controls.offer(controls, driving_permitted=driving_permitted)
+                if self._control_goals_left and self._connected:
+                    self._control_goals_left = False
+                    self._controls.cancel_left_goals()
             case commands.UseControl():
                 self._controls.use(command)
                 if self._controls.may_move(command.control):
@@ -589,6 +594,9 @@ class ControlLink:
         self._handled.link_connected()
         self._goal_speed.link_connected()
         self._navigator.link_connected()
+        if self._goals_left:
+            self._goals_left = False
+            self._navigator.cancel_left_goal()
         self._voice.link_connected()
         self._emergency_stop.link_connected()
         self._watched.link_connected()

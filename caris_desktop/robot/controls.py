@@ -250,6 +250,17 @@ class RobotControls:
         for server in self._servers.values():
             self._fail_goals(server, reason, cancel=True)
 
+    def cancel_left_goals(self) -> None:
+        """Cancel what the robot may still do for controls of a process that ended without a goodbye."""
+        for server in self._servers.values():
+            if server.client is not None:
+                for delay_s in CANCEL_AGAIN_S:
+                    self._loop.call_later(delay_s, self._cancel_left_goal, server)
+
+    def _cancel_left_goal(self, server: _Server) -> None:
+        if server.client is not None and not server.goals and self._ros.is_connected:
+            server.client.cancel_all()
+
     def _spelled(self, type_: str) -> str:
         package, _, name = plain_name(type_).partition("/")
         return type_name(self._dialect, package, name)

@@ -16,10 +16,14 @@ _CHECKED_WITHIN_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """What a link process is started with. ``address`` replaces the profile's own."""
+    """What a link process is started with. ``address`` replaces the profile's own.
+
+    ``follows_crash``: the process before ended without a goodbye, so the robot may still have its goals.
+    """
 
     profile: RobotProfile
     address: str
+    follows_crash: bool = False
 
 
 def run_control_link(connection: Connection, settings: LinkSettings) -> None:
@@ -33,7 +37,10 @@ def run_control_link(connection: Connection, settings: LinkSettings) -> None:
     from caris_desktop.robot.real_time import come_first
 
     come_first()
-    run_link(connection, lambda outbox: ControlLink(settings.profile, settings.address, outbox))
+    run_link(
+        connection,
+        lambda outbox: ControlLink(settings.profile, settings.address, outbox, follows_crash=settings.follows_crash),
+    )
 
 
 def run_media_link(connection: Connection, settings: LinkSettings, frames: FrameWriter) -> None:

@@ -163,6 +163,12 @@ class Navigator:
         if self._goal is not None:
             self._await_fate()
         self._server.cancel(lost)
+        self.cancel_left_goal()
+
+    def cancel_left_goal(self) -> None:
+        """Cancel what the robot may still have of a time when it could not be told."""
+        if self._server is None:
+            return
         self._server.cancel_all()
         epoch = self._epoch
         for delay_s in CANCEL_AGAIN_S:

@@ -187,6 +187,7 @@ def with_link(
     test: Callable[[LoopBench], Coroutine[Any, Any, None]],
     *,
     media: bool = False,
+    follows_crash: bool = False,
     prepare: Callable[[Bridge], None] = lambda _: None,
 ) -> None:
     """Run ``test`` with a link that is connected to a bridge of its own. ``prepare`` fits out the bridge before."""
@@ -198,7 +199,11 @@ def with_link(
         outbox = Outbox()
         address = f"ws://127.0.0.1:{bridge.port}"
         box: Any = outbox
-        link: Any = MediaLink(profile, address, box, NoFrames()) if media else ControlLink(profile, address, box)
+        link: Any = (
+            MediaLink(profile, address, box, NoFrames())
+            if media
+            else ControlLink(profile, address, box, follows_crash=follows_crash)
+        )
         bench = LoopBench(bridge, link, outbox)
         link.start()
         try:

@@ -62,3 +62,29 @@ def test_a_robot_that_does_not_tell_how_a_goal_ended_may_still_be_moving(monkeyp
         assert problem.meaning == "It may still be moving by itself."
 
     with_link(ROBOT, test)
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_process_that_follows_a_crash_cancels_what_the_robot_still_does(ros: int) -> None:
+    action = "/navigate_to_pose" if ros == 2 else "/move_base"
+    kind = "navigate_to_pose" if ros == 2 else "move_base"
+    profile = RobotProfile("test", "Test", ros=ros, navigation=NavigationServer(kind, action))  # type: ignore[arg-type]
+
+    async def test(bench: LoopBench) -> None:
+        def cancels() -> list[Any]:
+            service = bench.bridge.operations("call_service", f"{action}/_action/cancel_goal")
+            return [call["args"] for call in service] if ros == 2 else bench.bridge.published(f"{action}/cancel")
+
+        first = await bench.until(cancels, "the cancel of every goal")
+        named = first[0]["goal_info"]["goal_id"]["uuid"] if ros == 2 else first[0]["id"]
+        assert not any(named)
+        await bench.bridge.drop()
+        await bench.until(lambda: bench.state == "lost", "the loss")
+        await bench.until(lambda: bench.state == "connected", "the link")
+        seen = len(cancels())
+        bench.send(GoTo(now_ns(), "g", Pose2D(3.0, 4.0, 0.0)))
+        op, name = ("send_action_goal", action) if ros == 2 else ("publish", f"{action}/goal")
+        await bench.until(lambda: bench.bridge.operations(op, name), "a goal of its own")
+        assert len(cancels()) <= max(seen, 3), "only once"
+
+    with_link(profile, test, follows_crash=True)

@@ -284,6 +284,11 @@ class RobotService(Service):
             return  # it was replaced while the news of its end was on its way
         del self._links[name]
         address = self._connection.address if self._connection is not None else ""
+        goal = self._state.goal.value
+        if name == "control" and goal is not None and goal.state in ("requested", "active"):
+            # Nobody is left to tell how it ends.
+            why = QT_TR_NOOP("the link process stopped; the goal is cancelled when the link is back")
+            self._publish(replace(goal, stamp_ns=clock.now_ns(), state="failed", detail=why, actor=CONSOLE))
         self._publish(LinkChanged(clock.now_ns(), name, "lost", address, QT_TR_NOOP("the link process stopped")))
         worked = name == "control" and clock.now_ns() - self._control_since_ns > _RESTART_AT_ONCE_AFTER_NS
         self._restarts[name].after_end(
@@ -308,12 +313,17 @@ class RobotService(Service):
             until="connected" if name == "control" else "picture",
         )
 
-    def _start_link(self, name: str) -> None:
+    def _start_link(self, name: str, *, follows_crash: bool = False) -> None:
         connection = self._connection
         if connection is None:
             return
         if name == "control":
-            body = connection.control
+            control = connection.control
+            settings = (
+                replace(each, follows_crash=follows_crash) if isinstance(each, LinkSettings) else each
+                for each in control.arguments
+            )
+            body = replace(control, arguments=tuple(settings))
         elif connection.media is not None:
             settings = (
                 replace(each, profile=self._profile(connection)) if isinstance(each, LinkSettings) else each
@@ -329,7 +339,7 @@ class RobotService(Service):
 
     def _restart_link(self, name: str) -> None:
         if not (self._left or self._closed) and name not in self._links:
-            self._start_link(name)
+            self._start_link(name, follows_crash=True)
 
     def _profile(self, connection: RobotConnection) -> RobotProfile:
         """With those of its cameras that are wanted: the pictures of others are not fetched."""

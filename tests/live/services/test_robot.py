@@ -317,6 +317,21 @@ def test_a_link_that_dies_is_started_again_and_the_other_goes_on(bench: Bench, q
     assert len([event for event in bench.published if isinstance(event, LinkChanged)]) == 1
 
 
+def test_a_goal_under_way_ends_with_its_link_process_and_the_next_one_cancels_it(bench: Bench, qtbot: QtBot) -> None:
+    settings = LinkSettings(RobotProfile("r", "R"), "ws://r:9090")
+    bodies = ProcessBody("control", print, (settings,)), ProcessBody("media", print, (settings,))
+    bench.robot.connect_robot(RobotConnection("R", "ws://r:9090", settings.profile, *bodies))
+    control = bench.children[0]
+    assert control.body.arguments[0].follows_crash is False
+    under_way = GoalChanged(now_ns(), "g", "active", Pose2D(4.0, 2.0, 0.0), "Kitchen")
+    bench.robot.on_event(under_way)
+    bench.robot.on_child_ended(control)  # type: ignore[arg-type]
+    [ended] = [event for event in bench.published if isinstance(event, GoalChanged)]
+    assert (ended.goal_id, ended.state, ended.place) == ("g", "failed", "Kitchen")
+    qtbot.waitUntil(lambda: len(bench.children) == 3)
+    assert bench.children[2].body.arguments[0].follows_crash is True
+
+
 def _told_of_the_robot(bench: Bench) -> None:
     """Values of both links, as the window has them while all is well."""
     now = now_ns()
