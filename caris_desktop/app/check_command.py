@@ -26,7 +26,7 @@ from caris_desktop.perception.cameras.found_cameras import found_cameras
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.weights import WeightsError, find_weights
 from caris_desktop.robot.explore import load_profile_blocking
-from caris_desktop.robot.link import check_robot
+from caris_desktop.robot.link import check_robot, robot_queue_advice
 from caris_desktop.robot.profile import ProfileError
 from caris_desktop.scenario.model import Scenario
 
@@ -94,7 +94,8 @@ def _robot(name: str, *, accept_named: bool) -> Finding:
     wrong = check_robot(profile, profile.address)
     if wrong:
         return Finding("Robot", False, wrong[0], " ".join(wrong[1:]))
-    return Finding("Robot", True, f"{profile.title} answers at {profile.address}")
+    advice = robot_queue_advice(profile, profile.address)
+    return Finding("Robot", True, f"{profile.title} answers at {profile.address}{'. ' if advice else ''}{advice}")
 
 
 def _cameras(texts: Sequence[str] | None, scenario: Scenario) -> Iterator[Finding]:

@@ -88,6 +88,7 @@ class ControlLink:
         self._movement_told = MovementChanged(0, "unknown")
         # From Stop until the robot has stood, or is driven from here again.
         self._stopping = False
+        self._stop_ns = 0
         self._lease = MotionLease(profile.driving_limits, rate_hz=profile.command_rate_hz, allow=self._allow)
         self._unread = UnreadCommands(rate_hz=profile.command_rate_hz)
         # The last velocity on this connection.
@@ -233,6 +234,7 @@ class ControlLink:
                 self._lease.stop(now_s)
                 self._send_zero_first()
                 self._stopping = True
+                self._stop_ns = now_ns()
                 self._movement.stopped()
                 reason = filled(QT_TR_NOOP("stopped by {who}"), who=filled(in_words(command.actor)))
                 self._navigator.cancel_all(reason, command.actor)
@@ -523,7 +525,7 @@ class ControlLink:
         if self._navigator.under_way:
             movement.moves_by_itself(now_s)
         state = movement.state(now_s)
-        if state == "standing":
+        if state == "standing" and (self._odometry is None or self._odometry.stamp_ns > self._stop_ns):
             self._stopping = False
         stopped = self._stopping or self._lease.latched
         told = self._movement_told

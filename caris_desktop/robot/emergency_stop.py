@@ -19,8 +19,10 @@ from caris_desktop.ros.messages import decode_bool, encode_bool
 
 logger = logging.getLogger(__name__)
 _REFUSED = QT_TR_NOOP("it refused")
-TRIED_AGAIN_AFTER_S = 2.0
-_TRIED_AGAIN_AT_LEAST_S = 30.0
+# A rosbridge that has just been started does not know the robot's services yet.
+TRIED_AGAIN_AFTER_S = 0.3
+_LOOKED_FOR_EVERY_S = 2.0
+_TRIED_AGAIN_EVERY_S = 30.0
 
 
 class StoppedByIt(Protocol):
@@ -164,7 +166,7 @@ class EmergencyStop:
         if self._again is None and self._wizard_latched:
             self._again = asyncio.get_running_loop().call_later(self._again_after_s, self._try_again)
             # A service that does not answer holds a part of rosbridge each time.
-            self._again_after_s = min(2.0 * self._again_after_s, _TRIED_AGAIN_AT_LEAST_S)
+            self._again_after_s = min(2.0 * self._again_after_s, _TRIED_AGAIN_EVERY_S)
 
     def _try_no_more(self) -> None:
         self._again_after_s = TRIED_AGAIN_AFTER_S
@@ -186,8 +188,7 @@ class EmergencyStop:
                 logger.info("Emergency stop: %s", error)
             else:
                 self._services = frozenset(absolute_name(str(name)) for name in answer.get("services") or ())
-                # To ask for them costs the robot nothing.
-                self._again_after_s = TRIED_AGAIN_AFTER_S
+                self._again_after_s = min(self._again_after_s, _LOOKED_FOR_EVERY_S)
         if self._wizard_latched and not self._reached and self._ros.is_connected:
             self._tell_robot(latched=True)
 
@@ -206,7 +207,7 @@ class EmergencyStop:
             return
         self._reached = bool(answer.get("subscribers"))
         if not self._reached:
-            self._again_after_s = TRIED_AGAIN_AFTER_S
+            self._again_after_s = min(self._again_after_s, _LOOKED_FOR_EVERY_S)
             self._not_reached(command.name)
         elif again:
             command.publish(encode_bool(True))

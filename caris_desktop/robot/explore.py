@@ -11,7 +11,7 @@ import logging
 import math
 import re
 import time
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -25,6 +25,7 @@ from caris_desktop.robot.localization import TransformTree
 from caris_desktop.robot.preflight import (
     LinkProbe,
     NamedTopic,
+    RobotInventory,
     actions_of,
     in_dialect,
     map_services_of,
@@ -212,12 +213,13 @@ async def check_streams(
     """Listen to everything that the profile names, all at once, for ``seconds``, and say how it comes.
 
     What the robot listens to is advertised and not sent; its services and its actions are looked up and never used.
-    ``on_check`` gets each line as soon as it is known.
+    Where rosapi does not tell what there is, the streams alone are listened to. ``on_check`` gets each line as soon as
+    it is known.
 
     Raises
     ------
     ExploreError
-        When nothing answers at the address, or it does not tell what it has.
+        When nothing answers at the address, or it runs another ROS than the profile says.
     """
     tell = on_check or (lambda _check: None)
     done: list[StreamCheck] = []
@@ -227,13 +229,18 @@ async def check_streams(
         tell(check)
 
     async with _connected(address or profile.address, profile.security, _INVENTORY_WITHIN_S) as ros:
+        inventory: RobotInventory | None = None
         try:
             async with asyncio.timeout(_INVENTORY_WITHIN_S):
                 inventory = await take_inventory(ros)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot does not tell what it has: %s", error)
-            raise _no_rosapi(error) from error
-        if inventory.dialect not in (None, Dialect(profile.ros)):
+            why = filled(
+                QT_TR_NOOP("{why} The streams of the profile are listened to; what else the robot has is not known."),
+                why=what_rosapi_said(error),
+            )
+            say(StreamCheck("rosapi", "rosapi", "/rosapi", "quiet", None, None, why))
+        if inventory is not None and inventory.dialect not in (None, Dialect(profile.ros)):
             raise ExploreError(
                 filled(
                     QT_TR_NOOP("The robot runs ROS {found}, but the profile says ROS {said}."),
@@ -248,6 +255,12 @@ async def check_streams(
         inputs: list[tuple[NamedTopic, str]] = []
         tree = TransformTree()
         for named in named_in(profile):
+            if inventory is None:
+                if named.published:
+                    ears.append(_Ear(ros, profile, named, in_dialect(Dialect(profile.ros), named.types[0]), tree))
+                else:
+                    say(_unknown(named.field, named.label, named.topic))
+                continue
             kind = inventory.topics.get(named.topic)
             otherwise = picture_advice(named, inventory)
             if otherwise:
@@ -262,18 +275,10 @@ async def check_streams(
                 ears.append(_Ear(ros, profile, named, kind, tree))
             else:
                 inputs.append((named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
-        for key, label, service in services_of(profile):
-            there = inventory.has_service(service)
-            words = _HAS_SERVICE if there else QT_TR_NOOP("The robot has no service of this name.")
-            say(StreamCheck(key, label, service, "good" if there else "nothing", None, None, words))
-        for service in map_services_of(profile):
-            there = inventory.has_service(service)
-            words = _HAS_SERVICE if there else QT_TR_NOOP("Not now; it is there in one mode of the robot only.")
-            say(StreamCheck("maps", "Maps", service, "good" if there else "quiet", None, None, words))
-        for key, label, action in actions_of(profile):
-            say(_action_check(key, label, action, there=inventory.has_action(action)))
+        for check in _offered_checks(profile, inventory):
+            say(check)
         await asyncio.sleep(seconds)
-        bridge_told = await _bridge_is_told(ros, ears)
+        bridge_told = inventory is not None and await _bridge_is_told(ros, ears)
         for named, kind in inputs:
             say(await _listened_to(ros, named, kind, bridge_told=bridge_told))
         for ear in ears:
@@ -537,6 +542,29 @@ async def _clock_offset_ns(ros: SafeRos) -> int | None:
 
 
 _HAS_SERVICE = QT_TR_NOOP("The robot has this service.")
+
+
+def _offered_checks(profile: RobotProfile, inventory: RobotInventory | None) -> Iterator[StreamCheck]:
+    """The services and actions of the profile."""
+    if inventory is None:
+        for key, label, name in (*services_of(profile), *actions_of(profile)):
+            yield _unknown(key, label, name)
+        return
+    for key, label, service in services_of(profile):
+        there = inventory.has_service(service)
+        words = _HAS_SERVICE if there else QT_TR_NOOP("The robot has no service of this name.")
+        yield StreamCheck(key, label, service, "good" if there else "nothing", None, None, words)
+    for service in map_services_of(profile):
+        there = inventory.has_service(service)
+        words = _HAS_SERVICE if there else QT_TR_NOOP("Not now; it is there in one mode of the robot only.")
+        yield StreamCheck("maps", "Maps", service, "good" if there else "quiet", None, None, words)
+    for key, label, action in actions_of(profile):
+        yield _action_check(key, label, action, there=inventory.has_action(action))
+
+
+def _unknown(field: str, label: str, name: str) -> StreamCheck:
+    words = QT_TR_NOOP("Without rosapi it is not known whether the robot has it.")
+    return StreamCheck(field, label, name, "quiet", None, None, words)
 
 
 def _absent(named: NamedTopic) -> StreamCheck:

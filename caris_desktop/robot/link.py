@@ -59,10 +59,19 @@ def run_media_link(connection: Connection, settings: LinkSettings, frames: Frame
 def check_robot(profile: RobotProfile, address: str) -> list[str]:
     """What is wrong with the robot at ``address``, one sentence for the wizard each; empty when all is well.
 
-    Blocks for up to 5 s and must not be called from a running asyncio loop.
+    Blocks for up to 12 s and must not be called from a running asyncio loop.
     """
     import asyncio
 
     from caris_desktop.robot.preflight import check
 
     return asyncio.run(check(profile, address, _CHECKED_WITHIN_S))
+
+
+def robot_queue_advice(profile: RobotProfile, address: str) -> str:
+    """What to know of the rosbridge at ``address`` if it handles one thing after another; empty otherwise. Blocks."""
+    import asyncio
+
+    from caris_desktop.robot.preflight import queue_advice
+
+    return asyncio.run(queue_advice(profile, address, _CHECKED_WITHIN_S))

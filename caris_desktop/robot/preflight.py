@@ -1,6 +1,8 @@
 """What of a robot profile the robot itself has, as its rosapi tells."""
 
 import asyncio
+import contextlib
+import logging
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -11,11 +13,16 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
-from caris_desktop.robot.transport import SafeRos, ServiceCallError
+from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
 from caris_desktop.ros.raw_image import republish_advice
 
+logger = logging.getLogger(__name__)
+
 _GOODBYE_S = 0.3
+_LISTENED_S = 2.0
+_GET_PARAMETERS = "/rosbridge_websocket/get_parameters"
+_QUEUE_PARAMETERS = ("send_action_goals_in_new_thread", "call_services_in_new_thread")
 _LEAST_PICTURES_HZ = 3.0
 _SAID_AT_MOST = 300
 
@@ -378,7 +385,10 @@ class LinkProbe:
 
 
 async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[str]:
-    """Connect, compare, disconnect; see ``link.check_robot``."""
+    """Connect, compare, disconnect; see ``link.check_robot``.
+
+    Where rosapi does not tell what there is, the streams that should come all the time are listened to.
+    """
     probe = LinkProbe()
     ros = SafeRos(address, probe, service_timeout_s=timeout_s, security=profile.security)
     ros.connect()
@@ -387,13 +397,71 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
             what, advice = await probe.outcome
             if what:
                 return [f"{what} {advice}".strip()]
-            return missing_from(profile, await take_inventory(ros))
-    except (TimeoutError, ServiceCallError) as error:
-        if probe.outcome.done():
-            return [
-                f"The robot does not tell which topics it has: {what_rosapi_said(error)} "
-                "Start rosapi beside rosbridge, or expect surprises from a wrong profile."
-            ]
+        try:
+            async with asyncio.timeout(timeout_s):
+                return missing_from(profile, await take_inventory(ros))
+        except (TimeoutError, ServiceCallError) as error:
+            silent = await _silent_streams(ros, profile)
+            if silent:
+                silent.append(
+                    f"What else the robot lacks is not known: {what_rosapi_said(error)} Start rosapi beside rosbridge."
+                )
+            return silent
+    except TimeoutError:
         return [f"Nothing answers at {without_credentials(address)} within {timeout_s:g} s."]
     finally:
         await ros.aclose(_GOODBYE_S)
+
+
+async def _silent_streams(ros: SafeRos, profile: RobotProfile) -> list[str]:
+    """One sentence for each stream of the profile that should come all the time and does not."""
+    all_heard = asyncio.Event()
+    wanted = [named for named in named_in(profile) if named.published and named.needed]
+    wanted = [named for named in wanted if named.expected_hz is not None and named.expected_hz > 1.0 / _LISTENED_S]
+    silent = {named.topic for named in wanted}
+
+    def hear(topic: str) -> None:
+        silent.discard(topic)
+        if not silent:
+            all_heard.set()
+
+    for named in wanted:
+        topic = SafeTopic(ros, named.topic, in_dialect(Dialect(profile.ros), named.types[0]))
+        topic.subscribe(lambda _message, name=named.topic: hear(name))
+    if silent:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_LISTENED_S):
+                await all_heard.wait()
+    nothing = QT_TR_NOOP("{label}: nothing comes on {topic}.")
+    return [filled(nothing, label=filled(named.label), topic=named.topic) for named in wanted if named.topic in silent]
+
+
+async def queue_advice(profile: RobotProfile, address: str, timeout_s: float) -> str:
+    """What to know of a rosbridge of ROS 2 that carries out goals and calls one after another; empty otherwise."""
+    if profile.ros != Dialect.ROS2.value:
+        return ""
+    probe = LinkProbe()
+    ros = SafeRos(address, probe, security=profile.security)
+    ros.connect()
+    try:
+        async with asyncio.timeout(timeout_s):
+            await probe.outcome
+            request = {"names": list(_QUEUE_PARAMETERS)}
+            answer = await ros.ask(_GET_PARAMETERS, "rcl_interfaces/srv/GetParameters", request)
+    except (TimeoutError, ServiceCallError) as error:
+        # Another node's name, or another server.
+        logger.info("Whether rosbridge has one queue is not known: %s", error)
+        return ""
+    finally:
+        await ros.aclose(_GOODBYE_S)
+    values = answer.get("values")
+    off = [
+        name
+        for name, value in zip(_QUEUE_PARAMETERS, values if isinstance(values, list) else (), strict=False)
+        if isinstance(value, dict) and value.get("bool_value") is False
+    ]
+    advice = QT_TR_NOOP(
+        "Its rosbridge handles what one connection sends one after another: {parameters} false. This console uses"
+        " further connections for goals and calls; other programs that drive the robot need true."
+    )
+    return filled(advice, parameters=", ".join(off)) if off else ""

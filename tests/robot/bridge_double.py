@@ -97,7 +97,7 @@ def recipients(order: dict[str, Any]) -> list[ServerConnection]:
         operation = json.loads(order["text"])
         if operation["op"] == "publish" and (found := subscribers(operation["topic"])):
             return found
-    return [client for client, topics in clients.items() if topics - set(PROBES)] or list(clients)
+    return [client for client, topics in clients.items() if topics and not topics & set(PROBES)] or list(clients)
 
 
 async def publish() -> None:

@@ -93,7 +93,8 @@ class Bridge:
         return [client for client, topics in self.clients.items() if topic in topics]
 
     def _main(self) -> list[ServerConnection]:
-        return [client for client, topics in self.clients.items() if topics - {HANDLED_TOPIC}] or list(self.clients)
+        apart = [client for client, topics in self.clients.items() if topics and HANDLED_TOPIC not in topics]
+        return apart or list(self.clients)
 
     async def open(self) -> None:
         """Listen, on the same port as before."""

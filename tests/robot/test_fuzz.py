@@ -318,7 +318,7 @@ fuzzing = settings(
 )
 
 
-@pytest.mark.logs(r"robot\.transport: ")
+@pytest.mark.logs(r"robot\.(transport|bridge_socket): ")
 @settings(fuzzing, max_examples=examples(700))
 @given(PAYLOADS)
 @example((as_json, {"op": "publish", "topic": "/scan", "msg": None}))

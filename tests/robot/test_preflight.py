@@ -7,9 +7,24 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.robot.explore import ExploreError, explore_robot
-from caris_desktop.robot.preflight import LinkProbe, RobotInventory, check, missing_from, named_in, services_of
-from caris_desktop.robot.profile import CameraTopic, RobotProfile, load_profile, parse_profile, shipped_profiles
+from caris_desktop.robot.explore import ExploreError, check_streams, explore_robot
+from caris_desktop.robot.preflight import (
+    LinkProbe,
+    RobotInventory,
+    check,
+    missing_from,
+    named_in,
+    queue_advice,
+    services_of,
+)
+from caris_desktop.robot.profile import (
+    CameraTopic,
+    RobotProfile,
+    TopicSource,
+    load_profile,
+    parse_profile,
+    shipped_profiles,
+)
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.dialect import Dialect
 from tests.robot.loop_bench import Bridge
@@ -118,6 +133,51 @@ def test_every_name_of_every_shipped_profile_is_looked_for() -> None:
     assert [service for _field, _label, service in services_of(profile)] == ["/c", "/d"]
 
 
+ROBOT_WITH_SCAN = RobotProfile("test", "Test", scan=TopicSource("/scan"))
+
+
+def test_without_rosapi_a_robot_whose_streams_come_lacks_nothing_that_is_known() -> None:
+    async def ask(bridge: Bridge) -> tuple[list[str], list[tuple[str, str]]]:
+        await bridge.open()
+        address = f"ws://127.0.0.1:{bridge.port}"
+        scan = {"ranges": [1.0], "angle_min": 0.0, "angle_increment": 0.1, "range_min": 0.1, "range_max": 5.0}
+
+        async def publish() -> None:
+            while True:
+                await bridge.publish("/scan", scan)
+                await asyncio.sleep(0.05)
+
+        publishing = asyncio.create_task(publish())
+        try:
+            checked = await check(ROBOT_WITH_SCAN, address, 5.0)
+            listened = await check_streams(ROBOT_WITH_SCAN, address, seconds=0.5)
+        finally:
+            publishing.cancel()
+            await bridge.close()
+        return checked, [(line.field, line.state) for line in listened]
+
+    checked, listened = asyncio.run(ask(Bridge()))
+    assert checked == []
+    assert ("rosapi", "quiet") in listened
+    assert ("velocity", "quiet") in listened
+    assert ("scan", "nothing") not in listened
+
+
+def test_a_rosbridge_with_one_queue_is_named_with_both_parameters() -> None:
+    async def ask(*values: bool) -> str:
+        bridge = Bridge()
+        bridge.answers["/rosbridge_websocket/get_parameters"] = {"values": [{"bool_value": value} for value in values]}
+        await bridge.open()
+        try:
+            return await queue_advice(RobotProfile("test", "Test", ros=2), f"ws://127.0.0.1:{bridge.port}", 5.0)
+        finally:
+            await bridge.close()
+
+    told = asyncio.run(ask(False, False))
+    assert "send_action_goals_in_new_thread, call_services_in_new_thread false" in told
+    assert asyncio.run(ask(True, True)) == ""
+
+
 @pytest.mark.parametrize(
     ("answer", "told"),
     [
@@ -132,19 +192,20 @@ def test_what_rosapi_says_is_shown(answer: str | None, told: str) -> None:
         bridge.answers = {"/rosapi/topics": lambda _: answer, "/rosapi/services": {"services": []}}
         address = f"ws://127.0.0.1:{bridge.port}"
         try:
-            checked = await check(RobotProfile("test", "Test"), address, 1.0)
+            checked = await check(ROBOT_WITH_SCAN, address, 1.0)
             with pytest.raises(ExploreError) as raised:
                 await explore_robot(address, timeout_s=1.0)
         finally:
             await bridge.close()
         return checked, raised.value.what
 
-    [line], what = asyncio.run(ask(Bridge()))
-    assert line.startswith(f"The robot does not tell which topics it has: {told}")
+    [silent, unknown], what = asyncio.run(ask(Bridge()))
+    assert silent == "LIDAR: nothing comes on /scan."
+    assert unknown == f"What else the robot lacks is not known: {told} Start rosapi beside rosbridge."
     assert what == f"The robot does not tell what it has: {told}"
 
 
-@pytest.mark.logs(r"robot\.transport: ")
+@pytest.mark.logs(r"robot\.(transport|bridge_socket): ")
 def test_a_call_that_is_answered_by_a_status_only_fails_with_its_words(caplog: pytest.LogCaptureFixture) -> None:
     async def ask(bridge: Bridge) -> str:
         async def react(operation: dict[str, Any]) -> None:

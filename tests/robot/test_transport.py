@@ -133,7 +133,7 @@ def test_topics_of_one_name_are_independent(bridge: BridgeDouble) -> None:
     connected(bridge, use)
 
 
-@pytest.mark.logs(r"robot\.transport: ")
+@pytest.mark.logs(r"robot\.(transport|bridge_socket): ")
 def test_a_callback_that_fails_hurts_nobody(bridge: BridgeDouble, caplog: pytest.LogCaptureFixture) -> None:
     async def use(ros: SafeRos, observer: Observer) -> None:
         heard: list[Any] = []
