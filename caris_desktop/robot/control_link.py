@@ -655,6 +655,7 @@ class ControlLink:
     def _motion_round_trip(self, round_trip_s: float) -> None:
         self._guard.take_round_trip(round_trip_s)
         self._handled.read(round_trip_s)
+        self._unread.read(round_trip_s, self._loop.time())
         if not self._handled.counts:
             self._commands_answered(round_trip_s)
 

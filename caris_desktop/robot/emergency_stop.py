@@ -274,7 +274,8 @@ class EmergencyStop:
                 self._told(latched=latched, reason=QT_TR_NOOP("it is not connected"))
             return
         wanted = interface.service or (interface.set_service if latched else interface.clear_service)
-        service = self._offered(wanted)
+        # What rosapi told may be old by now: the stop is called in any case.
+        service = wanted if latched or self._reached else self._offered(wanted)
         if service is not None and interface.service is not None:
             kind = service_type_name(self._dialect, "std_srvs", "SetBool")
             request = {interface.service_field: latched is interface.service_stop_value}
@@ -285,8 +286,6 @@ class EmergencyStop:
             self._call(service, kind, {}, latched=latched)
         elif not latched:
             self._clear_here()
-        elif wanted is not None:
-            self._not_reached(wanted)
 
     def _call(self, service: str, kind: str, request: dict[str, Any], *, latched: bool) -> None:
         self._in_background(self._call_now(service, kind, request, latched=latched, asked=self._asked))
@@ -299,6 +298,9 @@ class EmergencyStop:
             reason, unanswered = str(error), True
         # The wizard may have changed her mind while the robot thought about it; the last word counts.
         if asked != self._asked:
+            return
+        if latched and unanswered and self._offered(service) is None:
+            self._not_reached(service)
             return
         again = latched and self._told_unreached
         if latched:

@@ -17,18 +17,17 @@ _SAME_MOMENT_S = 1e-6
 
 
 class UnreadCommands:
-    """Counts what has been sent and not been answered, on one connection after another.
+    """Counts what has been sent and not been handled, on one connection after another.
 
-    At most ``MOST_UNREAD`` commands are unanswered, or what a slow network usually has under way; and none is sent to
-    a robot that has not answered for ``READ_WITHIN_S`` longer than the network usually takes.
+    At most ``MOST_UNREAD`` commands are unhandled beyond what a slow network has under way; and none is sent to a robot
+    that has not answered for ``READ_WITHIN_S`` longer than it usually takes.
     """
 
     def __init__(self, *, rate_hz: float) -> None:
         self._rate_hz = rate_hz
         self._sent_s: deque[float] = deque()
-        self._least_s = math.inf
-        self._least_before_s = math.inf
-        self._least_since_s = -math.inf
+        self._handling = _Least()
+        self._network = _Least()
         # Whoever drove before this process began may have left the robot moving.
         self._settled = False
         self._zero_s: float | None = None
@@ -48,19 +47,21 @@ class UnreadCommands:
 
     def answered(self, round_trip_s: float, now_s: float) -> None:
         """An answer came, whether or not its question went behind a command."""
-        if now_s - self._least_since_s >= _USUAL_OVER_S:
-            self._least_before_s, self._least_s, self._least_since_s = self._least_s, math.inf, now_s
-        self._least_s = min(self._least_s, round_trip_s)
+        self._handling.add(round_trip_s, now_s)
         read_to_s = now_s - round_trip_s + _SAME_MOMENT_S
         while self._sent_s and self._sent_s[0] <= read_to_s:
             self._sent_s.popleft()
         if self._zero_s is not None and self._zero_s <= read_to_s:
             self._settled = True
 
+    def read(self, round_trip_s: float, now_s: float) -> None:
+        """A ping came back: so long the network takes, whatever is handled."""
+        self._network.add(round_trip_s, now_s)
+
     def full(self, now_s: float) -> bool:
         """Whether another command would only lie behind others."""
         # Over a slow network so many are always under way.
-        most = max(MOST_UNREAD, int(self._usual_s() * self._rate_hz) + 2)
+        most = max(MOST_UNREAD, int(self._network.least_s * self._rate_hz) + 2)
         return len(self._sent_s) >= most or self.late(now_s)
 
     def late(self, now_s: float) -> bool:
@@ -69,15 +70,29 @@ class UnreadCommands:
 
     def late_from_s(self) -> float:
         """From when on :meth:`late` is true; ``inf`` while everything was read."""
-        return self._sent_s[0] + READ_WITHIN_S + self._usual_s() if self._sent_s else math.inf
+        return self._sent_s[0] + READ_WITHIN_S + self._handling.least_s if self._sent_s else math.inf
 
     def forget(self) -> None:
         """The connection is over: nothing of it is answered any more."""
         self._sent_s.clear()
         self._zero_s = None
-        self._least_s = self._least_before_s = math.inf
-        self._least_since_s = -math.inf
+        self._handling, self._network = _Least(), _Least()
 
-    def _usual_s(self) -> float:
-        least_s = min(self._least_s, self._least_before_s)
+
+class _Least:
+    """The shortest of the times of the last moment, and of the moment before."""
+
+    def __init__(self) -> None:
+        self._now_s = self._before_s = math.inf
+        self._since_s = -math.inf
+
+    @property
+    def least_s(self) -> float:
+        """Zero where there is none."""
+        least_s = min(self._now_s, self._before_s)
         return least_s if math.isfinite(least_s) else 0.0
+
+    def add(self, took_s: float, now_s: float) -> None:
+        if now_s - self._since_s >= _USUAL_OVER_S:
+            self._before_s, self._now_s, self._since_s = self._now_s, math.inf, now_s
+        self._now_s = min(self._now_s, took_s)

@@ -363,7 +363,7 @@ def test_a_stop_says_zero_and_cancels_every_goal(bridge: BridgeDouble, link: Lin
     wait_for(bridge.twists, "zero")
     [cancel] = wait_for(lambda: bridge.operations("publish", "/move_base/cancel"), "cancel")
     assert cancel["msg"] == {"stamp": {"secs": 0, "nsecs": 0}, "id": ""}
-    assert {sent.source for sent in link.of(CommandSent)} == {"stop"}
+    assert {sent.source for sent in wait_for(lambda: link.of(CommandSent), "the report")} == {"stop"}
 
 
 def goal_status(goal_id: str, status: int) -> dict[str, object]:

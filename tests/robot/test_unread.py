@@ -5,12 +5,15 @@ import pytest
 from caris_desktop.robot.unread import MOST_UNREAD, READ_WITHIN_S, UnreadCommands
 
 
-def answering(round_trip_s: float, *, seconds: float = 4.0) -> tuple[UnreadCommands, float]:
-    """Pings have been answered so fast for a while; and the time now."""
+def answering(
+    round_trip_s: float, *, handled_s: float | None = None, seconds: float = 4.0
+) -> tuple[UnreadCommands, float]:
+    """Pings have been answered so fast for a while, and what was sent handled; and the time now."""
     unread, now_s = UnreadCommands(rate_hz=20.0), 100.0
     while now_s < 100.0 + seconds:
         now_s += 0.2
-        unread.answered(round_trip_s, now_s)
+        unread.read(round_trip_s, now_s)
+        unread.answered(handled_s or round_trip_s, now_s)
     return unread, now_s
 
 
@@ -58,11 +61,18 @@ def test_what_the_network_usually_takes_is_allowed_on_top() -> None:
     assert unread.late_from_s() == pytest.approx(now_s + READ_WITHIN_S + 0.6)
 
 
+def test_a_robot_that_is_slow_to_handle_on_a_fast_network_is_allowed_no_more() -> None:
+    unread, now_s = answering(0.01, handled_s=0.6)
+    assert sent_until_full(unread, now_s, 0.05) == MOST_UNREAD
+    assert unread.late_from_s() == pytest.approx(now_s + READ_WITHIN_S + 0.6)
+
+
 def test_one_slow_answer_does_not_count_as_usual_and_a_fast_one_does_at_once() -> None:
     unread, now_s = answering(0.01)
     unread.answered(0.5, now_s + 0.5)
     assert sent_until_full(unread, now_s + 0.6, 0.05) <= MOST_UNREAD
     unread, now_s = answering(0.6)
+    unread.read(0.01, now_s + 0.1)
     unread.answered(0.01, now_s + 0.1)
     assert sent_until_full(unread, now_s + 0.2, 0.05) <= MOST_UNREAD
 
