@@ -97,6 +97,13 @@ def said_before_file(study: Path) -> Path:
     return Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "said" / f"{name}.jsonl"
 
 
+def own_folders() -> list[Path]:
+    """Where the program keeps what it knows of its user: settings, history, logs, caches."""
+    finders = (platformdirs.user_config_dir, platformdirs.user_data_dir, platformdirs.user_state_dir,
+               platformdirs.user_cache_dir, platformdirs.user_log_dir)  # fmt: skip
+    return [Path(find("caris-desktop", appauthor=False)) for find in finders]
+
+
 def imports_dir() -> Path:
     """Where bags of others are kept as sessions."""
     return Path(platformdirs.user_cache_dir("caris-desktop", appauthor=False)) / "imported bags"

@@ -26,6 +26,7 @@ from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.private_files import SHARE_VARIABLE, narrow
 from caris_desktop.domain.sound import Role
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.confirmed_files import ConfirmationNeeded
@@ -78,6 +79,7 @@ class ConsoleRun:
         self._to_confirm: ConfirmationNeeded | None = None
         scenario, refused = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
+        self._narrowed = study.narrowed + narrow([*composition.own_folders(), Path(kept.fileName())])
         check_screen()
         self.application = the_application(str(self.settings.value(SCALE_KEY, "")))
         self._language = Language()
@@ -166,7 +168,8 @@ class ConsoleRun:
         gc.freeze()
         self._garbage = GarbageCollector(self.console)
         self._to_start.extend((
-            self.console.start, self.host.start, self.begin_first_use, self.tell_of_settings, self.tell_of_scenario,
+            self.console.start, self.host.start, self.begin_first_use, self.tell_of_settings, self.tell_of_narrowed,
+            self.tell_of_scenario,
             self._ask_or_connect,
         ))  # fmt: skip
         self._start_next()
@@ -217,6 +220,16 @@ class ConsoleRun:
         """Tell the wizard where the settings of last time could not be taken over."""
         if self._settings_trouble is not None:
             self._on_settings_failed(said_now(self._settings_trouble))
+
+    def tell_of_narrowed(self) -> None:
+        """Tell the wizard where files were open to other users of this computer until now."""
+        if self._narrowed:
+            self.console.problem(
+                "info",
+                tr("%n files and folders of this study and your settings were open to others.", "", self._narrowed),
+                tr("From now on only you can read them, as what is recorded from now on."),
+                tr("To share a study with your group, start with {variable}=1.").format(variable=SHARE_VARIABLE),
+            )
 
     def tell_of_scenario(self) -> None:
         """Tell the wizard where the scenario of last time is not the one that is open."""

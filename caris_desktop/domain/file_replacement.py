@@ -80,7 +80,7 @@ def _opened_beside(path: Path) -> tuple[int, Path]:
     while True:
         beside = path.with_name(f".{path.name[:SHOWN_CHARACTERS]}.{secrets.token_hex(4)}.part")
         with contextlib.suppress(FileExistsError):
-            return os.open(beside, flags, 0o644), beside
+            return os.open(beside, flags, 0o666), beside
 
 
 def _keep_permissions(descriptor: int, path: Path) -> None:

@@ -123,6 +123,8 @@ class PeopleDatabase:
         self.path = path
         with self.explained("opened"):
             path.parent.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                path.touch()  # SQLite's own would never be writable by the group of a shared study
             self.connection = sqlite3.connect(path, timeout=_BUSY_TIMEOUT_S, isolation_level=None)
         try:
             with self.explained("opened"):

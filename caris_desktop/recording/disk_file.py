@@ -79,7 +79,7 @@ class DiskFile:
         """Raises OSError when the file is there already or cannot be made."""
         self.path = path
         self._on_full = on_full
-        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
+        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
         self._position = 0
         self._size = 0
         self._written = self._synced = 0

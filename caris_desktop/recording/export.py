@@ -6,8 +6,8 @@ import logging
 import os
 import platform
 import re
+import secrets
 import shutil
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -538,9 +538,8 @@ _PARTIAL_NAME = re.compile(r"\..*\.([^.]*)\.(\d+)-(\d+)\.[^.]*" + re.escape(_PAR
 
 def _new_partial(out: Path) -> Path:
     prefix = f".{out.name[:_NAME_CHARACTERS]}.{_host()}.{os.getpid()}-{_started(psutil.Process())}."
-    partial = Path(tempfile.mkdtemp(dir=out.parent, prefix=prefix, suffix=_PARTIAL_SUFFIX))
-    # mkdtemp makes it private; an export is to be read like any other folder.
-    partial.chmod(0o755)
+    partial = out.parent / f"{prefix}{secrets.token_hex(4)}{_PARTIAL_SUFFIX}"
+    partial.mkdir()
     return partial
 
 

@@ -7,7 +7,7 @@ import shutil
 import tempfile
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import platformdirs
 
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.private_files import narrow
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.domain.value_class import dataclass
@@ -31,9 +32,10 @@ class StudyFolderError(ToldFailure):
 
 @dataclass(frozen=True, slots=True)
 class StudyFolder:
-    """The places inside one study folder."""
+    """The places inside one study folder. ``narrowed`` files and folders in it were open to other users so far."""
 
     path: Path
+    narrowed: int = 0
 
     @property
     def sessions(self) -> Path:
@@ -71,7 +73,9 @@ def open_study_folder(path: Path | None = None) -> StudyFolder:
             probe.flush()
     except OSError as error:
         raise _unusable(folder.path, error) from error
-    return folder
+    # Its own alone: a study may lie in a folder with much else in it.
+    own = [folder.path / name for name in ("sessions", "photos", "forgotten", "models", folder.last_details.name)]
+    return replace(folder, narrowed=narrow([*own, *folder.path.glob("*.sqlite*")]))
 
 
 def free_bytes(folder: StudyFolder) -> int | None:

@@ -66,7 +66,7 @@ def hold(folder: Path) -> FolderLock:
     """
     path = folder / LOCK_NAME
     for _ in range(_TRIES):
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         # Whoever held it may have removed the file between our opening and our locking it.
         if _locked(descriptor) and _is_file_at(path, descriptor):
             return FolderLock(path, descriptor)
