@@ -425,6 +425,18 @@ class Actions(QObject):
             return ""
         return self._call(spec) if spec.callback else tr(_WHY_NOT.get(spec.enabled_when, _NOT_NOW))
 
+    def on_key(self, keys: QKeySequence, *, bare: bool) -> str | None:
+        """The command on these keys; ``bare``: on those that work in the driving panels."""
+        rows = (spec for spec in self._specs.values() if spec.kind == "command" and not spec.within)
+        return next(
+            (
+                spec.id
+                for spec in rows
+                if keys in [QKeySequence(key) for key in (spec.driving_keys if bare else spec.keys)]
+            ),
+            None,
+        )
+
     def absent(self, event_key: QKeySequence) -> str:
         """What the table has on a key that this scenario leaves without a meaning, in words; else nothing."""
         if self._groups is not None:

@@ -17,6 +17,7 @@ from PySide6.QtGui import (
     QMoveEvent,
     QPaintEvent,
     QResizeEvent,
+    QShortcut,
 )
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -42,7 +43,7 @@ from caris_desktop.ui.held_motion import WISHES, HeldMotion, Hold
 from caris_desktop.ui.kept_keys import KeptKeys, had_the_keys
 from caris_desktop.ui.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings, PressedKey, pressed_key
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
-from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, KeyboardGrabs, PhysicalKeys
+from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, X11_LEVELS, KeyboardGrabs, PhysicalKeys
 
 DOUBLE_STOP_S = 0.6
 STOPS = "stops"
@@ -105,7 +106,7 @@ class HoldToDrive(QObject):
         self._followed_ms = 0
         self.motion = HeldMotion(console, actions, self._takes_keys, self)
         self._bindings = KeyBindings()
-        self._alt_drove = False
+        self._alt_drove = self._alt_gr_down = False
         self._last_refused_s = float("-inf")
         self._marking: dict[int, str] = {}
         self._about_to_talk: dict[int, QTimer] = {}
@@ -320,6 +321,8 @@ class HoldToDrive(QObject):
 
     def _filter_key(self, event: QKeyEvent) -> bool:
         key = int(event.key())
+        if key == Qt.Key.Key_AltGr:
+            self._alt_gr_down = event.type() != QEvent.Type.KeyRelease
         if key == Qt.Key.Key_Alt:
             self._alt_drove = self._alt_drove and event.type() != QEvent.Type.KeyRelease
         elif not event.modifiers() & Qt.KeyboardModifier.AltModifier:
@@ -336,6 +339,8 @@ class HoldToDrive(QObject):
         if event.type() == QEvent.Type.KeyRelease:
             return self._on_release(identity, repeated=not self._keys.released(event))
         repeated = self._keys.repeated(event)
+        if event.type() == QEvent.Type.KeyPress and not repeated and self._did_by_position(identity, code, event):
+            return True
         if self._goes_nowhere(code, event):
             event.accept()
             if event.type() == QEvent.Type.KeyPress:
@@ -542,14 +547,62 @@ class HoldToDrive(QObject):
         return None if hold is None or self._actions.spec(hold.action_id) is None else hold
 
     def _learn_letter(self, code: int | None, event: QKeyEvent) -> None:
-        """Keep the key caps true when the keyboard layout changes, on systems that do not tell of it too."""
+        """Keep the key caps true when the keyboard layout changes, on systems that do not tell of it too.
+
+        A cap has what its key types alone: what AltGr, the option key, or Ctrl with Alt make of it is no other layout.
+        """
         position, key = position_of(sys.platform, code), int(event.key())
-        if position is None or event.modifiers() & Qt.KeyboardModifier.ShiftModifier or not 0x20 < key < 0x2000:
+        if position is None or not 0x20 < key < 0x2000 or self._actions.letter(position) == chr(key):
             return
-        if sys.platform == "darwin" and event.modifiers() & Qt.KeyboardModifier.AltModifier:
-            return  # the option key makes other characters of them
-        if self._actions.letter(position) != chr(key):
-            self._actions.use_letters({**self._actions.letters, position: chr(key)})
+        other_level = Qt.KeyboardModifier.ShiftModifier | Qt.KeyboardModifier.GroupSwitchModifier
+        if sys.platform == "darwin":
+            other_level |= Qt.KeyboardModifier.AltModifier
+        both = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier
+        other_level_now = bool(event.modifiers() & other_level) or event.modifiers() & both == both
+        if self._keys.exact:
+            other_level_now = other_level_now or bool(event.nativeModifiers() & X11_LEVELS)
+        if self._alt_gr_down or other_level_now:
+            return
+        self._actions.use_letters({**self._actions.letters, position: chr(key)})
+
+    def _did_by_position(self, identity: int, code: int | None, event: QKeyEvent) -> bool:
+        """A layout without Latin letters has no key for Ctrl+K: there the key counts that lies where K does. Qt looks
+        into the other layouts of the keyboard, and comes here where there is none.
+        """
+        position, key = position_of(sys.platform, code), int(event.key())
+        chord = event.modifiers() & CHORD_MODIFIERS == Qt.KeyboardModifier.ControlModifier
+        bare = self._actions.driving_focus and not event.modifiers() & CHORD_MODIFIERS
+        bare = bare and not self._nowhere.isActive() and self._question is None
+        if self.captures is not None and self._takes_keys():
+            return False
+        if position is None or not 0x80 <= key < int(Qt.Key.Key_Escape) or not (chord or bare):
+            return False
+        meant = QKeyEvent(
+            event.type(), ord(position), event.modifiers(), event.nativeScanCode(), event.nativeVirtualKey(),
+            event.nativeModifiers(), "" if chord else position, event.isAutoRepeat(),
+        )  # fmt: skip
+        if bare and self._hold_for(code, meant) is not None:
+            return False  # driving goes by position already
+        self._owned[identity] = None
+        if (mark := self._mark_for(meant)) is not None:
+            self._end_marking(identity)
+            self._press_mark(identity, mark)
+            return True
+        keys = QKeySequence(meant.keyCombination())
+        action_id = self._actions.on_key(keys, bare=bare) if self._takes_keys() else None
+        window, focused = self._app.activeWindow(), self._app.focusWidget()
+        if action_id is not None:
+            self._actions.press(action_id, opens=chord)
+            return True
+        for shortcut in [] if window is None else window.findChildren(QShortcut):
+            if chord and shortcut.key() == keys and shortcut.isEnabled():
+                shortcut.activated.emit()
+                return True
+        if chord and focused is not None:
+            QApplication.sendEvent(focused, meant)  # copying and pasting
+            return True
+        del self._owned[identity]
+        return False
 
     def _on_release(self, identity: int, *, repeated: bool) -> bool:
         if identity not in self._owned:

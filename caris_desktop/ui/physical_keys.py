@@ -19,6 +19,8 @@ _FOCUS_OUT, _NOTIFY_GRAB = 10, 1
 _XK_ESCAPE, _XK_PAUSE, _XK_F1 = 0xFF1B, 0xFF13, 0xFFBE
 _FUNCTION_KEYS = {_XK_F1 + number: int(Qt.Key.Key_F1) + number for number in range(12)}
 
+X11_LEVELS = 0x80 | 0x20
+"""Mod5 and Mod3, by which a keyboard layout reaches its third and fifth level (AltGr is the first of them)."""
 LONGEST_REPEAT_GAP_S = 1.2
 """A held key repeats sooner than this; a later press is a new one whose release went elsewhere."""
 _LONGEST_REPEAT_GAP_MS = int(LONGEST_REPEAT_GAP_S * 1000)

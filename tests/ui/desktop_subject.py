@@ -71,6 +71,8 @@ class Subject(ToldByLines):
             "QUESTION": self._question(),
             "CAP": self.window.actions_table.key_text("drive_forward"),
             "LAYOUT": self._layout(),
+            "PALETTE": (palette := self.window.findChild(QWidget, "command_palette")) is not None
+            and palette.isVisible(),
         }
         for name, value in shown.items():
             if self._shown.get(name) != value:
@@ -131,6 +133,9 @@ class Subject(ToldByLines):
         self.console.calls.clear()
         self._told = 0
         print("RESET", number, flush=True)
+
+    def do_nobody(self) -> None:
+        self.console.state.persons.set(())
 
     def do_dialog(self) -> None:
         self.window.sessions.open_start_dialog()

@@ -226,6 +226,68 @@ def test_keys_are_known_by_their_place_on_the_keyboard(desktop: Desktop) -> None
     desktop.expect("CAP Alt W")
 
 
+def test_what_altgr_types_is_on_no_key_cap(desktop: Desktop) -> None:
+    desktop.use_layout("pl")
+    try:
+        desktop.do("key", "Return")
+        desktop.expect("KEYS typing")
+        desktop.do("keydown", "ISO_Level3_Shift", "key", "39", "key", "38", "keyup", "ISO_Level3_Shift")
+        desktop.expect("TEXT ('śą', 2)")
+        desktop.do("key", "ctrl+d")
+        desktop.expect("KEYS driving", "CAP W")
+        assert {line for line in desktop.since() if line.startswith("CAP")} <= {"CAP W", "CAP Alt W"}
+    finally:
+        desktop.use_layout("us")
+
+
+def test_chords_work_by_position_on_a_keyboard_without_latin_letters(desktop: Desktop) -> None:
+    desktop.use_layout("ru")
+    try:
+        desktop.do("keydown", "ctrl", "key", "46", "keyup", "ctrl")  # where L lies
+        desktop.expect("KEYS typing")
+        desktop.do("key", "38")
+        desktop.expect("TEXT ('ф', 1)")
+        desktop.do("keydown", "ctrl", "key", "45", "keyup", "ctrl")  # K
+        desktop.expect("PALETTE True")
+        desktop.do("key", "Escape", "keydown", "ctrl", "key", "40", "keyup", "ctrl")  # D
+        desktop.expect("PALETTE False", "KEYS driving")
+        desktop.do("keydown", "25", "keyup", "25")
+        desktop.expect(FORWARD, "release_drive")
+    finally:
+        desktop.use_layout("us")
+
+
+def test_a_click_on_a_tab_or_a_bar_ends_driving_by_bare_keys(desktop: Desktop) -> None:
+    for word, name, field in (
+        ("title", "assistant", True),
+        ("title", "session", False),
+        ("where", "status_bar", False),
+    ):
+        desktop.do("key", "ctrl+d")
+        x, y = desktop.place(word, name)
+        desktop.do("mousemove", str(x), str(y), "click", "1", "sleep", "0.2")
+        desktop.do("type", "--delay", "5", "was a wide road said")
+        desktop.do("key", "space", "key", "F12")
+        desktop.expect("silence")
+        assert desktop.intents("drive") == [], name
+        assert "KEYS typing" in desktop.since() if field else True
+    assert not [line for line in desktop.since() if line.startswith(("open_scenario", "POPUP True", "say"))]
+
+
+def test_a_name_for_nobody_goes_nowhere(desktop: Desktop) -> None:
+    desktop.say("nobody")
+    desktop.do("key", "Return")
+    desktop.expect("KEYS typing")
+    desktop.do("key", "ctrl+i")
+    desktop.expect("KEYS nowhere")
+    desktop.do("type", "--delay", "5", "Mara Wade")
+    desktop.do("key", "Return", "key", "Escape")
+    desktop.expect("stop", "KEYS typing")
+    assert not desktop.intents("say") and not desktop.intents("drive")
+    desktop.do("type", "--delay", "5", "hi")
+    desktop.expect("TEXT ('hi', 2)")
+
+
 def _nothing(_desktop: Desktop) -> None:
     pass
 
@@ -419,6 +481,9 @@ def test_a_completion_does_not_end_driving(desktop: Desktop) -> None:
 
 def test_floating_panels_belong_to_the_window(desktop: Desktop) -> None:
     desktop.say("float speak 700 500")
+    desktop.expect("ACTIVE FloatingWindow", "KEYS typing")  # who gives it a window of its own goes on there
+    desktop.click("video_view")
+    desktop.expect("ACTIVE MainWindow", "KEYS driving")
     desktop.do("sleep", "0.3", "keydown", "alt", "keydown", "w")
     desktop.expect(FORWARD)
     desktop.click("speak_field")  # the main window is deactivated, the key stays down

@@ -594,3 +594,60 @@ def test_who_has_the_keys_is_on_show(window: MainWindow, view: QWidget, console:
     qtbot.mouseClick(find(window, "window_menu_button"), Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: chip.accessibleName() == "No keys: menu open")
     QApplication.activePopupWidget().close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the codes are those of Linux")
+def test_a_key_cap_has_what_the_key_types_alone(window: MainWindow, view: QWidget) -> None:
+    """AltGr gives the keys another level, which is no other layout: Drive said "Hold Œ A Ś D"."""
+    table = window.actions_table
+    field = find(window, "speak_field")
+    field.setFocus()
+    for modifiers, before in (
+        (BARE, Qt.Key.Key_AltGr), (Qt.KeyboardModifier.GroupSwitchModifier, None),
+        (ALT | Qt.KeyboardModifier.ControlModifier, None), (Qt.KeyboardModifier.ShiftModifier, None),
+    ):  # fmt: skip
+        if before is not None:
+            send(field, QEvent.Type.KeyPress, before)
+        for scan_code, key in ((25, 0x152), (39, 0x15A), (24, 0x40)):
+            send(field, QEvent.Type.KeyPress, Qt.Key(key), modifiers, text=chr(key), scan_code=scan_code)
+            send(field, QEvent.Type.KeyRelease, Qt.Key(key), modifiers, text=chr(key), scan_code=scan_code)
+        if before is not None:
+            send(field, QEvent.Type.KeyRelease, before)
+        assert [table.letter(position) for position in "WSQ"] == ["W", "S", "Q"]
+    send_at(view, QEvent.Type.KeyPress, 25, Qt.Key.Key_Z)
+    send_at(view, QEvent.Type.KeyRelease, 25, Qt.Key.Key_Z)
+    assert table.letter("W") == "Z", "another layout"
+
+
+CTRL = Qt.KeyboardModifier.ControlModifier
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the codes are those of Linux")
+def test_chords_work_by_position_where_the_layout_has_no_latin_letters(
+    window: MainWindow, view: QWidget, console: FakeConsole
+) -> None:
+    def press(scan_code: int, key: int, modifiers: Qt.KeyboardModifier, text: str = "") -> None:
+        target = QApplication.focusWidget()
+        assert target is not None
+        for kind in (QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress, QEvent.Type.KeyRelease):
+            send(target, kind, Qt.Key(key), modifiers, text=text, scan_code=scan_code)
+
+    view.setFocus()
+    press(46, 0x414, CTRL)  # Ctrl+L: Д
+    field = find(window, "speak_field")
+    assert field.hasFocus()
+    press(38, 0x424, BARE, "ф")
+    assert field.property("plainText") == "ф", "letters are typed as they are printed"
+    press(38, 0x424, CTRL)  # Ctrl+A, and Ctrl+X: the text field's own
+    press(53, 0x427, CTRL)
+    assert field.property("plainText") == ""
+    press(45, 0x41B, CTRL)  # Ctrl+K: Л
+    assert find(window, "command_palette").isVisible()
+    QTest.keyClick(find(window, "palette_field"), Qt.Key.Key_Escape)
+    console.calls.clear()
+    press(58, 0x42C, CTRL)  # Ctrl+M: Ь
+    assert console.named("mark") == [("", "mark")]
+    view.setFocus()
+    press(33, 0x417, BARE, "з")  # P
+    assert console.named("take_photo")
+    assert not console.named("drive")
