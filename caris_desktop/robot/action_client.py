@@ -11,6 +11,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.transport import SafeRos, SafeTopic
 from caris_desktop.ros.actions import (
     ACTIVE,
+    PENDING,
     PREEMPTING,
     ROS2_ACCEPTED,
     ROS2_CANCELING,
@@ -51,6 +52,8 @@ class GoalListener(Protocol):
     A lost link ends no goal. What became of it while nobody listened is reported when the link is back, where the robot
     still tells it.
     """
+
+    def goal_pending(self, wire_id: str) -> None: ...
 
     def goal_active(self, wire_id: str) -> None: ...
 
@@ -140,6 +143,8 @@ class ActionlibClient:
                 self._ended(status.goal_id, status.ending, status.detail)
             elif status.status in (ACTIVE, PREEMPTING):
                 self._listener.goal_active(status.goal_id)
+            elif status.status == PENDING:
+                self._listener.goal_pending(status.goal_id)
 
     def _take_feedback(self, message: Any) -> None:
         status, feedback = decode_action_feedback(message, f"{self._type}Feedback")

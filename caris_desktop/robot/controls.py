@@ -125,6 +125,9 @@ class _Server:
         if self.client is not None:
             self.client.cancel(wire_id)
 
+    def goal_pending(self, wire_id: str) -> None:
+        """It is told when it begins."""
+
     def goal_active(self, wire_id: str) -> None:
         if wire_id in self.goals:
             self.goals[wire_id].heard = True

@@ -174,6 +174,9 @@ class Navigator:
         for delay_s in CANCEL_AGAIN_S:
             self._loop.call_later(delay_s, lambda: self._cancel_again(epoch))
 
+    def goal_pending(self, wire_id: str) -> None:
+        """It is told when it begins."""
+
     def goal_active(self, wire_id: str) -> None:
         if self._goal is not None and self._goal.wire_id == wire_id and self._goal.state == "requested":
             self._goal = replace(self._goal, state="active")

@@ -111,6 +111,13 @@ class ActionVoice:
     async def close(self) -> None:
         self._wait(None, None)
 
+    def goal_pending(self, wire_id: str) -> None:
+        if wire_id == self._wire_id and not self._waiting[0].started:
+            # It says something else first.
+            self._wait(
+                LONGEST_UTTERANCE_S, lambda: self._give_up(QT_TR_NOOP("the robot did not report that it speaks"))
+            )
+
     def goal_active(self, wire_id: str) -> None:
         if wire_id != self._wire_id:
             return

@@ -49,6 +49,26 @@ def test_one_sentence_after_the_other_by_the_robots_own_word() -> None:
     with_link(ROBOT, test)
 
 
+@pytest.mark.parametrize("begins", [True, False])
+def test_a_goal_that_waits_while_the_robot_says_something_else_has_as_long_as_that_takes(
+    monkeypatch: pytest.MonkeyPatch, *, begins: bool
+) -> None:
+    monkeypatch.setattr(voice, "STARTS_WITHIN_S", 600.0)
+    monkeypatch.setattr(voice, "LONGEST_UTTERANCE_S", 600.0 if begins else 0.01)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(Say(now_ns(), "u1", "Hello"))
+        [first] = await goal_ids(bench, 1)
+        await bench.bridge.publish("/tts/status", {"status_list": [status(first, 0)]})
+        if begins:
+            await bench.bridge.publish("/tts/status", {"status_list": [status(first, 1)]})
+            await bench.bridge.publish("/tts/result", {"status": status(first, 3), "result": {}})
+        told = [("u1", "started"), ("u1", "finished")] if begins else [("u1", "failed")]
+        await bench.until(lambda: states(bench) == told, "it has its turn, or not in all that time")
+
+    with_link(ROBOT, test)
+
+
 def test_a_word_that_is_over_before_it_began_has_both_states() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "Hi", origin="phrase"))
