@@ -123,7 +123,7 @@ def proposed_in(answer: str, offer: Offer) -> Proposed | None:
     if len(answer) > _LONGEST_ANSWER:
         raise NotOfferedError("the answer is too long")
     try:
-        said = json.loads(answer)
+        said = _json_in(answer)
     except (ValueError, RecursionError):
         raise NotOfferedError("the answer is no JSON") from None
     if not isinstance(said, dict):
@@ -143,6 +143,14 @@ def proposed_in(answer: str, offer: Offer) -> Proposed | None:
         case "use" if action in offer.actions:
             return _use(said.get("control"), said.get("value"), offer)
     raise NotOfferedError(f"{_told(action)} is not among what may be proposed")
+
+
+def _json_in(answer: str) -> Any:
+    """Of a model that keeps to no schema it may stand in a fence, or between sentences. Raises ValueError."""
+    try:
+        return json.loads(answer)
+    except ValueError:
+        return json.loads(answer[answer.find("{") : answer.rfind("}") + 1])
 
 
 def _go_to(place: Any, offer: Offer) -> Proposed:

@@ -183,9 +183,17 @@ class Rounds:
         """The wizard corrected what is replied to."""
         current = self.round
         if current is not None and not same_words(current.text, text):
-            self._end("superseded", now_ns, why="the words were corrected")
-            self._pause = replace(current, text=text, revision=current.revision + 1)
-            self.pass_time(now_ns)
+            self._ask_anew(replace(current, text=text), "the words were corrected", now_ns)
+
+    def ask_again(self, why: str, now_ns: int) -> None:
+        """What was offered so far is no reply."""
+        if self.round is not None:
+            self._ask_anew(self.round, why, now_ns)
+
+    def _ask_anew(self, about: Round, why: str, now_ns: int) -> None:
+        self._end("superseded", now_ns, why=why)
+        self._pause = replace(about, revision=about.revision + 1)
+        self.pass_time(now_ns)
 
     def forget(self, now_ns: int) -> None:
         """Another conversation begins."""

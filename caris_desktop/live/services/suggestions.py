@@ -86,7 +86,7 @@ class SuggestionsService(Service):
         self._filler = FillerWait()
         self._asked: _Asked | None = None
         self._asking: Asking | None = None
-        self._read = 0
+        self._read, self._written = 0, ""
         self._read_ahead_of = ""
         self._detail = ""
         self._timer = QTimer(self, singleShot=True, timerType=Qt.TimerType.PreciseTimer)
@@ -179,7 +179,7 @@ class SuggestionsService(Service):
 
     def ask(self, begun: Round) -> None:
         """Rounds: a round begins."""
-        self._read, self._detail = 0, ""
+        self._read, self._written, self._detail = 0, "", ""
         self._proposals.drop(QT_TR_NOOP("the participant said more"))
         self._asked = asked = self._question(begun)
         settings = self._scenario.assistant
@@ -264,7 +264,18 @@ class SuggestionsService(Service):
             ),
         )  # fmt: skip
 
+    def _goes_on(self, written: str) -> bool:
+        """False where all that was written before turned out to be reasoning: what was offered of it goes."""
+        before, self._written = self._written.strip(), written
+        if written.startswith(before):
+            return True
+        self._rounds.ask_again(QT_TR_NOOP("it was the model's reasoning"), clock.now_ns())
+        self._show()
+        return False
+
     def _on_text(self, begun: Round, written: str) -> None:
+        if not self._goes_on(written):
+            return
         complete = replies_in(written)
         self._offer(begun, complete[self._read :])
         self._read = max(self._read, len(complete))
@@ -273,11 +284,13 @@ class SuggestionsService(Service):
     def _on_end(self, asked: _Asked, exchange: LlmExchange) -> None:
         if self._asking is None or self._asking.exchange_id != exchange.exchange_id:
             return  # it was dropped, and this tells of just that
+        if exchange.outcome == "answered" and not self._goes_on(exchange.answer):
+            return
         self._asking = None
         if exchange.outcome == "answered":
             # A server that keeps to no schema writes one reply a line.
             self._offer(asked.begun, replies_in(exchange.answer)[self._read :] or self._lines(exchange))
-            self._detail = exchange.detail
+            self._detail = exchange.detail if exchange.cut else ""
             self._proposals.ask_about(asked.begun, asked.messages, asked.recorded, exchange.answer)
         elif exchange.outcome == "cancelled" and not self._read:
             # Another model was chosen, which is there once this has returned.

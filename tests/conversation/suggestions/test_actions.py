@@ -170,3 +170,9 @@ def test_what_people_say_stands_in_quotation_marks_that_it_cannot_end() -> None:
     messages = prompt.reply_messages(prompt.ReplyGrounds("Be kind.", said, place='Kit"chen'), with_examples=False)
     assert [message.role for message in messages] == ["system", "user"]
     assert messages[1].content.count('"') == 4 and "\n" not in messages[1].content
+
+
+@pytest.mark.parametrize("written", ["```json\n{}\n```", "Sure, here it is: {}", "{}\n\nAnything else?"])
+def test_an_action_may_stand_in_a_fence_or_between_sentences(written: str) -> None:
+    said = '{"action": "use", "control": "light", "value": true}'
+    assert proposed_in(written.replace("{}", said), OFFER) == proposed_in(said, OFFER)

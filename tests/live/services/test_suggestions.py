@@ -142,6 +142,20 @@ def test_a_pause_that_is_over_before_the_clock_is_looked_at_again_is_one(
         qtbot.waitUntil(lambda number=number: len(desk.model.asked) == number, timeout=5_000)  # type: ignore[misc]
 
 
+@pytest.mark.parametrize("told_while_written", [True, False])
+def test_replies_that_were_reasoning_are_gone_and_others_are_asked_for(desk: Desk, *, told_while_written: bool) -> None:
+    question = desk.question()
+    question.write('{"answer": "I could say this.", "ask": "Or this?", "more": "')
+    assert len(desk.cards) == 2
+    if told_while_written:
+        question.write('{"answer": "It')
+    else:
+        question.answer(REPLIES)
+    assert desk.cards == [] and len(desk.model.of("replies")) == 2
+    desk.model.of("replies")[-1].answer(REPLIES)
+    assert desk.cards[0] == "It stops at once." and len(desk.cards) == 3
+
+
 def test_a_correction_of_the_words_asks_anew_and_one_of_the_speaker_not(desk: Desk) -> None:
     desk.question("Can it heat people?").answer(REPLIES)
     desk.publish(UtteranceCorrected(desk.now_ns, "t-1", text="Can it hurt people?"))
