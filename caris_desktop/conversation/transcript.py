@@ -34,8 +34,11 @@ class Turn:
 
     @property
     def said(self) -> bool:
-        """Whether at least a part of it was said, as far as is known by now."""
-        return self.started_ns is not None and self.state != "failed"
+        """Whether at least a part of it was said, as far as is known by now.
+
+        What the robot began to say was heard, also where its end is not known (the link was lost meanwhile).
+        """
+        return self.started_ns is not None and (self.state != "failed" or not is_heard(self))
 
     @property
     def over(self) -> bool:

@@ -16,12 +16,16 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Take or change the motion lease: ramp to ``target`` and hold it. Also renews the lease."""
+    """Take or change the motion lease: ramp to ``target`` and hold it. Also renews the lease.
+
+    ``drive_id`` counts the drives of the console: one that is let go and taken again is another.
+    """
 
     stamp_ns: int
     target: Twist2D
     source: CommandSource
     actor: Actor = ""
+    drive_id: int = 0
 
 
 @dataclass(frozen=True, slots=True)

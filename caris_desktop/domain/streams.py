@@ -117,6 +117,25 @@ BY_TYPE: dict[type[Any], StreamSpec] = {spec.value_type: spec for spec in STREAM
 BY_NAME: dict[str, StreamSpec] = {spec.name: spec for spec in STREAMS}
 
 
+STREAMS_OF_LINK = {
+    "control": ("scan", "odometry", "pose", "battery", "people_in_map", "path", "head", "readings"),
+    "media": ("frame", "map"),
+}
+"""What stands only as long as the link does that brings it."""
+_GONE = ("lost", "closed")
+
+
+def streams_voided_by(value: Any) -> tuple[str, ...]:
+    """The streams whose values from before ``value`` are void. A link in trouble, or one that is only beginning, voids
+    none: a robot sends its map once per subscription, and who throws it away for less than a loss never sees it again.
+    """
+    if isinstance(value, events.LinkChanged) and value.state in _GONE:
+        return STREAMS_OF_LINK.get(value.link, ())
+    if isinstance(value, events.RobotChosen):
+        return (*STREAMS_OF_LINK["control"], *STREAMS_OF_LINK["media"])
+    return ()
+
+
 def spec_of_topic(topic: str) -> StreamSpec | None:
     """The stream of a recorded channel; None for one that this program does not know."""
     name = topic.removeprefix("/")

@@ -5,13 +5,14 @@ from collections import deque
 from collections.abc import Callable, Collection
 from typing import Any
 
-from caris_desktop.domain.streams import BY_TYPE, Delivery, ShownAs, StreamSpec
+from caris_desktop.domain.streams import BY_TYPE, Delivery, ShownAs, StreamSpec, streams_voided_by
 
 
 class Mailbox:
     """Takes values from any thread; the GUI thread drains it.
 
-    State values overwrite their predecessor (that is the back-pressure), events queue up. ``wake`` is called in the
+    State values overwrite their predecessor (that is the back-pressure), events queue up; an event that voids streams
+    takes what waits of them along, for it would come after the event. ``wake`` is called in the
     putting thread, once for all that comes until the GUI thread drains, so a busy one is not woken once per value.
     """
 
@@ -29,6 +30,8 @@ class Mailbox:
         with self._lock:
             wakes = not self._woken
             if spec.delivery is Delivery.LOSSLESS:
+                for name in streams_voided_by(value):
+                    self._latest = {key: held for key, held in self._latest.items() if held[0].name != name}
                 self._events.append(value)
             else:
                 # What goes on waiting after a drain is taken in without another call.

@@ -17,9 +17,8 @@ from caris_desktop.domain.events import (
     TrafficMeasured,
 )
 from caris_desktop.domain.sensing import FrameRef, People, PeopleInMap
-from caris_desktop.domain.streams import BY_TYPE, EVENT_STREAMS
+from caris_desktop.domain.streams import BY_TYPE, EVENT_STREAMS, streams_voided_by
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.state import streams_lost_with
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.session_reader import Session
 
@@ -176,7 +175,7 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns:
     lost_ns = {
         event.link: event.stamp_ns
         for _, event in timeline.events_before(shown_ns, _LINK_CHANGES, types=(LinkChanged,))
-        if streams_lost_with(event)
+        if streams_voided_by(event)
     }
     return Situation(
         generation,

@@ -12,11 +12,11 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.events import LayoutChanged, LinkChanged, LinkQuality, RobotChosen, ScenarioOpened
 from caris_desktop.domain.sensing import FrameRef, People, StatusShown
-from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery
+from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, STREAMS_OF_LINK, Delivery
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.replay_feed import ReplayFeed, Situation
 from caris_desktop.live.replay_video import KEY_FRAMES_FROM_RATE, ReplayFrames, ReplayVideo
-from caris_desktop.live.state import STREAMS_OF_LINK, LiveState, LiveValue
+from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.status_tap import show_status
 from caris_desktop.recording.session.session_reader import Session

@@ -7,7 +7,7 @@ from typing import Any
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.clock import ClockAnchor, StampAge
 from caris_desktop.domain.events import (
     LinkChanged,
     LinkQuality,
@@ -18,7 +18,16 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.sensing import CameraState, FrameRef, People, PeopleInMap, PersonPlace
 from caris_desktop.domain.sound import Hearing
-from caris_desktop.domain.streams import BY_NAME, BY_TYPE, STATE_STREAMS, Delivery, Freshness, StreamSpec
+from caris_desktop.domain.streams import (
+    BY_NAME,
+    BY_TYPE,
+    STATE_STREAMS,
+    STREAMS_OF_LINK,
+    Delivery,
+    Freshness,
+    StreamSpec,
+    streams_voided_by,
+)
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import (
@@ -50,8 +59,6 @@ from caris_desktop.people.portraits import Portraits
 from caris_desktop.scenario.phrases import phrase_groups
 
 LOST_AFTER_S = 2.0
-# A stamp that is further off than this is not of the clock that the robot tells.
-_PLAUSIBLE_DELAY_S = 10.0
 _FRESHNESS_CHECK_MS = 100
 # Cameras that are not on show are looked at less often, and yet stand for the same moment in the map.
 _SEEN_TOGETHER_NS = 1_000_000_000
@@ -69,21 +76,6 @@ class PresentClock:
     live: bool = True
 
 
-# What stands only as long as the link does that brings it.
-STREAMS_OF_LINK = {
-    "control": ("scan", "odometry", "pose", "battery", "people_in_map", "path", "head", "readings"),
-    "media": ("frame", "map"),
-}
-_GONE = ("lost", "closed")
-
-
-def streams_lost_with(event: LinkChanged) -> tuple[str, ...]:
-    """The streams whose values are void from now on. A link in trouble, or one that is only beginning, takes none:
-    a robot sends its map once per subscription, and who throws it away for less than a loss never sees it again.
-    """
-    return STREAMS_OF_LINK.get(event.link, ()) if event.state in _GONE else ()
-
-
 class LiveStream(QObject):
     """One stream: ``changed(value)`` for each value that the GUI thread took, ``freshness_changed(str)`` as it ages."""
 
@@ -98,30 +90,47 @@ class LiveStream(QObject):
         self.freshness: Freshness = "none"
         self.arrivals = 0
         self.robot_clock: LinkQuality | None = None
+        self._stamps = StampAge()
 
     def age_s(self, *, at_ns: int | None = None) -> float | None:
         """How old the value is now, or ``at_ns`` of the session clock, in seconds; None before the first.
 
-        From the robot's own stamp where it has one and the robot's clock is known, and from its arrival otherwise: a
-        slow network delivers at full rate what was measured long ago.
+        Since its arrival, and how long it was under way as far as that is known: a slow network delivers at full rate
+        what was measured long ago.
         """
+        silent_s = self.silent_s(at_ns=at_ns)
+        return None if silent_s is None else silent_s + self._stamps.delay_s(*self._offset())
+
+    def silent_s(self, *, at_ns: int | None = None) -> float | None:
+        """For how long nothing has arrived."""
         if self.value is None:
             return None
         arrived_ago_s: float = ((self._present.now_ns() if at_ns is None else at_ns) - self.value.stamp_ns) / 1e9
-        return arrived_ago_s + self._delay_s()
+        return arrived_ago_s
 
-    def _delay_s(self) -> float:
-        """How long the value was under way at least, from the robot's sensor to this machine."""
-        robot_stamp_ns = getattr(self.value, "robot_stamp_ns", None)
+    @property
+    def age_known(self) -> bool:
+        """False where the robot's stamp is beyond belief: the age is at least what :meth:`age_s` says."""
+        return self.value is None or self._stamps.is_known(*self._offset())
+
+    @property
+    def arrives_late(self) -> bool:
+        """Whether values come as they should, but are old when they do."""
+        silent_s, stale_after_s = self.silent_s(), self.spec.stale_after_s
+        if silent_s is None or stale_after_s is None:
+            return False
+        return silent_s <= stale_after_s and self.freshness in ("stale", "lost")
+
+    def _offset(self) -> tuple[float | None, float]:
+        """The robot's clock minus ours, and its uncertainty, in nanoseconds."""
         quality = self.robot_clock
-        if robot_stamp_ns is None or quality is None or quality.clock_offset_ms is None:
-            return 0.0
-        stamped_ns = robot_stamp_ns - quality.clock_offset_ms * 1e6
-        delay_s = (self.value.stamp_ns - stamped_ns) / 1e9 - (quality.clock_uncertainty_ms or 0.0) / 1e3
-        return delay_s if 0.0 < delay_s < _PLAUSIBLE_DELAY_S else 0.0
+        if quality is None or quality.clock_offset_ms is None:
+            return None, 0.0
+        return quality.clock_offset_ms * 1e6, (quality.clock_uncertainty_ms or 0.0) * 1e6
 
     def update_value(self, value: Any) -> None:
         self.value = value
+        self._stamps.add(getattr(value, "robot_stamp_ns", None), arrival_ns=value.stamp_ns)
         self.arrivals += 1
         self.update_freshness()
         self.changed.emit(value)
@@ -129,6 +138,7 @@ class LiveStream(QObject):
     def clear(self) -> None:
         """Forget the value, so that nothing old is shown as if it were live."""
         self.value = None
+        self._stamps = StampAge()
         self.update_freshness()
 
     def update_freshness(self) -> None:
@@ -462,7 +472,7 @@ class LiveState(QObject):
 
     def forget_what_came_over(self, event: LinkChanged) -> None:
         """A link that is gone takes its latched values along; nothing old stays on show as live."""
-        for name in streams_lost_with(event):
+        for name in streams_voided_by(event):
             if name != "frame":
                 self._streams[name].clear()
                 continue

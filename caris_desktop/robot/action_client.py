@@ -1,6 +1,7 @@
 """Goals of any action: actionlib's topics in ROS 1, rosbridge's goal operations in ROS 2."""
 
 import logging
+import time
 from collections.abc import Mapping
 from typing import Any, Protocol
 from uuid import uuid4
@@ -39,6 +40,8 @@ FATE_TOLD_WITHIN_S = 5.0
 over, so who was away for longer does not learn of it any more."""
 FATE_UNKNOWN = QT_TR_NOOP("the link to the robot was lost, and what became of it is not known")
 _REMEMBERED_GOALS = 20
+_ADOPTED_WITHIN_S = 2.0
+"""A goal of ours turns up on the status topic within this time; what turns up later is somebody else's."""
 _ENDED_WITHOUT_REASON: dict[Ending, str] = {
     "reached": "",
     "cancelled": "",
@@ -172,7 +175,10 @@ class BridgedActionClient:
         self._client = roslibpy.ActionClient(ros, name, action_type)
         self._known_uuids: set[str] = set()
         self._uuid_of: dict[str, str] = {}
+        # The goal whose UUID is not known yet, and when it was sent.
         self._unknown: str | None = None
+        self._sent_s = 0.0
+        self._adopted: str | None = None
         # Their answers went down with the link that they were asked over.
         self._unanswered: set[str] = set()
         # A cancel that came before the goal was taken had nothing to cancel.
@@ -191,6 +197,8 @@ class BridgedActionClient:
             self._listener.goal_feedback(wire_ids[0], dict(values))
 
         def ended(results: Mapping[str, Any], *, worked: bool) -> None:
+            if self._unknown == wire_ids[0]:
+                self._unknown = None  # refused, or over before it turned up: no later goal is ours
             if not self._ros.is_connected:
                 self._unanswered.add(wire_ids[0])
                 return
@@ -213,7 +221,7 @@ class BridgedActionClient:
                 lambda results: ended(results, worked=False),
             )
         )
-        self._unknown = wire_ids[0]
+        self._unknown, self._adopted, self._sent_s = wire_ids[0], None, time.monotonic()
         return wire_ids[0]
 
     def cancel(self, wire_id: str) -> None:
@@ -252,10 +260,18 @@ class BridgedActionClient:
             self._tell_unanswered(uuid_hex, status)
             if uuid_hex in known:
                 continue
+            if status not in (ROS2_ACCEPTED, ROS2_EXECUTING, ROS2_CANCELING):
+                continue
+            if time.monotonic() - self._sent_s > _ADOPTED_WITHIN_S:
+                self._unknown = self._adopted = None
+            if self._adopted is not None:
+                # A second one: either may be ours. Without its name ours is cancelled by rosbridge alone.
+                self._uuid_of.pop(self._adopted, None)
+                self._adopted = None
             wire_id = self._unknown
-            if wire_id is not None and status in (ROS2_ACCEPTED, ROS2_EXECUTING, ROS2_CANCELING):
+            if wire_id is not None:
                 # The first goal that turns up after ours was sent.
-                self._unknown = None
+                self._unknown, self._adopted = None, wire_id
                 # Kept when it seems to have ended: after a lost link it goes on, and is known by this name only.
                 self._uuid_of[wire_id] = uuid_hex
                 while len(self._uuid_of) > _REMEMBERED_GOALS:

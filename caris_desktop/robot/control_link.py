@@ -1,6 +1,7 @@
 """The control link: motion, navigation, voice, emergency stop and the small sensor streams."""
 
 import asyncio
+import itertools
 import logging
 import math
 from collections.abc import Coroutine
@@ -35,7 +36,7 @@ from caris_desktop.robot.movement_check import MovementCheck
 from caris_desktop.robot.navigation import Navigator
 from caris_desktop.robot.navigation_speed import NavigationSpeed
 from caris_desktop.robot.outbox import Outbox
-from caris_desktop.robot.preflight import missing_from, problem_of_missing, take_inventory
+from caris_desktop.robot.preflight import missing_from, nothing_is_missing, problem_of_missing, take_inventory
 from caris_desktop.robot.profile import RobotProfile, interface_names
 from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.traffic import TrafficMeter
@@ -60,6 +61,8 @@ OLDEST_DRIVE_S = 0.25
 GUARD_WATCHED_EVERY_S = 0.25
 HANDLING_WATCHED_EVERY_S = 0.1
 NOT_HANDLED = QT_TR_NOOP("its rosbridge reads what is sent, and does not carry it out")
+INVENTORY_AGAIN_S = (3.0, 5.0, 10.0, 20.0, 30.0)
+"""Pauses before a robot that lacks something is asked again: nodes start one after another."""
 
 
 class ControlLink:
@@ -96,6 +99,7 @@ class ControlLink:
         self._zeros_again: list[asyncio.TimerHandle] = []
         # Who held or let go last, who stopped, and who switched the guard.
         self._driver: Actor = CONSOLE
+        self._drive_id = 0
         self._stopper: Actor = CONSOLE
         self._guard_switcher: Actor = CONSOLE
         self._odometry: Odometry | None = None
@@ -106,6 +110,7 @@ class ControlLink:
         self._drives_count_from_ns = 0
         self._told_missing: list[str] = []
         self._told_unproven = False
+        self._looking_around: asyncio.Task[None] | None = None
         self._closing = False
         self._tasks: set[asyncio.Task[None]] = set()
         velocity_type = type_name(self._dialect, "geometry_msgs", profile.velocity.type)
@@ -299,9 +304,9 @@ class ControlLink:
             if self._lease.latched:
                 # Something tries to move against the emergency stop: say zero once more.
                 self._lease.drive(command.target, command.source, self._loop.time())
-            self._put(DriveEnded(now_ns(), refusal, CONSOLE))
+            self._put(DriveEnded(now_ns(), refusal, CONSOLE, command.drive_id))
             return
-        self._driver = command.actor
+        self._driver, self._drive_id = command.actor, command.drive_id
         self._stopping = False
         if command.target.moving:
             # Taking the wheel takes it from the navigation.
@@ -339,7 +344,7 @@ class ControlLink:
             self._navigator.refuse(command, refusal)
             return
         if self._lease.end(self._loop.time()):
-            self._put(DriveEnded(now_ns(), QT_TR_NOOP("The robot navigates"), command.actor))
+            self._put(DriveEnded(now_ns(), QT_TR_NOOP("The robot navigates"), command.actor, self._drive_id))
         self._stopping = False
         # First, so that the goal begins with it; whoever else set the speed meanwhile does not count.
         self._goal_speed.apply()
@@ -356,7 +361,8 @@ class ControlLink:
             self._send_twist(ZERO_TWIST, "lease")
             self._lease.told(ZERO_TWIST)
         if self._lease.take_expired():
-            self._put(DriveEnded(now_ns(), QT_TR_NOOP("The console stopped answering for a moment"), CONSOLE))
+            reason = QT_TR_NOOP("The console stopped answering for a moment")
+            self._put(DriveEnded(now_ns(), reason, CONSOLE, self._drive_id))
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -485,7 +491,7 @@ class ControlLink:
 
     def _end_drive(self, reason: str) -> None:
         if self._lease.end(self._loop.time()):
-            self._put(DriveEnded(now_ns(), reason, CONSOLE))
+            self._put(DriveEnded(now_ns(), reason, CONSOLE, self._drive_id))
 
     # The obstacle guard
 
@@ -603,7 +609,7 @@ class ControlLink:
         self._emergency_stop.link_connected()
         self._watched.link_connected()
         self._controls.link_connected()
-        self._in_background(self._look_around())
+        self._looking_around = self._begin(self._look_around())
 
     def link_silent(self) -> None:
         self._silent = True
@@ -624,12 +630,14 @@ class ControlLink:
     def link_lost(self, reason: str) -> None:
         self._connected = False
         self._silent = False
+        if self._looking_around is not None:
+            self._looking_around.cancel()
         self._told = ZERO_TWIST
         self._unread.forget()
         self._handled.link_lost()
         self._forget_zeros()
         if self._lease.held:
-            self._put(DriveEnded(now_ns(), QT_TR_NOOP("The link to the robot was lost"), CONSOLE))
+            self._put(DriveEnded(now_ns(), QT_TR_NOOP("The link to the robot was lost"), CONSOLE, self._drive_id))
         self._lease.forget()
         self._navigator.link_lost()
         self._emergency_stop.link_lost()
@@ -664,9 +672,9 @@ class ControlLink:
 
     # What the robot tells
 
-    def _scan_taken(self, scan: LaserScan) -> None:
+    def _scan_taken(self, scan: LaserScan, delay_s: float) -> None:
         """A scan, before the console gets it: what it forbids is corrected at once."""
-        self._guard.take_scan(scan)
+        self._guard.take_scan(scan, delay_s=delay_s)
         self._lease.reconsider(self._loop.time())
         self._move()
 
@@ -685,19 +693,23 @@ class ControlLink:
             self._sensors.clear_path()
 
     async def _look_around(self) -> None:
-        """Learn what the robot offers, and say what it lacks of its profile, again where that has changed."""
-        try:
-            inventory = await take_inventory(self._ros)
-        except ServiceCallError as error:
-            logger.info("The robot's inventory is not known: %s", error)
-            self._maps.learn(None)
-            return
-        self._emergency_stop.learn(inventory)
-        self._maps.learn(inventory)
-        missing = missing_from(self._profile, inventory)
-        if missing and missing != self._told_missing:
-            self._put(problem_of_missing(missing))
-        self._told_missing = missing
+        """Learn what the robot offers, and say what it lacks of its profile; ask again while something is missing."""
+        for pause_s in itertools.chain(INVENTORY_AGAIN_S, itertools.repeat(INVENTORY_AGAIN_S[-1])):
+            try:
+                inventory = await take_inventory(self._ros)
+            except ServiceCallError as error:
+                logger.info("The robot's inventory is not known: %s", error)
+                self._maps.learn(None)
+            else:
+                self._emergency_stop.learn(inventory)
+                self._maps.learn(inventory)
+                missing = missing_from(self._profile, inventory)
+                if missing != self._told_missing and (missing or self._told_missing):
+                    self._put(problem_of_missing(missing) if missing else nothing_is_missing())
+                self._told_missing = missing
+                if not missing:
+                    return
+            await asyncio.sleep(pause_s)
 
     def _report_unusable_reading(self, title: str, reason: str) -> None:
         self._report.problems.count(
@@ -724,9 +736,13 @@ class ControlLink:
         )
 
     def _in_background(self, work: Coroutine[Any, Any, None]) -> None:
+        self._begin(work)
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = self._loop.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._finished)
+        return task
 
     def _finished(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)

@@ -372,9 +372,8 @@ class RobotControls:
             self._tell(command, "failed", QT_TR_NOOP("the robot is not connected"))
             return
         server.goals[wire_id] = _Goal(command)
-        if self._dialect is Dialect.ROS1:
-            # In ROS 2 a goal that nobody takes is answered; in ROS 1 it is silence.
-            self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(server, wire_id))
+        # A goal that nobody takes is silence; through rosbridge also one of ROS 2 that is refused.
+        self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(server, wire_id))
 
     def _give_up(self, server: _Server, wire_id: str) -> None:
         goal = server.goals.get(wire_id)

@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.pictures import picture_size
 from caris_desktop.domain.sensing import lidar_mounting
 from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
@@ -405,7 +406,7 @@ async def _with_what_is_heard(ros: SafeRos, offer: RobotOffer) -> RobotOffer:
     joints: dict[str, None] = {}
 
     def take_transforms(message: Any) -> None:
-        for transform in messages.decode_tf_message(message):
+        for transform in messages.decode_tf_message(message, unusable=lambda *_told: None):
             frames.update((transform.parent_frame.lstrip("/"), transform.child_frame.lstrip("/")))
 
     def take_joints(message: Any) -> None:
@@ -491,7 +492,8 @@ class _Ear:
         self._message = message
         self._heard_ns = time.time_ns()
         if self._tree is not None:
-            self._tree.add(messages.decode_tf_message(message), static=self._named.field == "tf_static")
+            told = messages.decode_tf_message(message, unusable=lambda *_told: None)
+            self._tree.add(told, static=self._named.field == "tf_static")
 
     def verdict(self, offset_ns: int | None) -> StreamCheck:
         named = self._named
@@ -740,8 +742,14 @@ def _battery(message: Any) -> str:
 
 
 def _odometry(message: Any) -> str:
-    twist = messages.decode_odometry(message, stamp_ns=0).twist
-    return f"{twist.forward_mps:.2f} m/s, {twist.turn_radps:.2f} rad/s."
+    poseless: list[str] = []
+
+    def reckoned(_twist: Twist2D) -> Pose2D:
+        poseless.append(QT_TR_NOOP("It tells no rotation (a zero quaternion): only its speed is used."))
+        return Pose2D(0.0, 0.0, 0.0)
+
+    twist = messages.decode_odometry(message, stamp_ns=0, pose_of=reckoned).twist
+    return joined((f"{twist.forward_mps:.2f} m/s, {twist.turn_radps:.2f} rad/s.", *poseless))
 
 
 def _pose(message: Any) -> str:

@@ -135,6 +135,7 @@ class ObstacleGuard:
         self._reckoned_s: float | None = None
         self._travelled_m = 0.0
         self._scan_s: float | None = None
+        self._delay_s = 0.0
         self._period_s = 0.0
         self._blocked = False
         self._own_range_m = np.full(_BINS, np.nan)
@@ -169,8 +170,11 @@ class ObstacleGuard:
         self._reckon(now_s)
         self._sent = twist
 
-    def take_scan(self, scan: LaserScan) -> None:
-        """A scan that tells nothing, such as that of a covered LIDAR or of one mounted nobody knows where, is none."""
+    def take_scan(self, scan: LaserScan, *, delay_s: float = 0.0) -> None:
+        """A scan that tells nothing, such as that of a covered LIDAR or of one mounted nobody knows where, is none.
+
+        ``delay_s`` is how long it was under way, as far as that is known.
+        """
         if scan.robot_from_laser is None:
             return
         now_s = scan.stamp_ns / 1e9
@@ -191,7 +195,7 @@ class ObstacleGuard:
         if self._scan_s is not None and now_s > self._scan_s:
             period_s = min(now_s - self._scan_s, 1.0)
             self._period_s = period_s if not self._period_s else 0.8 * self._period_s + 0.2 * period_s
-        self._scan_s = now_s
+        self._scan_s, self._delay_s = now_s, delay_s
         at_laser = np.where(measured, ranges_m, 0.0)
         angles = angle_min_rad + increment_rad * np.arange(len(ranges_m))
         points_in_laser = np.column_stack((at_laser * np.cos(angles), at_laser * np.sin(angles)))
@@ -246,7 +250,7 @@ class ObstacleGuard:
         """Whether the newest scan is too old to be the truth (or there is none)."""
         if self._scan_s is None:
             return True
-        return now_s - self._scan_s > max(_STALE_AFTER_S, _STALE_PERIODS * self._period_s)
+        return now_s - self._scan_s + self._delay_s > max(_STALE_AFTER_S, _STALE_PERIODS * self._period_s)
 
     def _obstacle_limit(self, twist: Twist2D, now_s: float) -> GuardLimit:
         speed_mps = math.hypot(twist.forward_mps, twist.left_mps)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.events import OVERTAKEN, Gap, LinkQuality
+from caris_desktop.domain.events import LOST_ON_THE_WAY, OVERTAKEN, Gap, LinkQuality
 from caris_desktop.robot.clock_offset import ClockOffset, OffsetEstimate
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
@@ -19,8 +19,48 @@ logger = logging.getLogger(__name__)
 MEASURE_EVERY_S = 1.0
 _LOOK_EVERY_S = 0.1
 _ROUND_TRIPS = 10
+_PERIODS = 40
+_LONGEST_GAP_NS = 1_000_000_000
 _UNKNOWN_DELAY_S = 0.1
 _SIMULATION_TIME_EVERY_NS = 50_000_000
+
+
+class LostOnTheWay:
+    """Counts the messages of one topic that are missing between others, by the robot's stamps.
+
+    rosbridge and the network tell of none that they drop. A sender that keeps its rate, as LIDARs and bases do, shows
+    them as stamps that are a whole number of periods apart. Pauses of over a second are told by the stream's age.
+    """
+
+    def __init__(self) -> None:
+        self._before_ns: int | None = None
+        self._periods_ns: deque[int] = deque(maxlen=_PERIODS)
+        self._count = 0
+        self._overtaken = 0
+
+    def add(self, robot_stamp_ns: int | None) -> None:
+        before_ns, self._before_ns = self._before_ns, robot_stamp_ns
+        if before_ns is None or robot_stamp_ns is None:
+            return
+        apart_ns = robot_stamp_ns - before_ns
+        if not 0 < apart_ns <= _LONGEST_GAP_NS:
+            return
+        if len(self._periods_ns) == _PERIODS:
+            periods = sorted(self._periods_ns)
+            usual_ns = periods[_PERIODS // 2]
+            # One that keeps no rate, or is thinned by a throttle that does not fit it, shows nothing.
+            steady = periods[_PERIODS * 9 // 10] < 1.3 * usual_ns
+            if steady and apart_ns > 1.7 * usual_ns:
+                self._count += round(apart_ns / usual_ns) - 1
+        self._periods_ns.append(apart_ns)
+
+    def take(self, *, overtaken: int) -> int:
+        """How many are missing since the last call, apart from those that are known to have been ``overtaken``."""
+        self._overtaken += overtaken
+        known = min(self._count, self._overtaken)
+        lost, self._count = self._count - known, 0
+        self._overtaken -= known
+        return lost
 
 
 class LinkMeasurement:
@@ -55,6 +95,7 @@ class LinkMeasurement:
         self._clock = ClockOffset.of_simulation_time() if simulation_time else ClockOffset()
         self._simulation_time_ns = 0
         self._round_trips_s: deque[float] = deque(maxlen=_ROUND_TRIPS)
+        self._lost = {topic: LostOnTheWay() for topic in streams}
 
     def offset_at(self, session_ns: int) -> OffsetEstimate | None:
         """Robot clock minus session clock at a moment that is not before the last sample."""
@@ -63,6 +104,10 @@ class LinkMeasurement:
     def take_round_trip(self, round_trip_s: float) -> None:
         """A ping came back."""
         self._round_trips_s.append(round_trip_s)
+
+    def take_message(self, topic: str, robot_stamp_ns: int | None) -> None:
+        """A message of one of the ``streams``, with the robot's stamp."""
+        self._lost[topic].add(robot_stamp_ns)
 
     def take_stamp(self, robot_stamp_ns: int | None) -> None:
         """The stamp of the message that is being handled, where it is never ahead of the robot's clock."""
@@ -82,6 +127,7 @@ class LinkMeasurement:
     def link_lost(self) -> None:
         """What was measured of the round trip is no longer true; the clock goes on by itself."""
         self._round_trips_s.clear()
+        self._lost = {topic: LostOnTheWay() for topic in self._streams}
 
     async def run(self) -> None:
         """Measure until cancelled."""
@@ -92,9 +138,13 @@ class LinkMeasurement:
         while True:
             await asyncio.sleep(MEASURE_EVERY_S)
             at_ns = now_ns()
-            for topic, count in self._ros.factory.take_overtaken().items():
-                if topic in self._streams:
-                    self._put(Gap(at_ns, self._streams[topic], count, OVERTAKEN))
+            overtaken = self._ros.factory.take_overtaken()
+            for topic, stream in self._streams.items():
+                if count := overtaken.get(topic, 0):
+                    self._put(Gap(at_ns, stream, count, OVERTAKEN))
+                # What gave way here is missing among the stamps as well.
+                if lost := self._lost[topic].take(overtaken=count):
+                    self._put(Gap(at_ns, stream, lost, LOST_ON_THE_WAY))
             if not self._ros.is_connected:
                 continue
             self._put(self._traffic.measure(at_ns, self._clock.at))

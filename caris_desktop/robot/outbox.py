@@ -1,10 +1,12 @@
 """What a link process sends to the console, without ever waiting for it."""
 
+import heapq
 import logging
 import threading
 from collections import deque
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from operator import itemgetter
 from typing import Any
 
 from caris_desktop.domain.clock import now_ns
@@ -28,14 +30,17 @@ class Outbox:
 
     A stopped console fills the pipe and blocks a writer. That writer is this thread, so the loop with the motion
     lease on it goes on. Events are kept (up to a bound that a day of sleep does not exhaust); of state values the
-    oldest give way, and what gave way is reported as a :class:`Gap`.
+    oldest give way, and what gave way is reported as a :class:`Gap`. Everything goes in the order in which it was put:
+    a value that overtook the loss of the link, or came after it, would be taken for a live one.
     """
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
         self._changed = threading.Condition()
-        self._events: deque[Any] = deque()
-        self._values: dict[str, deque[Any]] = {}
+        # Each with its number in the order in which all were put.
+        self._events: deque[tuple[int, Any]] = deque()
+        self._values: dict[str, deque[tuple[int, Any]]] = {}
+        self._number = 0
         self._gaps: dict[str, int] = {}
         self._closing = False
         self._thread = threading.Thread(target=self._write, name="link-outbox", daemon=True)
@@ -45,11 +50,12 @@ class Outbox:
         """Never blocks. Raises KeyError for a type that is not in the stream table."""
         spec = BY_TYPE[type(value)]
         with self._changed:
+            self._number += 1
             if spec.delivery is Delivery.LOSSLESS:
                 if len(self._events) >= MOST_EVENTS:
                     self._events.popleft()
                     self._gaps["events"] = self._gaps.get("events", 0) + 1
-                self._events.append(value)
+                self._events.append((self._number, value))
             else:
                 # Each camera is a stream of its own.
                 key = f"{spec.name}:{value.camera}" if isinstance(value, FrameRef) else spec.name
@@ -57,7 +63,7 @@ class Outbox:
                 if len(waiting) >= (MOST_SOUNDS if isinstance(value, AudioChunk) else MOST_VALUES_PER_STREAM):
                     waiting.popleft()
                     self._gaps[spec.name] = self._gaps.get(spec.name, 0) + 1
-                waiting.append(value)
+                waiting.append((self._number, value))
             self._changed.notify()
 
     def close(self, timeout_s: float) -> None:
@@ -72,8 +78,8 @@ class Outbox:
             with self._changed:
                 while not (self._events or any(self._values.values()) or self._closing):
                     self._changed.wait()
-                batch = list(self._events)
-                batch += [value for waiting in self._values.values() for value in waiting]
+                numbered = heapq.merge(self._events, *self._values.values(), key=itemgetter(0))
+                batch = [value for _number, value in numbered]
                 batch += [
                     Gap(now_ns(), stream, count, QT_TR_NOOP("the console did not keep up"))
                     for stream, count in self._gaps.items()

@@ -189,6 +189,13 @@ def problem_of_missing(missing: Sequence[str]) -> Problem:
     )
 
 
+def nothing_is_missing() -> Problem:
+    """It is all there now: ends what :func:`problem_of_missing` began."""
+    return Problem(
+        now_ns(), "info", QT_TR_NOOP("The robot has all that its profile names now."), "", "", cause="robot_lacks"
+    )
+
+
 def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:
     """A sentence where a camera's pictures are there in the other form than the profile says; empty otherwise."""
     if not named.field.startswith("cameras.") or named.field.endswith(".info"):

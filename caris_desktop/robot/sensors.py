@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.clock import StampAge, now_ns
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose, lidar_mounting
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.robot.footprint import moved_by
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import LinkReporter
 from caris_desktop.robot.localization import PoseTracker
@@ -42,7 +43,8 @@ CLOCK = TopicSource("/clock", throttle_ms=100)
 class Sensors:
     """Subscribes to what the profile names and hands domain values to ``put``.
 
-    ``scan_taken``, ``odometry_taken`` and ``pose_taken`` are called with each LaserScan, Odometry and RobotPose too.
+    ``scan_taken``, ``odometry_taken`` and ``pose_taken`` are called with each LaserScan, Odometry and RobotPose too;
+    with a scan also how many seconds it was under way, as far as that is known.
     """
 
     def __init__(
@@ -54,7 +56,7 @@ class Sensors:
         watched: WatchedTopics,
         *,
         put: Callable[[Any], None],
-        scan_taken: Callable[[LaserScan], None],
+        scan_taken: Callable[[LaserScan, float], None],
         odometry_taken: Callable[[Odometry], None],
         pose_taken: Callable[[RobotPose], None],
     ) -> None:
@@ -73,6 +75,9 @@ class Sensors:
         self._scans_since_ns: int | None = None
         self._told_frames: set[str] = set()
         self._told_lost = False
+        self._scan_stamps = StampAge()
+        self._odometry: Odometry | None = None
+        self._told_transforms: set[str] = set()
         self.pose_in_map: Pose2D | None = None
         self._subscribe()
 
@@ -80,6 +85,8 @@ class Sensors:
         """What was known of the robot's place is no longer."""
         self._poses.forget()
         self._transforms_since_ns = self._scans_since_ns = None
+        self._scan_stamps = StampAge()
+        self._odometry = None
         self._told_frames.clear()
         self._told_lost = False
         self.pose_in_map = None
@@ -134,12 +141,17 @@ class Sensors:
 
     def _take_scan(self, message: Any) -> None:
         scan = decode_laser_scan(message, stamp_ns=self._ros.arrival_ns)
+        if self._profile.scan is not None:
+            self._measurement.take_message(self._profile.scan.topic, scan.robot_stamp_ns)
         scan = self._mounted(scan)
         # Where the robot was when it measured, not where it is when that arrives: a turning robot has turned on.
         map_from_robot = self._poses.map_from_base(robot_stamp_ns=scan.robot_stamp_ns, now_ns=scan.stamp_ns)
         if map_from_robot is not None and scan.robot_from_laser is not None:
             scan = replace(scan, map_from_laser=map_from_robot @ scan.robot_from_laser)
-        self._scan_taken(scan)
+        self._scan_stamps.add(scan.robot_stamp_ns, arrival_ns=scan.stamp_ns)
+        offset = self._measurement.offset_at(scan.stamp_ns)
+        known = (None, 0.0) if offset is None else (offset.offset_ns, offset.uncertainty_ns)
+        self._scan_taken(scan, self._scan_stamps.delay_s(*known))
         self._put(scan)
 
     def _mounted(self, scan: LaserScan) -> LaserScan:
@@ -190,18 +202,53 @@ class Sensors:
         )
 
     def _take_odometry(self, message: Any) -> None:
-        odometry = decode_odometry(message, stamp_ns=self._ros.arrival_ns)
+        odometry = decode_odometry(message, stamp_ns=self._ros.arrival_ns, pose_of=self._reckoned)
+        self._odometry = odometry
+        if self._profile.odometry is not None:
+            self._measurement.take_message(self._profile.odometry.topic, odometry.robot_stamp_ns)
         self._measurement.take_stamp(odometry.robot_stamp_ns)
         self._odometry_taken(odometry)
         self._put(odometry)
         self._put_pose(self._poses.take_odometry(odometry))
+
+    def _reckoned(self, twist: Twist2D) -> Pose2D:
+        """The pose of an odometry that tells none (a zero quaternion): carried on with its speed."""
+        self._report.problems.count(
+            "odometry without pose",
+            severity="warning",
+            what=QT_TR_NOOP("The robot's odometry tells no rotation (a zero quaternion), so its pose is not used."),
+            meaning=QT_TR_NOOP("Its speed is used; its way is reckoned from that, and is less exact."),
+            advice=QT_TR_NOOP("Have the robot's base driver fill in the orientation of its odometry."),
+        )
+        before = self._odometry
+        if before is None:
+            return Pose2D(0.0, 0.0, 0.0)
+        elapsed_s = min((self._ros.arrival_ns - before.stamp_ns) / 1e9, 1.0)
+        return before.pose_in_odom @ moved_by(twist, elapsed_s)
+
+    def _complain_of_transform(self, parent: str, child: str, why: str) -> None:
+        if child not in self._told_transforms and len(self._told_transforms) >= 20:
+            return
+        self._told_transforms.add(child)
+        self._report.problems.count(
+            f"transform {child}",
+            severity="warning",
+            what=filled(
+                QT_TR_NOOP("The transform from {parent} to {child} cannot be used: {why}."),
+                parent=repr(parent[:100]),
+                child=repr(child[:100]),
+                why=why,
+            ),
+            meaning=QT_TR_NOOP("What hangs from it has no place; the robot's other transforms are used."),
+            advice=QT_TR_NOOP("Correct the node that publishes it on the robot."),
+        )
 
     def _take_pose(self, message: Any) -> None:
         pose = decode_pose_with_covariance_stamped(message, stamp_ns=self._ros.arrival_ns)
         self._put_pose(self._poses.take_pose(pose))
 
     def _take_transforms(self, message: Any, *, static: bool = False) -> None:
-        told = decode_tf_message(message)
+        told = decode_tf_message(message, unusable=self._complain_of_transform)
         if told and self._transforms_since_ns is None:
             self._transforms_since_ns = self._ros.arrival_ns
         self._put_pose(self._poses.take_transforms(told, stamp_ns=self._ros.arrival_ns, static=static))

@@ -204,6 +204,14 @@ def decode_rotation(quaternion: Message, what: str) -> tuple[float, float, float
     return x / norm, y / norm, z / norm, w / norm
 
 
+def is_zero_quaternion(quaternion: Any) -> bool:
+    """Whether this is a quaternion that nobody has filled in."""
+    if not isinstance(quaternion, dict):
+        return False
+    values = [quaternion.get(axis) for axis in "xyzw"]
+    return all(isinstance(value, (int, float)) and abs(value) < 1e-9 for value in values)
+
+
 def decode_heading(quaternion: Message, what: str) -> float:
     """Heading in radians (-pi, pi] of a quaternion, which need not be normalised."""
     return Pose3D(0.0, 0.0, 0.0, *decode_rotation(quaternion, what)).heading_rad

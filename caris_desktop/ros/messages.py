@@ -7,6 +7,7 @@ yields and raises :class:`MessageError`, and nothing else, for whatever is malfo
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from caris_desktop.ros.fields import (
     floats_or_empty,
     frame_of,
     int8s,
+    is_zero_quaternion,
     message_of,
     number,
     number_or_none,
@@ -162,15 +164,18 @@ def encode_odometry(
     }
 
 
-def decode_odometry(message: Any, *, stamp_ns: int) -> Odometry:
-    """nav_msgs/Odometry."""
+def decode_odometry(message: Any, *, stamp_ns: int, pose_of: Callable[[Twist2D], Pose2D] | None = None) -> Odometry:
+    """nav_msgs/Odometry. ``pose_of`` gives the pose where the message tells no rotation, else such a one is refused."""
     odometry = message_of(message, "Odometry")
     pose, twist = part(odometry, "pose", "Odometry"), part(odometry, "twist", "Odometry")
+    velocity = decode_twist(part(twist, "twist", "Odometry.twist"))
+    placed = part(pose, "pose", "Odometry.pose")
+    no_rotation = pose_of is not None and is_zero_quaternion(placed.get("orientation"))
     return Odometry(
         stamp_ns=stamp_ns,
         robot_stamp_ns=stamp_of(odometry, "Odometry"),
-        pose_in_odom=decode_pose(part(pose, "pose", "Odometry.pose"), "Odometry.pose.pose"),
-        twist=decode_twist(part(twist, "twist", "Odometry.twist")),
+        pose_in_odom=pose_of(velocity) if pose_of and no_rotation else decode_pose(placed, "Odometry.pose.pose"),
+        twist=velocity,
     )
 
 
@@ -263,20 +268,34 @@ def encode_tf_message(dialect: Dialect, transforms: list[tuple[str, str, Pose2D]
     }
 
 
-def decode_tf_message(message: Any) -> tuple[Transform, ...]:
-    """tf2_msgs/TFMessage. A leading slash of a frame name (an old habit) is dropped."""
+def decode_tf_message(
+    message: Any, *, unusable: Callable[[str, str, str], None] | None = None
+) -> tuple[Transform, ...]:
+    """tf2_msgs/TFMessage. A leading slash of a frame name (an old habit) is dropped.
+
+    ``unusable`` gets parent, child and reason of each transform that is left out because its numbers are none; without
+    it the message is refused.
+    """
     entries = objects(message_of(message, "TFMessage"), "transforms", "TFMessage", most=MAX_TRANSFORMS)
     transforms = []
     for index, entry in enumerate(entries):
         what = f"TFMessage.transforms[{index}]"
-        transform = part(entry, "transform", what)
-        translation = part(transform, "translation", what)
-        x_m, y_m, z_m = (number(translation, axis, f"{what}.translation") for axis in "xyz")
-        rotation = decode_rotation(part(transform, "rotation", what), f"{what}.rotation")
-        pose = Pose3D(x_m, y_m, z_m, *rotation)
-        child = text(entry, "child_frame_id", what).lstrip("/")
-        transforms.append(Transform(frame_of(entry, what).lstrip("/"), child, pose, stamp_of(entry, what)))
+        parent, child = frame_of(entry, what).lstrip("/"), text(entry, "child_frame_id", what).lstrip("/")
+        try:
+            pose = _decode_transform(part(entry, "transform", what), what)
+        except MessageError as error:
+            if unusable is None:
+                raise MessageError(f"the transform from '{parent}' to '{child}': {error}") from error
+            unusable(parent, child, str(error))
+            continue
+        transforms.append(Transform(parent, child, pose, stamp_of(entry, what)))
     return tuple(transforms)
+
+
+def _decode_transform(transform: Message, what: str) -> Pose3D:
+    translation = part(transform, "translation", what)
+    x_m, y_m, z_m = (number(translation, axis, f"{what}.translation") for axis in "xyz")
+    return Pose3D(x_m, y_m, z_m, *decode_rotation(part(transform, "rotation", what), f"{what}.rotation"))
 
 
 def encode_battery_state(dialect: Dialect, battery: BatteryState, *, stamp_ns: int, voltage_v: float = 24.0) -> Message:

@@ -166,7 +166,7 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
             return SESSION, tr("Robot: {name}").format(name=title)
         case events.ScenarioOpened(title=title):
             return SESSION, tr("Scenario: {title}").format(title=title)
-        case events.Gap(reason=events.OVERTAKEN):
+        case events.Gap(reason=events.OVERTAKEN | events.LOST_ON_THE_WAY):
             return None  # every second on a crowded machine
         case events.Gap(stream=stream, count=count, reason=reason):
             return PROBLEMS, with_detail(missing(stream, count), read_reason(reason))

@@ -38,10 +38,10 @@ class Sign:
 _SIGNS: Mapping[tuple[SignName, str], Sign] = {
     ("moving", "yes"): Sign("on", "arrow-fat-up", QT_TR_NOOP("Moving")),
     ("moving", "no"): Sign("off", "anchor-simple", QT_TR_NOOP("Still")),
-    ("moving", "by others"): Sign("on", "warning", QT_TR_NOOP("Moving")),
-    ("moving", "not following"): Sign("half", "warning", QT_TR_NOOP("Not driving")),
+    ("moving", "others"): Sign("on", "warning", QT_TR_NOOP("Moving")),
+    ("moving", "held"): Sign("half", "warning", QT_TR_NOOP("Not driving")),
     ("moving", "unknown"): Sign("half", "question", QT_TR_NOOP("Not known")),
-    ("moving", "no link"): Sign("half", "question", QT_TR_NOOP("No link")),
+    ("moving", "unlinked"): Sign("half", "question", QT_TR_NOOP("No link")),
     ("speaking", "yes"): Sign("on", "speaker-high", QT_TR_NOOP("Speaking")),
     ("speaking", "no"): Sign("off", "speaker-slash", QT_TR_NOOP("Silent")),
     ("recording", "yes"): Sign("on", "record", QT_TR_NOOP("Recording")),
@@ -57,11 +57,11 @@ def signs_of(state: LiveState, *, moves: bool | None) -> dict[SignName, Sign]:
     """The four signs as things are; ``moves``: the robot's own wheels say so, None where nobody knows."""
     movement = state.drive.value.movement
     if state.link.value.state not in ("connected", "trouble"):
-        moving = "no link"
+        moving = "unlinked"
     elif moves is None:
         moving = "unknown"
     elif movement in ("uncommanded", "not_following"):
-        moving = "by others" if movement == "uncommanded" else "not following"
+        moving = "others" if movement == "uncommanded" else "held"
     else:
         moving = "yes" if moves else "no"
     speaks = state.speech.value.now is not None or state.sound.value.talking == "robot"

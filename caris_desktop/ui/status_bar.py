@@ -267,13 +267,20 @@ class StatusBar(Bar, QWidget):
 
     def _stream_words(self, name: str, stream: LiveStream) -> tuple[str, str]:
         age = words.age(stream.age_s() or 0.0)
+        if not stream.age_known and stream.freshness == "fresh":
+            return tr("{stream}, age unknown").format(stream=name), "amber"
+        if stream.arrives_late:
+            return tr("{stream} arrives {age} old").format(stream=name, age=age), (
+                "amber" if stream.freshness == "stale" else "red"
+            )
+        silent = words.age(stream.silent_s() or 0.0)
         match stream.freshness:
             case "fresh":
                 return tr("{stream} {age}").format(stream=name, age=age), "dim"
             case "stale":
-                return tr("{stream} delayed {age}").format(stream=name, age=age), "amber"
+                return tr("{stream} delayed {age}").format(stream=name, age=silent), "amber"
             case "lost":
-                return tr("{stream} lost for {age}").format(stream=name, age=age), "red"
+                return tr("{stream} lost for {age}").format(stream=name, age=silent), "red"
             case _:
                 none = tr("no {stream} yet") if self._console.state.present.live else tr("no {stream}")
                 return none.format(stream=name), "dim"

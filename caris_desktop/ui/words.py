@@ -9,6 +9,7 @@ from caris_desktop.domain.sensing import CameraState, PersonBox
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
 from caris_desktop.domain.told_again import told_again
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus
 from caris_desktop.people.presence import PersonRow, is_unnamed_label, unnamed_number
 from caris_desktop.robot.profile import RobotProfile
@@ -39,6 +40,11 @@ def age(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min"
+
+
+def stream_age(stream: LiveStream) -> str:
+    """How old a stream's newest value is, where anybody knows."""
+    return age(stream.age_s() or 0.0) if stream.age_known else tr("age unknown")
 
 
 def since(seconds: float) -> str:

@@ -2,8 +2,12 @@
 
 import threading
 
-from caris_desktop.domain.events import Marked
-from caris_desktop.domain.sensing import AudioBlock, BatteryState, FrameRef, People
+import numpy as np
+import pytest
+
+from caris_desktop.domain.events import LinkChanged, LinkState, Marked, RobotChosen
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import AudioBlock, BatteryState, FrameRef, OccupancyGrid, People
 from caris_desktop.live.mailbox import Mailbox
 
 
@@ -50,6 +54,31 @@ def test_the_picture_can_be_taken_alone_while_the_panels_wait() -> None:
     mailbox.put(_frame(2))
     assert wakes, "but a picture is told at once"
     assert mailbox.drain() == ([], [BatteryState(2, 0.4), _frame(2)])
+
+
+@pytest.mark.parametrize("state", ["lost", "closed"])
+def test_what_waits_of_a_link_that_is_gone_goes_with_it(state: LinkState) -> None:
+    mailbox = Mailbox(lambda: None)
+    grid = OccupancyGrid(1, None, 0.05, Pose2D(0, 0, 0), np.zeros((2, 2), np.int8))
+    lost = LinkChanged(2, "control", state, "ws://robot")
+    for value in (BatteryState(1, 0.5), grid, lost):
+        mailbox.put(value)
+    assert mailbox.drain() == ([lost], [grid]), "the map came over the other link"
+    mailbox.put(LinkChanged(2, "media", state, "ws://robot"))
+    mailbox.put(grid)
+    assert mailbox.drain()[1] == [grid], "what comes after it is of the next connection"
+    trouble = LinkChanged(3, "control", "trouble", "ws://robot")
+    mailbox.put(BatteryState(3, 0.5))
+    mailbox.put(trouble)
+    assert mailbox.drain() == ([trouble], [BatteryState(3, 0.5)])
+
+
+def test_what_waits_of_one_robot_is_not_shown_as_the_next_one_s() -> None:
+    mailbox = Mailbox(lambda: None)
+    chosen = RobotChosen(2, "Other", "other", "ws://other", "", "wizard")
+    mailbox.put(BatteryState(1, 0.5))
+    mailbox.put(chosen)
+    assert mailbox.drain() == ([chosen], [])
 
 
 def test_cameras_do_not_overwrite_one_another() -> None:

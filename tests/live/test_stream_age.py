@@ -6,8 +6,10 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, LinkQuality
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, Odometry, People, PeopleInMap, PersonPlace
+from caris_desktop.live.services import drive
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
+from caris_desktop.ui import words
 
 S = 1_000_000_000
 OFFSET_NS = 1_700_000_000 * S
@@ -53,14 +55,39 @@ def test_a_delay_that_may_be_an_error_of_the_clock_is_none(state: LiveState) -> 
     assert state.odometry.freshness == "fresh"
 
 
-@pytest.mark.parametrize("late_s", [3600.0, -3600.0, -0.4])
-def test_a_stamp_of_another_clock_makes_nothing_old_or_young(state: LiveState, late_s: float) -> None:
+@pytest.mark.parametrize(("late_s", "known"), [(3600.0, False), (10.0, False), (-3600.0, False), (-0.4, True)])
+def test_a_stamp_of_another_clock_makes_nothing_old_or_young(state: LiveState, late_s: float, known: bool) -> None:
     knows_the_clock(state)
     state.take(odometry(late_s=late_s))
     assert state.odometry.freshness == "fresh"
+    assert state.odometry.age_known is known
+    assert (words.stream_age(state.odometry) == "age unknown") is not known
     age_s = state.odometry.age_s()
     assert age_s is not None
     assert 0.0 <= age_s < 0.4
+
+
+def test_what_arrives_old_is_not_said_to_be_silent(state: LiveState) -> None:
+    knows_the_clock(state)
+    state.take(odometry(late_s=3.0))
+    assert (state.odometry.freshness, state.odometry.arrives_late) == ("lost", True)
+    silent_s = state.odometry.silent_s()
+    assert silent_s is not None
+    assert silent_s < 1.0
+    assert "arrives 3." in drive._missing("odometry", state.odometry)
+
+
+def test_without_a_clock_what_comes_later_than_usual_is_known_to_be_old(state: LiveState) -> None:
+    """The sensor's clock is an hour off, and then the network holds what it sends."""
+    knows_the_clock(state)
+    for _ in range(3):
+        state.take(odometry(late_s=3600.0))
+    state.take(odometry(late_s=3601.0))
+    assert (state.odometry.freshness, state.odometry.age_known) == ("stale", False)
+    state.take(odometry(late_s=3600.0))
+    assert state.odometry.freshness == "fresh"
+    state.take(odometry(late_s=-100.0))
+    assert state.odometry.freshness == "fresh", "its clock was set, and nothing is known of before"
 
 
 def test_of_several_cameras_one_is_on_show(state: LiveState) -> None:

@@ -291,6 +291,17 @@ def test_an_action_of_ros2() -> None:
     with_link(RobotProfile("test", "Test", ros=2, controls=(WAVE,)), test)
 
 
+def test_an_action_of_ros2_that_is_refused_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """rosbridge answers no goal that is refused, or that nobody takes."""
+    monkeypatch.setattr(controls, "NO_ANSWER_S", 0.1)
+
+    async def test(bench: LoopBench) -> None:
+        bench.send(use("wave", True))
+        assert "did not answer" in (await ended(bench)).detail
+
+    with_link(RobotProfile("test", "Test", ros=2, controls=(WAVE,)), test)
+
+
 def test_an_action_that_nobody_offers_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(controls, "NO_ANSWER_S", 0.1)
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.domain.events import CommandSent, Gap, Problem
+from caris_desktop.domain.events import CommandSent, Gap, LinkChanged, Problem
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.sensing import RobotPose
+from caris_desktop.domain.sensing import BatteryState, RobotPose
 from caris_desktop.robot.outbox import MOST_VALUES_PER_STREAM, Outbox, ProblemReporter
 
 
@@ -50,6 +50,20 @@ def test_a_burst_passes_whole() -> None:
     for number in range(MOST_VALUES_PER_STREAM):
         outbox.put(pose(number))
     assert drain(ours) == [pose(number) for number in range(MOST_VALUES_PER_STREAM)]
+    outbox.close(1.0)
+
+
+def test_no_value_overtakes_the_event_that_voids_it() -> None:
+    """Everything waits in one batch, as behind a console that was busy for a moment."""
+    ours, theirs = multiprocessing.Pipe()
+    outbox = Outbox(theirs)
+    for number in range(20_000):
+        outbox.put(command(number))  # fills the pipe
+    lost, again = LinkChanged(2, "control", "lost", "ws://robot"), LinkChanged(4, "control", "connected", "ws://robot")
+    for value in (pose(1), BatteryState(1, 0.5), lost, again, pose(5)):
+        outbox.put(value)
+    told = [value for value in drain(ours) if not isinstance(value, CommandSent)]
+    assert told == [pose(1), BatteryState(1, 0.5), lost, again, pose(5)]
     outbox.close(1.0)
 
 

@@ -12,10 +12,10 @@ import pytest
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import CancelGoal, Drive, GoTo
-from caris_desktop.domain.events import GoalChanged, LinkQuality, Problem
+from caris_desktop.domain.events import Gap, GoalChanged, LinkQuality, Problem
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
-from caris_desktop.domain.sensing import LaserScan, PlannedPath, RobotPose
-from caris_desktop.robot import sensors
+from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose
+from caris_desktop.robot import control_link, sensors
 from caris_desktop.robot.profile import (
     LaserMount,
     NavigationServer,
@@ -25,11 +25,11 @@ from caris_desktop.robot.profile import (
     VelocityTopic,
 )
 from caris_desktop.robot.sensors import points_in_parent
-from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.messages import encode_laser_scan, encode_tf_message
+from caris_desktop.ros.dialect import Dialect, encode_time
+from caris_desktop.ros.messages import encode_laser_scan, encode_odometry, encode_tf_message
 from caris_desktop.ros.navigation_messages import encode_clock, encode_path
 from caris_desktop.simulator.encoding import Placement, transforms
-from tests.robot.loop_bench import LoopBench, with_link
+from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link
 
 ROBOT = RobotProfile(
     "test",
@@ -358,3 +358,98 @@ def test_stamps_follow_the_simulated_clock() -> None:
         assert abs(first["header"]["stamp"]["sec"] - 40) <= 3
 
     with_link(robot, test)
+
+
+ZERO_ROTATION = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0}
+
+
+def test_an_odometry_without_rotation_costs_the_pose_and_not_the_speed() -> None:
+    async def test(bench: LoopBench) -> None:
+        message = encode_odometry(
+            Dialect.ROS1, Odometry(0, None, Pose2D(0, 0, 0), Twist2D(0.3, 0.0, 0.1)), stamp_ns=START_NS
+        )
+        message["pose"]["pose"]["orientation"] = ZERO_ROTATION
+        for number in range(3):
+            await bench.bridge.publish("/odom", message)
+            await bench.until(lambda number=number: len(bench.of(Odometry)) > number, "an odometry")
+        told = bench.of(Odometry)
+        assert {odometry.twist for odometry in told} == {Twist2D(0.3, 0.0, 0.1)}
+        assert told[-1].pose_in_odom.x_m > told[0].pose_in_odom.x_m, "its way is reckoned"
+        [problem] = bench.of(Problem)
+        assert "tells no rotation (a zero quaternion)" in problem.what
+
+    with_link(ROBOT, test)
+
+
+@pytest.mark.parametrize("bad", [{"rotation": ZERO_ROTATION}, {"translation": {"x": None, "y": 0.0, "z": 0.0}}])
+def test_a_transform_that_is_none_is_named_and_the_others_are_used(bad: dict[str, Any]) -> None:
+    async def test(bench: LoopBench) -> None:
+        message = encode_tf_message(
+            Dialect.ROS1,
+            [("base_footprint", "gripper", Pose2D(0, 0, 0)), ("base_footprint", "laser", Pose2D(0.4, 0, 0))],
+            stamp_ns=START_NS,
+        )
+        message["transforms"][0]["transform"].update(bad)
+        await bench.bridge.publish("/tf", message)
+        await bench.bridge.publish("/scan", scan_message(START_NS))
+        [scan] = await scans(bench, 1)
+        assert scan.robot_from_laser is not None
+        assert scan.robot_from_laser.x_m == pytest.approx(0.4)
+        [problem] = bench.of(Problem)
+        assert "from 'base_footprint' to 'gripper' cannot be used" in problem.what
+
+    with_link(ROBOT, test)
+
+
+@pytest.mark.parametrize(
+    ("late_s", "stale"), [(0.1, False), (3.0, True), (10.0, False), (3600.0, False), (-3600.0, False)]
+)
+def test_the_guard_counts_what_is_known_of_a_scan_s_age(late_s: float, stale: bool) -> None:
+    """The robot's clock is known. What is beyond belief is of another clock, and counts from its arrival."""
+
+    def prepare(bridge: Bridge) -> None:
+        def robot_time(_arguments: Any) -> dict[str, Any]:
+            return {"time": encode_time(Dialect.ROS1, now_ns() + START_NS)}
+
+        bridge.answers["/rosapi/get_time"] = robot_time
+
+    async def test(bench: LoopBench) -> None:
+        await tell_transforms(bench, ("base_footprint", "laser", Pose2D(0, 0, 0)), at_ns=0, static=True)
+        await bench.until(lambda: bench.link._measurement.offset_at(now_ns()) is not None, "the robot's clock")
+        await bench.bridge.publish("/scan", scan_message(now_ns() + START_NS - round(late_s * 1e9)))
+        [scan] = await scans(bench, 1)
+        assert bench.link._guard.stale(scan.stamp_ns / 1e9) is stale
+
+    with_link(ROBOT, test, prepare=prepare)
+
+
+def test_a_robot_that_lacks_something_is_asked_again_until_it_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control_link, "INVENTORY_AGAIN_S", (0.02,))
+    robot = RobotProfile("test", "Test", scan=TopicSource("/scan"))
+    there = {"/cmd_vel": "geometry_msgs/Twist"}
+
+    async def test(bench: LoopBench) -> None:
+        [missing] = await bench.until(lambda: bench.of(Problem), "what is missing")
+        assert (missing.cause, "LIDAR" in missing.what) == ("robot_lacks", True)
+        asked = len(bench.bridge.operations("call_service", "/rosapi/topics"))
+        await bench.until(
+            lambda: len(bench.bridge.operations("call_service", "/rosapi/topics")) > asked + 2, "it is asked again"
+        )
+        assert len(bench.of(Problem)) == 1, "and said once"
+        bench.bridge.answers.update(inventory({**there, "/scan": "sensor_msgs/LaserScan"}))
+        over = await bench.until(lambda: bench.of(Problem)[1:], "the end of it")
+        assert [(problem.severity, problem.cause) for problem in over] == [("info", "robot_lacks")]
+
+    with_link(robot, test, prepare=lambda bridge: bridge.answers.update(inventory(there)))
+
+
+def test_messages_that_are_lost_on_the_way_are_a_gap_in_the_record() -> None:
+    async def test(bench: LoopBench) -> None:
+        kept = [number for number in range(100) if number not in (60, 71, 72)]
+        for number in kept:
+            await bench.bridge.publish("/scan", scan_message(START_NS + number * 100 * MS))
+            await scans(bench, kept.index(number) + 1)
+        [gap] = await bench.until(lambda: bench.of(Gap), "the gap")
+        assert (gap.stream, gap.count) == ("scan", 3)
+
+    with_link(ROBOT, test)

@@ -90,6 +90,7 @@ from caris_desktop.domain.events.robot import (
 )
 from caris_desktop.domain.events.session import (
     ANSWER,
+    LOST_ON_THE_WAY,
     OVERTAKEN,
     AlarmChanged,
     AlarmState,

@@ -52,11 +52,15 @@ class CommandSent:
 
 @dataclass(frozen=True, slots=True)
 class DriveEnded:
-    """Direct driving ended by itself rather than by the wizard letting go, or as ``actor`` set a goal."""
+    """Direct driving ended by itself rather than by the wizard letting go, or as ``actor`` set a goal.
+
+    ``drive_id`` is that of the drive that ended; 0 in recordings from before drives had one.
+    """
 
     stamp_ns: int
     reason: str
     actor: Actor = ""
+    drive_id: int = 0
 
 
 @dataclass(frozen=True, slots=True)

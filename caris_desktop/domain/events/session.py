@@ -32,6 +32,8 @@ MarkKind = Literal["mark", "wizard_error", "note"]
 MarkState = Literal["done", "open", "withdrawn"]
 OVERTAKEN = "more came at once than could be taken"
 """The reason of a gap that the link leaves where newer values replace older ones."""
+LOST_ON_THE_WAY = "lost between the robot's sensor and this computer"
+"""The reason of a gap that shows in the robot's stamps alone."""
 
 
 @dataclass(frozen=True, slots=True)

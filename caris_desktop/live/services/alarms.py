@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import Event, Problem, ProblemEnd, RecordingPaused, RobotChosen, SessionStarted
+from caris_desktop.domain.events import ANSWER, Event, Problem, ProblemEnd, RecordingPaused, RobotChosen, SessionStarted
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.alarm_causes import AlarmBook, Condition
@@ -18,7 +18,7 @@ from caris_desktop.robot.profile import RobotProfile
 BATTERY_LOW, BATTERY_WELL = 0.15, 0.20
 _SILENT_AFTER_S = 5.0
 _OF_ROBOT = (
-    "robot_timeout", "robot_lacks", "robot_speed", "pose", "battery", "lidar",
+    "robot_timeout", "robot_lacks", "robot_speed", "pose", "battery", "lidar", "scan_age",
     "uncommanded", "commanded_elsewhere", "not_following", "movement_silent",
 )  # fmt: skip
 
@@ -63,6 +63,8 @@ class AlarmsService(Service):
         return {intents.DismissAlarm: self.dismiss}
 
     def take(self, problem: Problem) -> None:
+        if problem.severity == "info" and problem.cause not in ("", ANSWER):
+            self._book.forget((problem.cause,), self._now_ns())  # it tells that this is over
         self._book.take(problem, self._now_ns())
         self.look()
 
@@ -159,18 +161,38 @@ def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = 
     if link.state != "connected":
         return
     yield from _movement(state.drive.value, state.robot.value)
-    if state.frame.freshness == "lost":
+    if state.frame.freshness == "lost" and state.frame.arrives_late:
+        yield Condition(
+            "picture", "warning", tr("The picture of the camera {camera} is old when it arrives.").format(
+                camera=state.camera.value),
+            tr("You do not see what is in front of the robot now."),
+            tr("Drive no further by it. See what slows the network or the robot, or choose another camera (V)."),
+            _SILENT_AFTER_S, until="picture",
+        )  # fmt: skip
+    elif state.frame.freshness == "lost":
         yield Condition(
             "picture", "warning", tr("No picture comes from the camera {camera}.").format(camera=state.camera.value),
             tr("You do not see what is in front of the robot, and no video is recorded."),
             tr("Drive no further without a picture. Look at the camera, or choose another one (V)."),
             _SILENT_AFTER_S, until="picture",
         )  # fmt: skip
-    if state.scan.freshness == "lost":
+    if state.scan.freshness == "lost" and state.scan.arrives_late:
+        yield Condition(
+            "lidar", "warning", tr("The LIDAR’s scans are old when they arrive."),
+            tr("Obstacles are seen too late: the robot drives slowly."),
+            tr("See what slows the network or the robot, and set its clocks (NTP)."), _SILENT_AFTER_S,
+        )  # fmt: skip
+    elif state.scan.freshness == "lost":
         yield Condition(
             "lidar", "warning", tr("The LIDAR sends nothing any more."),
             tr("Obstacles are not seen: the robot drives slowly or not at all."),
             tr("Look at the LIDAR on the robot, and drive by sight only."), _SILENT_AFTER_S,
+        )  # fmt: skip
+    if not state.scan.age_known:
+        yield Condition(
+            "scan_age", "warning", tr("How old the LIDAR’s scans are is not known."),
+            tr("Their stamps are seconds or more off the robot’s clock. The obstacle guard counts from their arrival."),
+            tr("Set the clocks of the robot’s computers (NTP)."), _SILENT_AFTER_S,
         )  # fmt: skip
     charge = state.battery.value.charge_fraction if state.battery.value is not None else None
     if charge is not None and charge < (BATTERY_WELL if "battery" in standing else BATTERY_LOW):

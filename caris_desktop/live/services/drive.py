@@ -62,6 +62,7 @@ class DriveService(Service):
         self._source: CommandSource = "none"
         self._actor: Actor = CONSOLE
         self._held = False
+        self._drive_id = 0
         self._sent_target = Twist2D()
         self._renewed_ns = 0
         profile: RobotProfile | None = state.robot.value
@@ -121,6 +122,8 @@ class DriveService(Service):
         if not self._state.drive.value.allowed:
             self._held = False
             return
+        if not self._held:
+            self._drive_id += 1
         self._held = True
         self._send_target()
         self._renewal.start()
@@ -198,6 +201,8 @@ class DriveService(Service):
     def on_robot_event(self, event: object) -> None:
         """The link ended the lease, its guard limits motion differently, or the robot's emergency stop changed."""
         if isinstance(event, DriveEnded):
+            if event.drive_id not in (0, self._drive_id):
+                return  # of a drive before this one
             self._held = False
             self._renewal.stop()
             self._sent_target = Twist2D()
@@ -306,7 +311,7 @@ class DriveService(Service):
     def _send_target(self) -> None:
         target = self._target()
         now_ns = clock.now_ns()
-        if self._robot.send(Drive(now_ns, target, self._source, self._actor)):
+        if self._robot.send(Drive(now_ns, target, self._source, self._actor, self._drive_id)):
             self._sent_target, self._renewed_ns = target, now_ns
         else:
             self._held = False
@@ -358,5 +363,8 @@ def _missing(what: str, stream: LiveStream) -> str:
     if age_s is None:
         never = QT_TR_NOOP("no fresh {stream}") if stream.arrivals else QT_TR_NOOP("no {stream} yet")
         return filled(never, stream=what)
-    age = f"{age_s:.1f}" if age_s < 10.0 else f"{age_s:.0f}"
-    return filled(QT_TR_NOOP("no fresh {stream} for {age} s"), stream=what, age=age)
+    late = stream.arrives_late
+    seconds = age_s if late else stream.silent_s() or 0.0
+    age = f"{seconds:.1f}" if seconds < 10.0 else f"{seconds:.0f}"
+    said = QT_TR_NOOP("{stream} arrives {age} s old") if late else QT_TR_NOOP("no fresh {stream} for {age} s")
+    return filled(said, stream=what, age=age)

@@ -8,11 +8,12 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import Event, LinkChanged, PreflightChecked, RobotChosen, SessionEnded
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.streams import streams_voided_by
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.preflight import Facts, Tick, automatic_checks, ticked_checks
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.slow_work import SlowWork
-from caris_desktop.live.state import LiveState, streams_lost_with
+from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import IN_SESSION, DriveStatus, LinkStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.scenario.model import Scenario
 
@@ -128,7 +129,7 @@ class PreflightService(Service):
         link: LinkStatus = state.link.value
         heard = min(
             (stream for stream in (state.odometry, state.scan, state.pose) if stream.value is not None),
-            key=lambda stream: stream.age_s() or 0.0,
+            key=lambda stream: stream.silent_s() or 0.0,
             default=None,
         )
         anchor, offset_ms = state.present.anchor, link.clock_offset_ms
@@ -140,7 +141,7 @@ class PreflightService(Service):
             link,
             link_for_s=(clock.now_ns() - self._link_since_ns) / 1e9,
             robot_heard="none" if heard is None else heard.freshness,
-            robot_silent_s=0.0 if heard is None else heard.age_s() or 0.0,
+            robot_silent_s=0.0 if heard is None else heard.silent_s() or 0.0,
             robot_ahead_ms=ahead_ms,
             drive=state.drive.value,
             cameras={name: state.frame_of(name).freshness for name in state.cameras.value},
@@ -188,7 +189,7 @@ class PreflightService(Service):
         self._loud = False
 
     def _on_link_changed(self, event: LinkChanged) -> None:
-        if event.link == "control" and streams_lost_with(event):
+        if event.link == "control" and streams_voided_by(event):
             self._reset(_LINK_LOST)
             self.look()
 

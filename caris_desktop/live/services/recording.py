@@ -10,9 +10,10 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import ANSWER, Event, LinkChanged, Problem
+from caris_desktop.domain.events import ANSWER, Event, Problem
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
+from caris_desktop.domain.streams import STREAMS_OF_LINK, streams_voided_by
 from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
@@ -21,7 +22,7 @@ from caris_desktop.live.children import Children
 from caris_desktop.live.recorder_feed import RecorderFeed
 from caris_desktop.live.service import Restarts, Service
 from caris_desktop.live.slow_work import SlowWork
-from caris_desktop.live.state import STREAMS_OF_LINK, LiveState, streams_lost_with
+from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import IN_SESSION
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.recorder.messages import (
@@ -119,8 +120,9 @@ class RecordingService(Service):
         if isinstance(value, People) and self._blur.who != "nobody" and not self._feed.records:
             self._feed.request(value)  # a photo may wait for it
             return
-        if isinstance(value, LinkChanged):
-            self._feed.forget_streams(streams_lost_with(value))
+        voided = streams_voided_by(value)
+        if voided:
+            self._feed.forget_streams(voided)
         if isinstance(value, Problem):
             value, raw = _without_home(value), None
         self._feed.put(value, raw)

@@ -402,6 +402,9 @@ def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: ValueMaker, surv
         notes.add(
             f"Where the laser '{frame}' sits on the robot is not told: its scans are kept and exported, but not drawn."
         )
+    if maker.unusable_transforms:
+        which = ", ".join(sorted(maker.unusable_transforms)[:10])
+        notes.add(f"Transforms without a rotation or place are left out: {which}.")
     for frame, tilt_rad in sorted(maker.tilted_lasers.items()):
         notes.add(
             f"The laser '{frame}' is tilted by {math.degrees(tilt_rad):.0f} degrees: its scans are kept and exported, "

@@ -319,6 +319,7 @@ class ValueMaker:
         self._decoders: dict[str, Any] = {}
         self.lasers_without_place: set[str] = set()
         self.tilted_lasers: dict[str, float] = {}
+        self.unusable_transforms: set[str] = set()
         self._makers: dict[str, Callable[[Message, int, BagChannel], Iterator[Any]]] = {
             "scan": self._scan,
             "odometry": lambda message, at_ns, _: iter([messages.decode_odometry(message, stamp_ns=at_ns)]),
@@ -339,8 +340,11 @@ class ValueMaker:
 
     def take_mounts(self, message: Message) -> None:
         """What is mounted where on the robot, which holds before a bag tells it too. Raises MessageError."""
-        for transform in messages.decode_tf_message(message):
+        for transform in messages.decode_tf_message(message, unusable=self._note_unusable):
             self._tree.put(transform)
+
+    def _note_unusable(self, parent: str, child: str, _why: str) -> None:
+        self.unusable_transforms.add(f"{parent} to {child}")
 
     def make(self, role: Role, message: Message, stamp_ns: int, channel: BagChannel) -> Iterator[Any]:
         """Domain values and pictures. Raises MessageError for a message that cannot be used."""
@@ -407,7 +411,7 @@ class ValueMaker:
         yield GoalChanged(at_ns, f"bag-{self._goals}", "requested", target)
 
     def _transforms(self, message: Message, at_ns: int, channel: BagChannel) -> Iterator[RobotPose]:
-        transforms = messages.decode_tf_message(message)
+        transforms = messages.decode_tf_message(message, unusable=self._note_unusable)
         for transform in transforms:
             self._tree.put(transform)
         base = self._tree.base()

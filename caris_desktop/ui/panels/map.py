@@ -459,9 +459,11 @@ class MapPanel(Panel):
         scan_age_s = state.scan.age_s()
         match state.scan.freshness:
             case "fresh":
-                text, role = tr("LIDAR {age}").format(age=words.age(scan_age_s or 0.0)), "dim"
+                text, role = tr("LIDAR {age}").format(age=words.stream_age(state.scan)), "dim"
+            case "stale" | "lost" if state.scan.arrives_late:
+                text, role = tr("LIDAR arrives {age} old").format(age=words.age(scan_age_s or 0.0)), "amber"
             case "stale" | "lost":
-                text, role = tr("LIDAR silent for {age}").format(age=words.age(scan_age_s or 0.0)), "amber"
+                text, role = tr("LIDAR silent for {age}").format(age=words.age(state.scan.silent_s() or 0.0)), "amber"
             case _:
                 text, role = tr("no LIDAR yet") if state.present.live else tr("no LIDAR"), "dim"
         goal: GoalChanged | None = state.goal.value

@@ -291,7 +291,11 @@ class MotionPanel(Panel):
             self.set_fact(tr("paused for {time}").format(time=words.age(paused_s)), "amber")
         elif state.odometry.freshness != "fresh":
             age = words.age(state.odometry.age_s() or 0.0)
-            self.set_fact(tr("odometry silent for {age}").format(age=age), "amber")
+            late = tr("odometry arrives {age} old").format(age=age)
+            silent = words.age(state.odometry.silent_s() or 0.0)
+            self.set_fact(
+                late if state.odometry.arrives_late else tr("odometry silent for {age}").format(age=silent), "amber"
+            )
         elif why:
             self.set_fact(why, "amber")
         else:

@@ -264,12 +264,15 @@ class VideoPanel(Panel):
                 if rate:
                     parts.append(tr("{rate:.0f} fps").format(rate=rate))
                 if state.present.live:
-                    parts.append(tr("{age} old").format(age=words.age(self._latency_s)))
-                self.set_fact(" · ".join(parts))
+                    old = tr("{age} old").format(age=words.age(self._latency_s))
+                    parts.append(old if state.frame.age_known else tr("age unknown"))
+                self.set_fact(" · ".join(parts), "" if state.frame.age_known else "amber")
             case "stale":
                 self.set_fact(tr("delayed · {age} old").format(age=words.age(age_s or 0.0)), "amber")
             case "lost":
-                self.set_fact(tr("no picture for {age}").format(age=words.age(age_s or 0.0)), "red")
+                silent = tr("no picture for {age}").format(age=words.age(state.frame.silent_s() or 0.0))
+                late = tr("pictures arrive {age} old").format(age=words.age(age_s or 0.0))
+                self.set_fact(late if state.frame.arrives_late else silent, "red")
             case _:
                 self.set_fact(tr("no picture yet") if state.present.live else tr("no picture"))
         chips: list[tuple[str, str]] = []
@@ -285,14 +288,15 @@ class VideoPanel(Panel):
             text, warns = ahead_words(ahead_of(state.scan.value), away)
             chips.append((text, "warning" if warns else "video_text"))
         elif state.scan.freshness in ("stale", "lost"):
-            chips.append((tr("LIDAR is silent"), "warning"))
+            late = tr("LIDAR arrives {age} old").format(age=words.age(state.scan.age_s() or 0.0))
+            chips.append((late if state.scan.arrives_late else tr("LIDAR is silent"), "warning"))
         chips += self._hints()
         self.view.show_chips(chips)
         linked = state.link.value.state in ("connected", "trouble")
         self.view.show_lost_reason(tr("Drive with care.") if linked else tr("The robot is out of reach."))
         self.view.show_out_of_reach(state.link.value.state == "lost")
         self.view.show_state(state.state_of(state.camera.value).value)
-        self.view.show_age(age_s)
+        self.view.show_age(age_s, late=state.frame.arrives_late)
         self._seen.look(self.view, now_s)
         self._told.changed()
         self.strip.refresh()

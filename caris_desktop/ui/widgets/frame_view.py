@@ -114,6 +114,7 @@ class FrameView(QWidget):
         self._suggested: frozenset[str] = frozenset()
         self._freshness = "none"
         self._age_s: float | None = None
+        self._late = False
         self._lost_reason = ""
         self._camera = ""
         self._told: CameraState | None = None
@@ -256,8 +257,9 @@ class FrameView(QWidget):
             self._chips = chips
             self.update()
 
-    def show_age(self, age_s: float | None) -> None:
-        self._age_s = age_s
+    def show_age(self, age_s: float | None, *, late: bool = False) -> None:
+        """``late``: pictures come, and are that old when they do."""
+        self._age_s, self._late = age_s, late
         if self._freshness != "fresh":
             self.update()
 
@@ -316,6 +318,9 @@ class FrameView(QWidget):
         """What stands in the place of the picture: in short, and what it means."""
         if not self._panel.state.present.live:
             return tr("No picture"), tr("None was recorded at this moment.")
+        if self._freshness == "lost" and self._late:
+            old = tr("The pictures are {age} old when they arrive. {reason}")
+            return tr("No live picture"), old.format(age=words.age(self._age_s or 0.0), reason=self._lost_reason)
         if self._camera and (self._freshness == "lost" or self._told is not None):
             silent = words.no_picture(self._age_s, self._told)
             return words.camera_title(self._camera), f"{silent} {self._lost_reason}"

@@ -3,13 +3,15 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import AlarmChanged, Problem, RecordingPaused, RobotChosen, SessionStarted
+from caris_desktop.domain.events import AlarmChanged, LinkQuality, Problem, RecordingPaused, RobotChosen, SessionStarted
 from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.sensing import BatteryState, FrameRef
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import BatteryState, FrameRef, LaserScan
 from caris_desktop.live.services.alarms import AlarmsService
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.live.status import DriveStatus, LinkStatus, RecordingStatus
@@ -199,3 +201,30 @@ def test_silent_odometry_is_an_alarm_and_a_lost_link_is_its_own(desk: Desk) -> N
     desk.state.link.set(LinkStatus("lost"))
     desk.wait(60)
     assert desk.alarms == ["link"]
+
+
+def test_what_is_told_to_be_over_is_no_alarm_any_more(desk: Desk) -> None:
+    desk.happens(Problem(1, "warning", "The robot lacks something.", "", "", cause="robot_lacks"))
+    desk.wait(2)
+    assert desk.alarms == ["robot_lacks"]
+    desk.happens(Problem(2, "info", "It has it now.", "", "", cause="robot_lacks"))
+    assert desk.alarms == []
+
+
+def test_a_lidar_whose_stamps_are_beyond_belief_is_told(desk: Desk) -> None:
+    desk.state.take(LinkQuality(desk.now_ns, 10.0, 0.0, 1.0))
+
+    def scan(late_s: float) -> LaserScan:
+        stamp_ns = desk.now_ns - round(late_s * S)
+        return LaserScan(desk.now_ns, stamp_ns, "laser", 0.0, 0.1, 0.0, 9.0, np.ones(8, np.float32), Pose2D(0, 0, 0))
+
+    for late_s, cause in ((3600.0, "scan_age"), (3.0, "lidar"), (0.05, "")):
+        desk.state.take(scan(late_s))
+        desk.service.look()
+        for _ in range(60):
+            desk.wait(0.1)
+            desk.state.take(scan(late_s))
+            desk.service.look()
+        assert [one for one in desk.alarms if one in ("scan_age", "lidar")] == ([cause] if cause else [])
+        if cause == "lidar":
+            assert "old when they arrive" in desk.state.alarms.value[0].what

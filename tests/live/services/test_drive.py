@@ -181,6 +181,22 @@ def test_a_lease_that_ended_at_the_robot_needs_a_new_key_press(
     assert state.drive.value.target_forward_mps == 0
 
 
+def test_the_end_of_a_drive_before_does_not_end_the_present_one(
+    driving: DriveService, robot: RecordingRobot, state: LiveState
+) -> None:
+    driving.drive(forward=1, left=0, turn=0, source="keyboard")
+    driving.release()
+    driving.drive(forward=1, left=0, turn=0, source="keyboard")
+    first, second = (command.drive_id for command in robot.of(Drive) if isinstance(command, Drive))
+    assert first != second
+    driving.on_robot_event(DriveEnded(clock.now_ns(), "no renewal", drive_id=first))
+    assert state.drive.value.target_forward_mps > 0, "it came late"
+    driving.drive(forward=0.5, left=0, turn=0, source="keyboard")
+    assert robot.of(Drive)[-1].drive_id == second, "a change is the same drive"  # type: ignore[attr-defined]
+    driving.on_robot_event(DriveEnded(clock.now_ns(), "no renewal", drive_id=second))
+    assert state.drive.value.target_forward_mps == 0
+
+
 def test_the_lease_is_renewed_before_work_that_may_take_a_while(
     driving: DriveService, robot: RecordingRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,103 @@
+"""Which goal on the status topic of ROS 2 is ours: rosbridge does not tell, and nobody else's may be cancelled."""
+
+from typing import Any
+
+import pytest
+
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.commands import CancelGoal, GoTo
+from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.robot import action_client
+from caris_desktop.robot.profile import NavigationServer, RobotProfile
+from caris_desktop.ros.rosbridge import encode_json
+from tests.robot.loop_bench import LoopBench, with_link
+
+NAME = "/navigate_to_pose"
+ROBOT = RobotProfile("test", "Test", ros=2, navigation=NavigationServer("navigate_to_pose", NAME))
+EXECUTING = 2
+
+
+async def tell(bench: LoopBench, *uuids: int) -> None:
+    entries = [
+        {"goal_info": {"goal_id": {"uuid": [number] * 16}, "stamp": {"sec": 1, "nanosec": 0}}, "status": EXECUTING}
+        for number in uuids
+    ]
+    await bench.bridge.publish(f"{NAME}/_action/status", {"status_list": entries})
+
+
+def cancelled_uuids(bench: LoopBench) -> list[int]:
+    requests = bench.bridge.operations("call_service", f"{NAME}/_action/cancel_goal")
+    return [request["args"]["goal_info"]["goal_id"]["uuid"][0] for request in requests]
+
+
+async def go(bench: LoopBench) -> dict[str, Any]:
+    before = len(bench.bridge.operations("send_action_goal"))
+    bench.send(GoTo(now_ns(), f"g{before}", Pose2D(1.0, 0.0, 0.0)))
+    await bench.until(lambda: len(bench.bridge.operations("send_action_goal")) > before, "the goal")
+    return bench.bridge.operations("send_action_goal")[-1]
+
+
+async def cancel(bench: LoopBench) -> None:
+    bench.send(CancelGoal(now_ns()))
+    await bench.until(lambda: bench.bridge.operations("cancel_action_goal"), "the cancel")
+
+
+def test_the_one_that_turns_up_after_ours_was_sent_is_ours() -> None:
+    async def test(bench: LoopBench) -> None:
+        await tell(bench, 7)
+        client = bench.link._navigator._server
+        await bench.until(lambda: client._known_uuids == {"07" * 16}, "somebody else's is known")
+        await go(bench)
+        await tell(bench, 7, 8)
+        await bench.until(lambda: "active" in [goal.state for goal in bench.of(GoalChanged)], "it is active")
+        await cancel(bench)
+        await bench.until(lambda: cancelled_uuids(bench), "it is cancelled by its name")
+        assert set(cancelled_uuids(bench)) == {8}
+
+    with_link(ROBOT, test)
+
+
+@pytest.mark.parametrize("apart", [False, True], ids=["in one message", "one after the other"])
+def test_of_two_that_turn_up_none_is_cancelled_by_name(apart: bool) -> None:
+    async def test(bench: LoopBench) -> None:
+        await go(bench)
+        if apart:
+            await tell(bench, 8)
+        await tell(bench, 8, 9)
+        await bench.until(lambda: "active" in [goal.state for goal in bench.of(GoalChanged)], "it is active")
+        client = bench.link._navigator._server
+        await bench.until(lambda: client._known_uuids == {"08" * 16, "09" * 16}, "both were told")
+        await cancel(bench)
+        assert cancelled_uuids(bench) == []
+
+    with_link(ROBOT, test)
+
+
+@pytest.mark.parametrize("refused", [True, False], ids=["refused", "never answered"])
+def test_somebody_else_s_later_goal_is_not_taken_for_one_that_never_turned_up(
+    refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def test(bench: LoopBench) -> None:
+        goal = await go(bench)
+        client = bench.link._navigator._server
+        if refused:
+            answer = {
+                "op": "action_result",
+                "id": goal["id"],
+                "action": NAME,
+                "status": 6,
+                "result": False,
+                "values": "",
+            }
+            await bench.bridge.send(encode_json(answer))
+            await bench.until(lambda: client._unknown is None, "the refusal")
+        else:
+            monkeypatch.setattr(action_client, "_ADOPTED_WITHIN_S", 0.0)
+        await tell(bench, 8)
+        await bench.until(lambda: client._known_uuids == {"08" * 16}, "it was told")
+        assert client._uuid_of == {}
+        client.cancel(goal["id"])
+        assert cancelled_uuids(bench) == []
+
+    with_link(ROBOT, test)
