@@ -97,6 +97,15 @@ def test_what_could_not_be_looked_into_makes_it_incomplete(study: Path, capsys: 
     assert "Incomplete" not in capsys.readouterr().err
 
 
+def test_a_copy_of_the_people_is_told_since_it_has_the_key(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("people.sqlite.bak", "old people.db"):
+        shutil.copy(study / "people.sqlite", study / name)
+    assert run(study, NAME, "--text", "redact", "--yes") == 1
+    noted = capsys.readouterr().err
+    assert "people.sqlite.bak" in noted
+    assert "old people.db" in noted
+
+
 def test_the_typed_sentences_of_the_study_are_cleaned_too(study: Path) -> None:
     history = said_before_file(study)
     history.parent.mkdir(parents=True, exist_ok=True)

@@ -103,7 +103,7 @@ def sentences_of(session: Session, utterance_ids: Iterable[str]) -> Sentences:
     """
     wanted = frozenset(utterance_ids)
     found: dict[str, None] = {}
-    for _, data in messages_of(session.folder / "events.mcap", _TOPICS.__contains__):
+    for _, data in messages_of(session.folder / "events.mcap", lambda topic: topic.startswith(_TOPICS)):
         message = _read(data.decode("utf-8", "replace"), wanted)
         for text in (message.get(key) for key in _WORDS if key not in ("message", "detail")):
             if isinstance(text, str) and text.strip() and text != FORGOTTEN:

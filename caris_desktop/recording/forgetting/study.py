@@ -29,7 +29,14 @@ from caris_desktop.recording.forgetting.review import write_review
 from caris_desktop.recording.forgetting.session_media import SessionMedia, examined_media, names_people, photos_of
 from caris_desktop.recording.forgetting.sightings import Sightings, everyone_who_is, links_in, messages_of, sightings_in
 from caris_desktop.recording.forgetting.speech import Sentences, Speech, sentences_of, speech_in
-from caris_desktop.recording.forgetting.study_files import StudyFiles, copies_in, files_of, is_opaque, names_elsewhere
+from caris_desktop.recording.forgetting.study_files import (
+    PEOPLE_FILES,
+    StudyFiles,
+    copies_in,
+    files_of,
+    is_opaque,
+    names_elsewhere,
+)
 from caris_desktop.recording.forgetting.texts import Decision, TextWork
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, FolderHeldError, hold, is_held
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, write_manifest
@@ -303,7 +310,7 @@ class _Forgetting:
             path
             for path in listed.files
             if path.name != LOCK_NAME
-            and not (path.parent == self._study and path.name.startswith(_PEOPLE))
+            and not (path.parent == self._study and path.name in PEOPLE_FILES)
             and path not in (self._review, self._request.review)
         ]
         return listed

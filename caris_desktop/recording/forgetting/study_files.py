@@ -25,6 +25,11 @@ _CLOSED = (
 )  # fmt: skip
 """Of files whose content is packed in a way that the search for bytes does not unpack."""
 _SESSIONS = "sessions"
+_SQLITE_MAGIC, _SQLITE_HEAD_BYTES = b"SQLite format 3\x00", 100
+PEOPLE_APPLICATION_ID = 0x43615065
+"""By which SQLite files of a study's people are known."""
+PEOPLE_FILES = ("people.sqlite", "people.sqlite-wal", "people.sqlite-shm", "people.sqlite-journal")
+"""The study's own, which erases by itself."""
 _TAR = ".tar"
 _OF_EXPORT = "export-"
 
@@ -77,7 +82,7 @@ def files_of(study: Path) -> StudyFiles:
 
 def is_opaque(path: Path) -> bool:
     """Whether a file may show, hold or name somebody so that no search for bytes finds it. Raises OSError."""
-    if path.suffix.lower() in (*MEDIA, *_CLOSED):
+    if path.suffix.lower() in (*MEDIA, *_CLOSED) or _is_people_database(path):
         return True
     packed: list[str] = []
     try:
@@ -90,6 +95,13 @@ def is_opaque(path: Path) -> bool:
     except (zipfile.BadZipFile, tarfile.TarError, EOFError, zlib.error, lzma.LZMAError):
         return True
     return any(name.lower().endswith((*MEDIA, *_CLOSED)) for name in packed)
+
+
+def _is_people_database(path: Path) -> bool:
+    """A copy of a study's people has everybody sealed, with the keys beside."""
+    with path.open("rb") as file:
+        head = file.read(_SQLITE_HEAD_BYTES)
+    return head.startswith(_SQLITE_MAGIC) and head[68:72] == PEOPLE_APPLICATION_ID.to_bytes(4, "big")
 
 
 def copies_in(files: Iterable[Path]) -> list[list[Path]]:
