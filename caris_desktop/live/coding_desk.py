@@ -141,17 +141,22 @@ class CodingDesk(QObject):
     def import_annotations(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
         """Returns at once: a file on a slow disk, or of a long session, is read by a thread of its own."""
 
+        skipped: list[str] = []
+
         def read() -> AnnotationDocument | str:
             try:
                 if path.suffix.lower() == ".eaf":
                     return read_eaf(path, coder=coder, media_began_ms=media_began_ms_of(self._session.header))
-                return read_csv(path, coder=coder)
+                return read_csv(path, coder=coder, skipped=skipped)
             except AnnotationError as refusal:
                 why = str(refusal)
                 return tr(why)
 
         def take(found: AnnotationDocument | str) -> None:
-            told(found if isinstance(found, str) else self.edit(lambda document: take_over(document, found)))
+            refused = found if isinstance(found, str) else self.edit(lambda document: take_over(document, found))
+            if not refused and skipped:
+                refused = " ".join([tr("The annotations were taken over."), *map(tr, skipped)])
+            told(refused)
 
         self._reading.do(read, take, lambda failure: told(f"{failure.what} {failure.advice}"))
 

@@ -79,9 +79,12 @@ class ReplayConsole(QObject):
         super().__init__(parent)
         self._parts = parts
         self._session = session
-        self._scenario = parts.start_scenario
+        # Of a bag of another program nobody knows the places: those of the scenario that stands in are elsewhere.
+        foreign = isinstance(session.header.get("source"), dict)
+        self._stand_in = replace(parts.start_scenario, places=()) if foreign else parts.start_scenario
+        self._scenario = self._stand_in
         # As its file has it, without what the wizard arranged.
-        self._opened = parts.start_scenario
+        self._opened = self._stand_in
         self._layout: LayoutNode | None = None
         self.unsaved = ""
         self._unreadable: set[Any] = set()
@@ -258,7 +261,7 @@ class ReplayConsole(QObject):
         self._show_scenario()
 
     def _on_standing_jumped(self, events: Sequence[Any]) -> None:
-        self._opened, self._layout = self._parts.start_scenario, None
+        self._opened, self._layout = self._stand_in, None
         for event in events:
             self._hold(event)
         self._show_scenario()

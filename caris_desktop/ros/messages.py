@@ -14,6 +14,7 @@ import numpy as np
 
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry, RobotPose
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.fields import (
@@ -342,8 +343,14 @@ def encode_compressed_image(
 def decode_compressed_image(message: Any) -> CompressedImage:
     """sensor_msgs/CompressedImage: base64 text in JSON, bytes in CBOR. The pixels are not looked at."""
     image = message_of(message, "CompressedImage")
+    encoding = text_or_empty(image, "format", "CompressedImage")
+    if "compresseddepth" in encoding.lower():
+        # Twelve bytes of parameters before a PNG of distances: no decoder of pictures takes it.
+        raise MessageError(
+            QT_TR_NOOP("it is a depth image (compressedDepth), which is not shown: name a color picture")
+        )
     return CompressedImage(
-        encoding=text_or_empty(image, "format", "CompressedImage"),
+        encoding=encoding,
         content=blob(image, "data", "CompressedImage", most=MAX_IMAGE_BYTES),
         robot_stamp_ns=stamp_of(image, "CompressedImage"),
     )

@@ -524,3 +524,17 @@ def test_what_cannot_be_coded_taken_over_or_saved_is_said_in_the_wizards_languag
     qtbot.waitUntil(lambda: bool(problems), timeout=10_000)
     assert problems[0].meaning.startswith("["), problems[0].meaning
     (folder / "annotations").unlink()
+
+
+@pytest.mark.logs("of the session is not shown")
+@pytest.mark.logs("overview did not end")
+def test_a_bag_of_another_program_has_no_places_of_ours(open_replay: Replay, tmp_path: Path) -> None:
+    own = open_replay()
+    assert own.state.places.value, "the scenario that stands in has some"
+    folder = tmp_path / "s"
+    minute.make_session(folder, lambda begin_ns: minute.said(begin_ns, at_s=5, for_s=2, text="Hello."))
+    head = json.loads((folder / "session.json").read_text("utf-8"))
+    (folder / "session.json").write_text(json.dumps({**head, "source": {"kind": "ROS 2 bag", "name": "a"}}), "utf-8")
+    foreign = open_replay(folder=folder)
+    assert foreign.state.places.value == ()
+    assert foreign.scenario.places == ()

@@ -457,3 +457,12 @@ def test_a_scan_with_too_many_beams_is_refused() -> None:
     _, good = DECODERS["scan"]
     with pytest.raises(MessageError, match="at most 100000 are accepted"):
         messages.decode_laser_scan({**good, "ranges": np.zeros(100_001, dtype=np.float32)}, stamp_ns=0)
+
+
+@pytest.mark.parametrize(
+    "encoding", ["16UC1; compressedDepth", "32FC1; compressedDepth png", "16UC1; compressedDepth rvl"]
+)
+def test_a_depth_image_is_said_to_be_one(encoding: str) -> None:
+    message = {"header": {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": "d"}, "format": encoding, "data": "AAAA"}
+    with pytest.raises(MessageError, match="depth image"):
+        messages.decode_compressed_image(message)

@@ -1,5 +1,6 @@
 """Video files and what a network sends as one stream of pictures."""
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,9 @@ class StreamCamera:
         self.width_px, self.height_px = fitting_size(self._stream.width, self._stream.height)
         self.fps = float(self._stream.average_rate) if self._stream.average_rate else None
         self._frames: Iterator[Any] = iter(self._container.decode(self._stream))
+        self._quarter_turns = 0
+        if self._recorded:
+            self._turn_as_told()
         self._first_pts_s: float | None = None
         self._last_due_s = 0.0
         self._round_began_s = 0.0
@@ -79,7 +83,24 @@ class StreamCamera:
             )
         self._pictures_in_round += 1
         self._broken = 0
-        return Picture(bgr_of(frame), self._due_s(frame) if self._recorded else None)
+        image_bgr = bgr_of(frame)
+        if self._quarter_turns:
+            image_bgr = np.ascontiguousarray(np.rot90(image_bgr, self._quarter_turns))
+        return Picture(image_bgr, self._due_s(frame) if self._recorded else None)
+
+    def _turn_as_told(self) -> None:
+        """A phone held upright writes its pictures lying, and how to turn them: counterclockwise, in degrees."""
+        try:
+            first = next(self._frames, None)
+        except self._errors:
+            self._frames = iter(self._container.decode(self._stream))  # told when it is read
+            return
+        if first is None:
+            return
+        self._frames = itertools.chain([first], self._frames)
+        self._quarter_turns = round(first.rotation / 90) % 4
+        if self._quarter_turns % 2:
+            self.width_px, self.height_px = self.height_px, self.width_px
 
     def close(self) -> None:
         self._container.close()

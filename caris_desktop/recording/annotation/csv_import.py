@@ -3,7 +3,9 @@
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -16,6 +18,7 @@ from caris_desktop.recording.annotation.editing import (
     check_document,
     plain_text,
     sorted_document,
+    with_moments,
 )
 from caris_desktop.recording.annotation.model import (
     DEFAULT_TIER,
@@ -29,6 +32,7 @@ from caris_desktop.recording.annotation.store import file_content
 from caris_desktop.recording.csv_cells import read_cell
 
 _MOST_ROWS = 500_000
+_BORIS_HEADED_WITHIN = 50
 _SNIFFED_CHARACTERS = 50_000
 _LATEST_MS = 2**32 - 1
 # Lengths of whole numbers below are seconds, from the second on milliseconds; in between nobody can tell.
@@ -54,13 +58,15 @@ _FACTORS = {"ms": 1, "msec": 1, "milliseconds": 1, "s": 1000, "sec": 1000, "seco
 _NO_TIERS = ("begin time", "end time", "duration", "participant", "annotator", "file", "file path", "file name")
 
 
-def read_csv(path: Path, *, coder: str = "") -> AnnotationDocument:
-    """Tiers and annotations of a table. ``coder`` is whose the tiers are that name none.
+def read_csv(path: Path, *, coder: str = "", skipped: list[str] | None = None) -> AnnotationDocument:
+    """Tiers and annotations of a table. ``coder`` is whose the tiers are that name none; ``skipped`` gets a sentence on
+    each kind of rows that were left out.
 
     A table has a row of headings with ``start`` and ``end`` (with ``_s`` or ``_ms``, or times as hh:mm:ss.mmm), and
     ``value``; ``tier``, ``coder``, ``participant`` and ``vocabulary`` where it has them. ELAN's tab-delimited text is
     read with its headings, with a column for each tier, and without headings. Numbers without a unit are seconds if
-    they have fractions; whole ones are told by how long the annotations are.
+    they have fractions; whole ones are told by how long the annotations are. Tables of BORIS, aggregated and tabular,
+    become a tier for each behaviour of each subject. What has no length is a moment.
 
     Raises
     ------
@@ -69,11 +75,14 @@ def read_csv(path: Path, *, coder: str = "") -> AnnotationDocument:
     """
     content = file_content(path)
     try:
-        return _document(_lines(_text(content)), coder)
+        document, left_out = _document(_lines(_text(content)), coder)
     except AnnotationError as error:
         raise AnnotationError(
             QT_TR_NOOP("{file} cannot be taken over. {error}"), file=path.name, error=error
         ) from error
+    if skipped is not None:
+        skipped += left_out
+    return document
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,52 +151,180 @@ def _most_alike(head: str, delimiter: str) -> tuple[int, int]:
     return (sum(len(row) == width for row in rows), width) if width > 1 else (0, 0)
 
 
-def _document(lines: list[_Line], coder: str) -> AnnotationDocument:
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One annotation of a table."""
+
+    number: int
+    tier: str
+    value: str
+    start_ms: int
+    end_ms: int
+    coder: str = ""
+    vocabulary: str = ""
+    participant: str = ""
+
+
+def _document(lines: list[_Line], coder: str) -> tuple[AnnotationDocument, list[str]]:
+    """With sentences on what was left out."""
+    of_boris = _rows_of_boris(lines)
+    rows, skipped = of_boris if of_boris is not None else (_rows(lines), [])
+    tiers: dict[tuple[str, str, str], Tier] = {}
+    annotations: list[Annotation] = []
+    lines_of: dict[str, int] = {}
+    for row in rows:
+        if row.end_ms < row.start_ms:
+            raise AnnotationError(
+                QT_TR_NOOP("Line {number}: it ends ({end_ms} ms) before it starts ({start_ms} ms)."),
+                number=row.number,
+                end_ms=row.end_ms,
+                start_ms=row.start_ms,
+            )
+        if row.end_ms > _LATEST_MS:
+            raise AnnotationError(
+                QT_TR_NOOP("Line {number}: {end_ms} ms is no time of a session."),
+                number=row.number,
+                end_ms=row.end_ms,
+            )
+        if len(row.tier) > LONGEST_NAME or len(row.value) > LONGEST_VALUE:
+            raise AnnotationError(QT_TR_NOOP("Line {number}: a text is too long."), number=row.number)
+        whose = row.coder or coder
+        tier_id = f"csv-{len(tiers) + 1}"
+        tier = tiers.setdefault(
+            (whose, row.tier, row.participant if of_boris else ""),
+            Tier(tier_id, row.tier, whose, row.vocabulary, row.participant),
+        )
+        annotation = Annotation(f"csv-{len(annotations) + 1}", tier.tier_id, row.start_ms, row.end_ms, row.value)
+        annotations.append(annotation)
+        lines_of[annotation.annotation_id] = row.number
+    annotations = with_moments(annotations)
+    _refuse_overlaps(annotations, {tier.tier_id: tier.title for tier in tiers.values()}, lines_of)
+    vocabularies = _vocabularies(tuple(tiers.values()), annotations)
+    document = sorted_document(AnnotationDocument(tuple(tiers.values()), vocabularies, tuple(annotations)))
+    check_document(document)
+    return document, skipped
+
+
+def _rows(lines: list[_Line]) -> list[_Row]:
     headings = [heading.strip().lower() for heading in lines[0].cells]
     columns = _by_headings(headings, lines)
     if columns is not None:
         lines = lines[1:]
     else:
         columns = _without_headings(lines)
-    tiers: dict[tuple[str, str], Tier] = {}
-    annotations: list[Annotation] = []
-    lines_of: dict[str, int] = {}
+    rows = []
     for line in lines:
         start_ms = _time_of(line, columns.start, columns.factors[0], start=True)
         end_ms = _time_of(line, columns.end, columns.factors[1], start=False)
-        if end_ms <= start_ms:
-            raise AnnotationError(
-                QT_TR_NOOP("Line {number}: it ends ({end_ms} ms) before or when it starts ({start_ms} ms)."),
-                number=line.number,
-                end_ms=end_ms,
-                start_ms=start_ms,
-            )
-        if end_ms > _LATEST_MS:
-            raise AnnotationError(
-                QT_TR_NOOP("Line {number}: {end_ms} ms is no time of a session."), number=line.number, end_ms=end_ms
-            )
-        for name, value in _values(line, columns):
-            whose = plain_text(_cell(line, columns.coder)) or coder
-            if len(name) > LONGEST_NAME or len(value) > LONGEST_VALUE:
-                raise AnnotationError(QT_TR_NOOP("Line {number}: a text is too long."), number=line.number)
-            tier = tiers.setdefault(
-                (whose, name),
-                Tier(
-                    f"csv-{len(tiers) + 1}",
-                    name,
-                    whose,
-                    plain_text(_cell(line, columns.vocabulary)),
-                    plain_text(_cell(line, columns.participant)),
-                ),
-            )
-            annotation = Annotation(f"csv-{len(annotations) + 1}", tier.tier_id, start_ms, end_ms, value)
-            annotations.append(annotation)
-            lines_of[annotation.annotation_id] = line.number
-    _refuse_overlaps(annotations, {tier.tier_id: tier.title for tier in tiers.values()}, lines_of)
-    vocabularies = _vocabularies(tuple(tiers.values()), annotations)
-    document = sorted_document(AnnotationDocument(tuple(tiers.values()), vocabularies, tuple(annotations)))
-    check_document(document)
-    return document
+        whose, vocabulary, participant = (
+            plain_text(_cell(line, column)) for column in (columns.coder, columns.vocabulary, columns.participant)
+        )
+        rows += [
+            _Row(line.number, name, value, start_ms, end_ms, whose, vocabulary, participant)
+            for name, value in _values(line, columns)
+        ]
+    return rows
+
+
+# BORIS
+
+
+def _rows_of_boris(lines: list[_Line]) -> tuple[list[_Row], list[str]] | None:
+    """The rows of a table of BORIS, and what was left out of it; None for another table. See its user guide, "Export
+    events": aggregated events have a start and a stop, tabular ones a row for each of them, behind lines on the
+    observation in older versions.
+    """
+    for at, line in enumerate(lines[:_BORIS_HEADED_WITHIN]):
+        headings = [cell.strip().lower() for cell in line.cells]
+        if "behavior" not in headings or "subject" not in headings:
+            continue
+        where = {name: headings.index(name) for name in headings}
+        start = next((where[name] for name in ("start (s)", "start") if name in where), None)
+        stop = next((where[name] for name in ("stop (s)", "stop") if name in where), None)
+        kind = next((where[name] for name in ("behavior type", "status", "type") if name in where), None)
+        if start is not None and stop is not None:
+            return _of_boris(lines[at + 1 :], where, partial(_aggregated, start=start, stop=stop))
+        if "time" in where and kind is not None:
+            pairing = _Pairing(where["time"], kind, where)
+            return _of_boris(lines[at + 1 :], where, pairing.take, pairing.open)
+    return None
+
+
+_Told = list[tuple[_Line, int, int]] | str
+"""Rows with their times, or why a row is none."""
+
+
+def _of_boris(
+    lines: list[_Line],
+    where: dict[str, int],
+    read: Callable[[_Line], _Told],
+    unfinished: Mapping[tuple[str, ...], list[tuple[_Line, int]]] = {},
+) -> tuple[list[_Row], list[str]]:
+    observation = where.get("observation id")
+    first = next((_cell(line, observation) for line in lines if _cell(line, observation)), "")
+    subjects = {_cell(line, where["subject"]) for line in lines}
+    modifiers = [column for name, column in where.items() if name.startswith("modifier")]
+    rows: list[_Row] = []
+    left_out: Counter[str] = Counter()
+    for line in lines:
+        if _cell(line, observation) != first:
+            left_out[QT_TR_NOOP("of another observation")] += 1
+            continue
+        found = read(line)
+        if isinstance(found, str):
+            left_out[found] += bool(found)
+            continue
+        for begun, start_ms, end_ms in found:
+            behaviour, subject = (plain_text(_cell(begun, where[name])) for name in ("behavior", "subject"))
+            said = [plain_text(cell) for column in modifiers if (cell := _cell(begun, column)) not in ("", "None")]
+            value = f"{behaviour} ({', '.join(said)})" if said else behaviour
+            tier = f"{subject}: {behaviour}" if len(subjects) > 1 and subject else behaviour
+            rows.append(_Row(begun.number, tier or DEFAULT_TIER, value, start_ms, end_ms, participant=subject))
+    if any(unfinished.values()):
+        left_out[QT_TR_NOOP("with a start and no stop")] += sum(map(len, unfinished.values()))
+    if not rows:
+        raise AnnotationError(QT_TR_NOOP("There is no event with a time in this table of BORIS."))
+    return rows, [
+        filled(QT_TR_NOOP("Rows {why}, which were left out: {count}."), why=filled(why), count=count)
+        for why, count in left_out.items()
+    ]
+
+
+def _aggregated(line: _Line, start: int, stop: int) -> _Told:
+    start_ms = _milliseconds(_cell(line, start), 1000)
+    end_ms = _milliseconds(_cell(line, stop), 1000)
+    if start_ms is None:
+        return QT_TR_NOOP("without a time")
+    return [(line, start_ms, start_ms if end_ms is None else end_ms)]
+
+
+class _Pairing:
+    """Puts the starts and stops of states together, row by row."""
+
+    def __init__(self, time: int, kind: int, where: dict[str, int]) -> None:
+        self._time, self._kind = time, kind
+        self._same = [where["subject"], where["behavior"]]
+        self.open: dict[tuple[str, ...], list[tuple[_Line, int]]] = {}
+
+    def take(self, line: _Line) -> _Told:
+        at_ms = _milliseconds(_cell(line, self._time), 1000)
+        if at_ms is None:
+            return QT_TR_NOOP("without a time")
+        key = tuple(_cell(line, column) for column in self._same)
+        match _cell(line, self._kind).upper():
+            case "START":
+                self.open.setdefault(key, []).append((line, at_ms))
+                return []
+            case "STOP":
+                begun = self.open.get(key)
+                if not begun:
+                    return QT_TR_NOOP("with a stop and no start")
+                first, start_ms = begun.pop(0)
+                return [(first, start_ms, at_ms)]
+            case "POINT":
+                return [(line, at_ms, at_ms)]
+            case _:
+                return QT_TR_NOOP("that are neither start, stop nor point")
 
 
 def _values(line: _Line, columns: _Columns) -> list[tuple[str, str]]:
@@ -340,7 +477,7 @@ def _without_headings(lines: list[_Line]) -> _Columns:
 def _adds_up(line: _Line, columns: list[int], factors: list[int]) -> bool:
     times = [_milliseconds(_cell(line, column), factor) for column, factor in zip(columns, factors, strict=True)]
     start_ms, end_ms, *duration_ms = times
-    if start_ms is None or end_ms is None or end_ms <= start_ms:
+    if start_ms is None or end_ms is None or end_ms < start_ms:
         return False
     return not duration_ms or (duration_ms[0] is not None and abs(end_ms - start_ms - duration_ms[0]) <= 2)
 

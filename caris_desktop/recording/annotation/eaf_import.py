@@ -22,6 +22,7 @@ from caris_desktop.recording.annotation.editing import (
     plain_text,
     sorted_document,
     time_text,
+    with_moments,
 )
 from caris_desktop.recording.annotation.model import (
     Annotation,
@@ -163,16 +164,18 @@ def _document(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
     for item in items.values():
         tier = tiers[item.tier_name]
         start_ms, end_ms = (at_ms + moved_ms for at_ms in spans[item.xml_id])
-        if end_ms <= start_ms:
+        if end_ms < start_ms:
             raise AnnotationError(
-                QT_TR_NOOP("An annotation of the tier “{tier}” at {time} has no length."),
+                QT_TR_NOOP("An annotation of the tier “{tier}” at {time} ends before it starts."),
                 tier=tier.name,
                 time=time_text(start_ms),
             )
         annotation_id = ours.annotations.get(item.xml_id, item.xml_id)
         annotations.append(Annotation(annotation_id, tier.tier_id, start_ms, end_ms, item.value))
     document = sorted_document(
-        AnnotationDocument(tuple(tiers.values()), tuple(vocabularies.values()), tuple(annotations), ours.duration_ms)
+        AnnotationDocument(
+            tuple(tiers.values()), tuple(vocabularies.values()), tuple(with_moments(annotations)), ours.duration_ms
+        )
     )
     document = _with_values_used(document)
     check_document(document)

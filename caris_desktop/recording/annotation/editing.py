@@ -6,8 +6,8 @@ control characters become U+FFFD, ends of lines become line feeds.
 """
 
 import re
-from bisect import bisect_left, insort
-from collections.abc import Callable, Mapping
+from bisect import bisect_left, bisect_right, insort
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
@@ -20,6 +20,9 @@ from caris_desktop.recording.annotation.model import (
 )
 from caris_desktop.recording.annotation.naming import id_part, next_id, quoted, untaken
 
+MOMENT_MS = 200
+"""ELAN has stretches only: so long is what has no length."""
+_LATEST_MS = 2**32 - 1
 LONGEST_NAME = 100
 LONGEST_VALUE = 10_000
 _TAKEN = QT_TR_NOOP("There is a vocabulary {vocabulary} already. Choose another name.")
@@ -400,6 +403,22 @@ def tiers_of_coder(document: AnnotationDocument, coder: str) -> AnnotationDocume
 def coders_of(document: AnnotationDocument) -> tuple[str, ...]:
     """Everybody who has tiers, in the order of the timeline."""
     return tuple(dict.fromkeys(tier.coder for tier in document.tiers if tier.coder))
+
+
+def with_moments(annotations: Sequence[Annotation]) -> list[Annotation]:
+    """Point events get a length: ``MOMENT_MS``, less where the next one on the tier follows sooner."""
+    starts: dict[str, list[int]] = {}
+    for item in sorted(annotations, key=lambda item: item.start_ms):
+        starts.setdefault(item.tier_id, []).append(item.start_ms)
+
+    def end_ms(item: Annotation) -> int:
+        if item.end_ms > item.start_ms:
+            return item.end_ms
+        later = starts[item.tier_id]
+        at = bisect_right(later, item.start_ms)
+        return min(item.start_ms + MOMENT_MS, later[at] if at < len(later) else _LATEST_MS)
+
+    return [replace(item, end_ms=end_ms(item)) for item in annotations]
 
 
 def sorted_document(document: AnnotationDocument) -> AnnotationDocument:

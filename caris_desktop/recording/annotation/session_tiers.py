@@ -43,7 +43,7 @@ from caris_desktop.domain.streams import BY_NAME, BY_TYPE, Delivery, StreamSpec
 from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation import states
-from caris_desktop.recording.annotation.editing import LONGEST_VALUE, plain_text
+from caris_desktop.recording.annotation.editing import LONGEST_VALUE, MOMENT_MS, plain_text
 from caris_desktop.recording.annotation.event_summary import summary_of, type_in_words
 from caris_desktop.recording.annotation.model import (
     Annotation,
@@ -63,7 +63,6 @@ from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
 from caris_desktop.recording.session.visits import VISIT_EVENTS, Visit, VisitEvent, seen_throughout, visits_of
 
-MOMENT_MS = 200  # ELAN has stretches only; less where the next one follows sooner
 MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")
 ERRORS_VOCABULARY = QT_TR_NOOP("Wizard errors")
 UNNAMED = states.state("unspecified")  # a mark that nobody named

@@ -5,8 +5,9 @@ import logging
 import math
 import shutil
 import tempfile
+from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, field
 from datetime import UTC, datetime
@@ -25,6 +26,7 @@ from caris_desktop.recording.foreign.bag_files import (
     Bag,
     BagChannel,
     BagError,
+    BagMessage,
     ReadNotes,
     in_order_of_time,
     open_bag,
@@ -57,6 +59,11 @@ REASON = "imported"
 _FIRST_STAMP_NS = 1_000_000_000
 _LATEST_UTC_NS = 4_102_444_800_000_000_000  # the year 2100
 _NEAR_NS = 3600 * 1_000_000_000
+_MINUTE_NS = 60 * 1_000_000_000
+_MOST_MINUTES = 500_000
+_MOST_STRAYS, _FEW = 10, 20
+"""So few messages, and less than a twentieth of all, far from the others are a fault and no part of the recording."""
+_APART_NS = 1_000_000_000
 _SURVEY_SHARE = 0.2
 _TELL_EVERY = 100
 _FLUSH_EVERY_NS = 1_000_000_000
@@ -147,6 +154,29 @@ class _Survey:
     last_ns: int = 0
     own: OwnSession | None = None
     mounts: list[tuple[BagChannel, bytes]] = field(default_factory=list)
+    stretches: list["_Stretch"] = field(default_factory=list)
+
+    def moved(self, messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
+        """The messages without gaps of hours between them, and without strays."""
+        firsts_ns = [stretch.first_ns for stretch in self.stretches]
+        for message in messages:
+            at = bisect_right(firsts_ns, message.at_ns) - 1
+            moved_ns = self.stretches[at].moved_ns if at >= 0 else None
+            if moved_ns is not None and message.at_ns <= self.stretches[at].last_ns:
+                yield message._replace(at_ns=message.at_ns + moved_ns)
+
+
+@dataclass(slots=True)
+class _Stretch:
+    """A part of a bag in whose times there is no gap of hours. ``number`` is that of its first message in the file,
+    ``moved_ns`` brings its times to the rest; None where it is left out.
+    """
+
+    first_ns: int
+    last_ns: int
+    count: int
+    number: int
+    moved_ns: int | None = 0
 
 
 def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[[float], None]) -> ImportReport:
@@ -180,11 +210,11 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
                 # What is wrong with one is told when its turn comes.
                 with suppress(MessageError):
                     maker.take_mounts(readers[channel].read(data))
-        for number, message in enumerate(in_order_of_time(bag.messages(notes))):
+        for number, message in enumerate(in_order_of_time(survey.moved(bag.messages(notes)))):
             if not number % _TELL_EVERY:
                 progress(_SURVEY_SHARE + (1.0 - _SURVEY_SHARE) * min(1.0, message.fraction))
             role = casting.roles.get(message.channel)
-            if role is None or not 0 < message.at_ns < _LATEST_UTC_NS:
+            if role is None:
                 continue
             stamp_ns = anchor.monotonic_ns + (message.at_ns - anchor.utc_ns)
             try:
@@ -227,6 +257,7 @@ def _refuse_nothing(path: Path, casting: Casting, used: Counter[BagChannel], fau
 def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float], None]) -> _Survey:
     """Look at every message once, for what there is and when; whatever is odd is noted in the second reading."""
     survey = _Survey(Counter())
+    minutes: dict[int, _Stretch] = {}
     for number, message in enumerate(bag.messages(notes)):
         if not number % _TELL_EVERY:
             progress(_SURVEY_SHARE * min(1.0, message.fraction))
@@ -234,18 +265,82 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
         if not 0 < message.at_ns < _LATEST_UTC_NS:
             notes.add("Messages whose time is zero, or no time at all, were left out.")
             continue
-        survey.first_ns, survey.last_ns = min(survey.first_ns, message.at_ns), max(survey.last_ns, message.at_ns)
+        minute = minutes.get(message.at_ns // _MINUTE_NS)
+        if minute is None:
+            if len(minutes) >= _MOST_MINUTES:
+                notes.add("The times in the bag lie too far apart; messages of further times were left out.")
+                continue
+            minutes[message.at_ns // _MINUTE_NS] = _Stretch(message.at_ns, message.at_ns, 1, number)
+        else:
+            minute.first_ns, minute.last_ns = min(minute.first_ns, message.at_ns), max(minute.last_ns, message.at_ns)
+            minute.count += 1
         few = len(survey.mounts) < _MAX_MOUNTS and len(message.data) < _MAX_MOUNT_BYTES
         if tells_mounts(message.channel) and few:
             survey.mounts.append((message.channel, message.data))
         if survey.own is None and message.channel.topic == SESSION_TOPIC:
             survey.own = _own_session(message.channel, message.data, message.at_ns)
+    survey.stretches = _stretches([minutes[minute] for minute in sorted(minutes)])
+    if survey.own is None:
+        _take_out_gaps(survey.stretches, notes)
+    kept = [(each, each.moved_ns) for each in survey.stretches if each.moved_ns is not None]
+    survey.first_ns = min((each.first_ns + moved_ns for each, moved_ns in kept), default=_LATEST_UTC_NS)
+    survey.last_ns = max((each.last_ns + moved_ns for each, moved_ns in kept), default=0)
     if not survey.counts or not survey.last_ns:
         said = f" {notes.sentences[0]}" if notes.sentences else ""
         raise BagError(f"{path.name} holds no messages.{said} Nothing was written.")
     if survey.last_ns < _SIMULATED_BEFORE_NS:
         notes.add("The bag's clock is that of a simulation: dates are not those of the recording.")
     return survey
+
+
+def _stretches(minutes: list[_Stretch]) -> list[_Stretch]:
+    """Joined where no gap of hours is between them."""
+    joined: list[_Stretch] = []
+    for minute in minutes:
+        last = joined[-1] if joined else None
+        if last is not None and minute.first_ns - last.last_ns < _NEAR_NS:
+            last.last_ns, last.count = minute.last_ns, last.count + minute.count
+            last.number = min(last.number, minute.number)
+        else:
+            joined.append(minute)
+    return joined
+
+
+def _take_out_gaps(stretches: list[_Stretch], notes: ReadNotes) -> None:
+    """A clock that is set during a recording, or one wrong stamp, would make a session of years. The times of the
+    largest part stay; the others follow one another as in the file, a second apart.
+    """
+    total = sum(stretch.count for stretch in stretches)
+    for stretch in stretches:
+        if stretch.count <= _MOST_STRAYS and stretch.count * _FEW < total:
+            stretch.moved_ns = None
+            notes.add(
+                f"{stretch.count} message{'s' * (stretch.count != 1)} of {_utc_text(stretch.first_ns)} UTC, hours from"
+                " all others, were left out: their time is wrong."
+            )
+    kept = sorted((each for each in stretches if each.moved_ns is not None), key=lambda stretch: stretch.number)
+    largest = max(kept, key=lambda stretch: stretch.count, default=None)
+    if largest is None:
+        return
+    at = kept.index(largest)
+    starts_ns, ends_ns = largest.first_ns, largest.last_ns
+    for stretch in reversed(kept[:at]):
+        stretch.moved_ns = starts_ns - _APART_NS - stretch.last_ns
+        starts_ns = stretch.first_ns + stretch.moved_ns
+    for stretch in kept[at + 1 :]:
+        stretch.moved_ns = ends_ns + _APART_NS - stretch.first_ns
+        ends_ns = stretch.last_ns + stretch.moved_ns
+    for stretch in kept:
+        if stretch.moved_ns:
+            notes.add(
+                f"The times from {_utc_text(stretch.first_ns)} to {_utc_text(stretch.last_ns)} UTC"
+                f" ({stretch.count} messages) lie hours from the others, as where the clock was set while it was"
+                f" recorded: the gap of {abs(stretch.moved_ns) / 3.6e12:.1f} hours was taken out."
+            )
+
+
+def _utc_text(at_ns: int) -> str:
+    return f"{datetime.fromtimestamp(at_ns // 1_000_000_000, UTC):%Y-%m-%d %H:%M:%S}"
 
 
 def _own_session(channel: BagChannel, data: bytes, at_ns: int) -> OwnSession | None:

@@ -100,7 +100,7 @@ def test_our_own_table_reads_back(tmp_path: Path) -> None:
         (b"\xff\xd8\xff\xe0\x00\x10JFIF", "It is no text"),
         ("tier,start_s,end_s,value\nA,1,2,x\nA,1.5,x,y\n", "Line 3, end: “x” is no time"),
         ("tier,start_s,end_s,value\nA,1,2,x\nA,3\n", "Line 3, end: there is no time"),
-        ("tier,start_s,end_s,value\nA,2,1,x\n", r"Line 2: it ends \(1000 ms\) before or when it starts \(2000 ms\)"),
+        ("tier,start_s,end_s,value\nA,2,1,x\n", r"Line 2: it ends \(1000 ms\) before it starts \(2000 ms\)"),
         ("tier,start_s,end_s,value\nA,1,3,x\nB,1,3,x\nA,2,4,y\n", "Line 4 overlaps line 2 on the tier “A”"),
         ("tier,start_s,end_s,value\nA,-1,3,x\n", "Line 2, start: “-1” is no time"),
         ("tier,start_s,end_s,value\nA,1,99999999,x\n", "is no time of a session"),
@@ -123,3 +123,70 @@ def test_what_cannot_be_read_names_the_line(tmp_path: Path, content: str | bytes
 def test_a_missing_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(AnnotationError, match="cannot be read"):
         read_csv(tmp_path / "none.csv")
+
+
+_AGGREGATED = """\
+Observation id,Observation date,Media file,Total length,FPS,Subject,Behavior,Behavioral category,Modifiers,\
+Behavior type,Start (s),Stop (s),Duration (s),Comment start,Comment stop
+obs1,2026-01-01 10:00:00,front.mp4,60,25.0,P1,looks at robot,,left,STATE,1.500,4.250,2.750,,
+obs1,2026-01-01 10:00:00,front.mp4,60,25.0,P1,smiles,,,STATE,2.000,3.000,1.000,,
+obs1,2026-01-01 10:00:00,front.mp4,60,25.0,P1,points,,,POINT,5.000,5.000,NA,,
+obs1,2026-01-01 10:00:00,front.mp4,60,25.0,P1,points,,,POINT,5.100,5.100,NA,,
+obs1,2026-01-01 10:00:00,front.mp4,60,25.0,P1,points,,,POINT,NA,NA,NA,,
+obs2,2026-01-01 11:00:00,front.mp4,60,25.0,P1,points,,,POINT,9.000,9.000,NA,,
+"""
+_TABULAR = """\
+Observation id\tobs1
+
+Media file(s)\tfront.mp4
+
+Time\tMedia file path\tTotal length\tFPS\tSubject\tBehavior\tBehavioral category\tModifiers\tComment\tStatus
+1.500\tfront.mp4\t60\t25.0\tP1\tlooks at robot\t\tleft\t\tSTART
+2.000\tfront.mp4\t60\t25.0\tP1\tsmiles\t\t\t\tSTART
+3.000\tfront.mp4\t60\t25.0\tP1\tsmiles\t\t\t\tSTOP
+4.250\tfront.mp4\t60\t25.0\tP1\tlooks at robot\t\tleft\t\tSTOP
+5.000\tfront.mp4\t60\t25.0\tP1\tpoints\t\t\t\tPOINT
+5.100\tfront.mp4\t60\t25.0\tP1\tpoints\t\t\t\tPOINT
+8.000\tfront.mp4\t60\t25.0\tP1\tsmiles\t\t\t\tSTART
+9.000\tfront.mp4\t60\t25.0\tP1\tlooks at robot\t\t\t\tSTOP
+"""
+
+
+@pytest.mark.parametrize(
+    ("table", "left_out"),
+    [
+        (
+            _AGGREGATED,
+            ["Rows without a time, which were left out: 1.", "Rows of another observation, which were left out: 1."],
+        ),
+        (
+            _TABULAR,
+            ["Rows with a stop and no start, which were left out: 1.",
+             "Rows with a start and no stop, which were left out: 1."],
+        ),
+    ],
+)  # fmt: skip
+def test_tables_of_boris_are_read_and_what_is_skipped_is_counted(
+    tmp_path: Path, table: str, left_out: list[str]
+) -> None:
+    path = tmp_path / "boris.csv"
+    path.write_text(table, encoding="utf-8")
+    skipped: list[str] = []
+    document = read_csv(path, coder="C1", skipped=skipped)
+    names = {tier.tier_id: (tier.name, tier.participant, tier.coder) for tier in document.tiers}
+    found = [(names[one.tier_id][0], one.start_ms, one.end_ms, one.value) for one in document.annotations]
+    assert sorted(found) == [
+        ("looks at robot", 1500, 4250, "looks at robot (left)"),
+        ("points", 5000, 5100, "points"),
+        ("points", 5100, 5300, "points"),
+        ("smiles", 2000, 3000, "smiles"),
+    ]
+    assert set(names.values()) == {(name, "P1", "C1") for name in ("looks at robot", "points", "smiles")}
+    assert skipped == left_out
+
+
+def test_what_has_no_length_is_a_moment(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("tier,start_ms,end_ms,value\nGaze,100,100,blink\nGaze,150,400,robot\nGaze,900,900,blink\n", "utf-8")
+    document = read_csv(path, coder="C1")
+    assert [(one.start_ms, one.end_ms) for one in document.annotations] == [(100, 150), (150, 400), (900, 1100)]

@@ -418,7 +418,7 @@ _BOMB = '<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;">]><ANNOTATION_DOCUME
         ("<html/>", "is no ELAN file: it begins with “html”"),
         (_BOMB, "holds what no ELAN file has"),
         (FOREIGN.replace('"ts4" TIME_VALUE="4000"', '"ts4" TIME_VALUE="-4"'), "The time slot “ts4” has no usable time"),
-        (FOREIGN.replace('"ts4" TIME_VALUE="4000"', '"ts4" TIME_VALUE="500"'), "has no length"),
+        (FOREIGN.replace('"ts4" TIME_VALUE="4000"', '"ts4" TIME_VALUE="500"'), "ends before it starts"),
         (FOREIGN.replace('TIME_SLOT_REF2="ts4"', 'TIME_SLOT_REF2="ts9"'), "has no time"),
         (FOREIGN.replace('ANNOTATION_REF="a6"', 'ANNOTATION_REF="a7"'), "in a circle"),
         (FOREIGN.replace('ANNOTATION_ID="a3"', 'ANNOTATION_ID="a2"'), "or the same"),

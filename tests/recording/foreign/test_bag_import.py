@@ -624,3 +624,51 @@ def test_malformed_messages_are_counted_and_the_rest_is_used(tmp_path: Path) -> 
     assert "angle_increment" in scans.reason
     assert (image.used, image.became) == (0, "")
     assert "pixels" in image.reason
+
+
+_TRUE_NS = 1_790_000_000 * 10**9
+_Spoken = tuple[int, str]
+
+
+def _driven(from_ns: int, count: int) -> list[_Spoken]:
+    return [(from_ns + number * 100_000_000, f"said {number}") for number in range(count)]
+
+
+def _speech(path: Path, spoken: list[_Spoken]) -> Path:
+    """A bag of what the robot says, in that order in the file."""
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="ros2", library="test")
+        schema = writer.register_schema(name="std_msgs/msg/String", encoding="ros2msg", data=b"string data")
+        channel = writer.register_channel(topic="/tts", message_encoding="cdr", schema_id=schema)
+        for at_ns, text in spoken:
+            content = text.encode() + b"\0"
+            data = b"\0\1\0\0" + struct.pack("<I", len(content)) + content
+            writer.add_message(channel, log_time=at_ns, publish_time=at_ns, data=data)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("forward", [True, False])
+def test_a_clock_that_was_set_makes_no_session_of_years(tmp_path: Path, forward: bool) -> None:
+    early_ns = 946_684_820 * 10**9
+    first, then = (early_ns, _TRUE_NS) if forward else (_TRUE_NS, early_ns)
+    counts = (30, 50) if forward else (50, 30)
+    bag = _speech(tmp_path / "a.mcap", [*_driven(first, counts[0]), *_driven(then, counts[1])])
+    report = import_bag(bag, tmp_path / "s")
+    assert report.duration_s == pytest.approx(4.9 + 2.9 + 1.0, abs=0.01)
+    assert sum("the gap of" in note and "was taken out" in note for note in report.notes) == 1
+    session = open_session(tmp_path / "s")
+    said = [value.text for value in values(session, UtteranceChanged)]
+    assert said == [f"said {number}" for count in counts for number in range(count)], "as in the file"
+    assert session.clock.utc(session.ended_ns)[:4] == "2026"
+    export_session(tmp_path / "s", "html", tmp_path / "html")
+
+
+def test_stray_stamps_are_counted_and_left_out(tmp_path: Path) -> None:
+    spoken = [(20 * 10**9, "stray"), *_driven(_TRUE_NS, 50), (_TRUE_NS + 10**17, "stray")]
+    report = import_bag(_speech(tmp_path / "a.mcap", spoken), tmp_path / "s")
+    assert report.duration_s == pytest.approx(4.9, abs=0.01)
+    strays = [note for note in report.notes if "hours from all others" in note]
+    assert [note.split()[:2] for note in strays] == [["1", "message"]] * 2
+    assert "stray" not in [value.text for value in values(open_session(tmp_path / "s"), UtteranceChanged)]
