@@ -73,6 +73,8 @@ class ChildProcess:
         self._on_exit = on_exit
         self._closing = False
         self._send_lock = threading.Lock()
+        # While it is held the connection is not closed: its number would be given to the next file that is opened.
+        self._close_lock = threading.Lock()
         self._connection: Connection | None = None
         self._process: multiprocessing.process.BaseProcess | None = None
         self._reader: threading.Thread | None = None
@@ -131,12 +133,17 @@ class ChildProcess:
         connection = self._connection
         if connection is None:
             return
-        if sys.platform == "win32":
-            connection.close()
-        else:
-            # Half-closing ends the child's reads while its last messages can still reach us.
-            with contextlib.suppress(OSError), _socket_of(connection) as half:
+        # Half-closing ends the child's reads while its last messages can still reach us.
+        self._shut(connection, whole=sys.platform == "win32")
+
+    def _shut(self, connection: Connection, *, whole: bool) -> None:
+        """End what is being sent, and with ``whole`` close the connection once nobody sends any more."""
+        if sys.platform != "win32":
+            with self._close_lock, contextlib.suppress(OSError), _socket_of(connection) as half:
                 half.shutdown(_SHUT_WR)
+        if whole:
+            with self._send_lock, self._close_lock:
+                connection.close()
 
     def stop(self, *, grace_s: float) -> None:
         """End the child: close the connection, wait, then kill. Blocks up to ``grace_s`` and a little."""
@@ -169,7 +176,7 @@ class ChildProcess:
             except Exception:
                 _log.exception("a message of %s could not be handled", self.body.name)
         process.join(5.0)
-        connection.close()
+        self._shut(connection, whole=True)
         if not self._closing:
             level = logging.INFO if process.exitcode == 0 else logging.ERROR
             _log.log(level, "%s ended by itself with exit code %s", self.body.name, process.exitcode)

@@ -27,7 +27,7 @@ class FrameRing:
         self._memory = memory
         self._buffer = cast(memoryview, memory.buf)
         self._owner = owner
-        self._next_sequence = 1
+        self._next_sequence = 0
         self._slot_bytes = memory.size // SLOT_COUNT // 4096 * 4096
 
     @classmethod
@@ -53,8 +53,8 @@ class FrameRing:
             raise ValueError(f"expected a uint8 BGR image, got {image_bgr.dtype} {image_bgr.shape}")
         if image_bgr.nbytes > self._slot_bytes - _SLOT_HEADER_BYTES:
             raise ValueError(f"a {image_bgr.shape[1]}x{image_bgr.shape[0]} image does not fit a frame slot")
-        sequence = self._next_sequence
-        self._next_sequence += 1
+        sequence = self._next_sequence or self._sequence_after_all()
+        self._next_sequence = sequence + 1
         slot = sequence % SLOT_COUNT
         self._set_slot_sequence(slot, 2 * sequence - 1)
         np.copyto(self._pixels(slot, image_bgr.shape[0], image_bgr.shape[1]), image_bgr)
@@ -85,6 +85,10 @@ class FrameRing:
     def _pixels(self, slot: int, height_px: int, width_px: int) -> NDArray[np.uint8]:
         offset = slot * self._slot_bytes + _SLOT_HEADER_BYTES
         return np.ndarray((height_px, width_px, 3), np.uint8, self._buffer, offset)
+
+    def _sequence_after_all(self) -> int:
+        """A writer that was begun again goes on counting: what refers to an older frame must not find a newer one."""
+        return max((self._slot_sequence(slot) + 1) // 2 for slot in range(SLOT_COUNT)) + 1
 
     def _slot_sequence(self, slot: int) -> int:
         return int(_SEQUENCE.unpack_from(self._buffer, slot * self._slot_bytes)[0])

@@ -4,8 +4,10 @@ import os
 import queue
 import resource
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -121,3 +123,49 @@ def test_a_child_has_a_session_of_its_own() -> None:
         assert os.getsid(pid) == child.pid == pid
     finally:
         child.stop(grace_s=0.1)
+
+
+@pytest.mark.logs("ended by itself with exit code")
+@pytest.mark.parametrize("how", ["send_raw", "send_raw_waiting"])
+def test_the_connection_is_not_closed_while_somebody_sends(monkeypatch: pytest.MonkeyPatch, how: str) -> None:
+    """The next file that is opened would get its number, and then the message."""
+    child, messages, exits = _start(ProcessBody("deaf", bodies.deaf))
+    messages.get(timeout=20)
+    sending, closed = threading.Event(), threading.Event()
+    closed_meanwhile: list[bool] = []
+    close, send_bytes = Connection.close, Connection.send_bytes
+
+    def noted_close(connection: Any) -> None:
+        close(connection)
+        closed.set()
+
+    def slow_send(connection: Any, raw: bytes) -> None:
+        sending.set()
+        # The child is dead by then, and its end is being noticed.
+        closed_meanwhile.append(closed.wait(1.0))
+        send_bytes(connection, raw)
+
+    monkeypatch.setattr(Connection, "close", noted_close)
+    monkeypatch.setattr(Connection, "send_bytes", slow_send)
+    answers: queue.Queue[bool] = queue.Queue()
+    sender = threading.Thread(target=lambda: answers.put(getattr(child, how)(b"x")))
+    sender.start()
+    assert sending.wait(20)
+    child.kill()
+    assert answers.get(timeout=20) is False
+    sender.join()
+    assert closed_meanwhile == [False]
+    assert exits.get(timeout=20) == -signal.SIGKILL
+    assert closed.is_set() and not getattr(child, how)(b"x")
+    child.stop(grace_s=1)
+
+
+def test_who_waits_for_room_is_let_go_when_the_child_is_gone() -> None:
+    child, messages, _ = _start(ProcessBody("deaf", bodies.deaf))
+    messages.get(timeout=20)
+    answers: queue.Queue[bool] = queue.Queue()
+    sender = threading.Thread(target=lambda: answers.put(child.send_raw_waiting(bytes(8_000_000))))
+    sender.start()
+    child.stop(grace_s=0.2)
+    assert answers.get(timeout=20) is False
+    sender.join()

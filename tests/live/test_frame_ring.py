@@ -51,3 +51,20 @@ def test_frames_of_unknown_rings_are_gone(ring: FrameRing) -> None:
 def test_what_does_not_fit_is_refused(ring: FrameRing, image: np.ndarray) -> None:
     with pytest.raises(ValueError, match="image"):
         ring.write(image, stamp_ns=1, robot_stamp_ns=None, camera="front")
+
+
+def test_a_writer_that_is_begun_again_goes_on_counting(ring: FrameRing) -> None:
+    """What still refers to a frame of the one before must not be shown another."""
+    before = [ring.write(_image(value), stamp_ns=value, robot_stamp_ns=None, camera="a") for value in range(1, 31)]
+    again = FrameRing.attach(ring.name)
+    first = again.write(_image(99), stamp_ns=99, robot_stamp_ns=None, camera="a")
+    assert first.sequence == before[-1].sequence + 1
+    read = [(ref.stamp_ns, ring.read(ref)) for ref in before]
+    assert all(image is None or int(image[0, 0, 0]) == stamp_ns for stamp_ns, image in read)
+    assert ring.read(before[-1]) is not None, "and those that are not overwritten stay"
+    # Killed while it wrote: the number of that frame is used up too.
+    again._set_slot_sequence((first.sequence + 1) % SLOT_COUNT, 2 * (first.sequence + 1) - 1)
+    third = FrameRing.attach(ring.name)
+    assert third.write(_image(1), stamp_ns=1, robot_stamp_ns=None, camera="a").sequence == first.sequence + 2
+    third.close()
+    again.close()
