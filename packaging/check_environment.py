@@ -6,7 +6,7 @@ import os
 import sys
 
 # Else onnxruntime keeps an id of this computer and tells its maker's server what is run.
-os.environ["ORT_DISABLE_TELEMETRY"] = os.environ["ORT_TELEMETRY_DISABLED"] = "1"
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"
 
 NEEDED = ("PySide6.QtWidgets", "cv2", "av", "onnxruntime", "sounddevice", "mcap", "roslibpy", "setproctitle", "yaml")
 

@@ -29,8 +29,6 @@ from tests.support.workers import FilesOnce, UnderWay, end_of
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 # As in the console on few cores; and what painting costs is then all in the thread that is measured.
 os.environ.setdefault("QT_NO_GUI_THREADPOOL", "1")
-# As in the console: onnxruntime keeps no id of this computer among the temporary files.
-os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 
 _TESTS_BETWEEN_COLLECTIONS = 25

@@ -17,11 +17,7 @@ log = logging.getLogger(__name__)
 
 
 def prepare_runtimes(*, threads: int) -> None:
-    """Call before the first import of onnxruntime or cv2 does work: no calls home, and no more threads than these."""
-    # Else onnxruntime keeps an id of this computer and tells its maker's server what is run (seen with 1.31 on Linux).
-    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
-    os.environ["ORT_TELEMETRY_DISABLED"] = "1"
-    os.environ["OPENVINO_TELEMETRY_DISABLED"] = "1"
+    """Call before the first import of onnxruntime or cv2 does work: no more threads than these."""
     os.environ["OMP_NUM_THREADS"] = str(threads)
 
     import cv2
