@@ -146,3 +146,14 @@ def test_the_virtual_screen_is_up_when_its_start_returns_and_gone_with_its_shell
     assert len(pids) == 2
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
     assert list(tmp_path.iterdir()) == []
+
+
+@linux_only
+def test_a_release_is_tried_by_root_alone_and_with_known_arguments(checkout: Path, programs: Path) -> None:
+    """What it does takes an hour and a package mirror; it is run by hand."""
+    environment = {**os.environ, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
+    for arguments, told in (([], "only root"), (["--newer"], "unknown argument '--newer' (known: --newest, --fresh)")):
+        script = ["bash", str(checkout / "packaging" / "test-release.sh"), *arguments]
+        result = subprocess.run(script, env=environment, capture_output=True, text=True, check=False)
+        assert (result.returncode, result.stdout) == (2, "")
+        assert told in result.stderr

@@ -1,0 +1,90 @@
+#!/usr/bin/env bash
+# Sets this checkout up on a bare Debian 13 and runs the demo and the suite there, as somebody does who has just got it.
+#
+#   bash packaging/test-release.sh            with the versions that pyproject.toml permits
+#   bash packaging/test-release.sh --newest   with the newest version of everything, whatever pyproject.toml permits
+#
+# Needs root, debootstrap, some 12 GB and an hour. The package sources, certificates and proxies are this machine's. The
+# system stays in $CARIS_RELEASE_ROOT (/var/tmp/caris-debian-13) for the next run; --fresh makes it anew.
+set -euo pipefail
+
+repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
+root=${CARIS_RELEASE_ROOT:-/var/tmp/caris-debian-13}
+newest=no
+for argument in "$@"; do
+  case $argument in
+    --newest) newest=yes ;;
+    --fresh) rm -rf --one-file-system -- "$root" ;;
+    *)
+      echo "test-release.sh: unknown argument '$argument' (known: --newest, --fresh)" >&2
+      exit 2
+      ;;
+  esac
+done
+[[ $(id -u) == 0 ]] || { echo "test-release.sh: only root can make a system of its own. Start it with sudo." >&2; exit 2; }
+command -v debootstrap >/dev/null || { echo "test-release.sh: debootstrap is not installed (apt-get install debootstrap)." >&2; exit 2; }
+
+# Everything from here on has mounts of its own: they are gone with this process, whatever ends it.
+if [[ ${CARIS_OWN_MOUNTS:-} != yes ]]; then
+  CARIS_OWN_MOUNTS=yes exec unshare --mount --propagation private bash "${BASH_SOURCE[0]}" "${@//--fresh/}"
+fi
+
+# --- the system ---------------------------------------------------------------------------------------------------------
+
+if [[ ! -e $root/made ]]; then
+  rm -rf --one-file-system -- "$root"
+  # The mirror of this machine where it is a Debian; else debootstrap has one.
+  mirror=$(apt-get indextargets --format '$(REPO_URI) $(RELEASE) $(COMPONENT)' 'Created-By: Packages' 'Origin: Debian' 2>/dev/null |
+    awk '$2 !~ /security/ && $1 !~ /security/ && $3 == "main" { print $1; exit }')
+  debootstrap --variant=minbase --include=ca-certificates trixie "$root" ${mirror:+"$mirror"}
+  touch "$root/made"
+fi
+cp -L /etc/resolv.conf /etc/hosts "$root/etc/"
+cp -L /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"
+cp -aL /etc/apt/apt.conf.d/. "$root/etc/apt/apt.conf.d/"
+for settings in /etc/pip.conf /etc/xdg/pip; do
+  if [[ -e $settings ]]; then mkdir -p "$root$(dirname "$settings")" && cp -aL "$settings" "$root$(dirname "$settings")/"; fi
+done
+
+mount --bind "$root" "$root"
+mount -t proc proc "$root/proc"
+mount --rbind /dev "$root/dev"
+mount --rbind /sys "$root/sys"
+# Folders of packages that pip looks into, and what tests find beside the checkout.
+while read -r folder; do
+  mkdir -p "$root$folder" && mount --bind -o ro "$folder" "$root$folder"
+done < <(python3 -m pip config list 2>/dev/null | grep -o "/[^ ':]*" | sed 's|^//*|/|; s|/simple$||' | sort -u |
+  while read -r path; do if [[ -d $path ]]; then printf '%s\n' "$path"; fi; done)
+if [[ -d $repository/../shared ]]; then mkdir -p "$root/shared" && mount --bind -o ro "$repository/../shared" "$root/shared"; fi
+
+# --- the checkout -------------------------------------------------------------------------------------------------------
+
+checkout=/caris
+mkdir -p "$root$checkout"
+find "$root$checkout" -mindepth 1 -maxdepth 1 ! -name .venv -exec rm -rf -- {} +
+git -C "$repository" ls-files -z --cached --others --exclude-standard |
+  tar --create --directory "$repository" --null --ignore-failed-read --files-from - 2>/dev/null |
+  tar --extract --no-same-owner --directory "$root$checkout"
+if [[ $newest == yes ]]; then
+  sed -i -E '/^dependencies = \[/,/^\[project.scripts\]/s/,<[0-9.]+"/"/' "$root$checkout/pyproject.toml"
+fi
+
+# What pip is told by the environment here is told there too; what is installed from an earlier run is brought up to date.
+mapfile -t environment < <(env | grep -iE '^(PIP_|SSL_CERT|REQUESTS_CA_BUNDLE|CARIS_TORCH|(https?|no)_proxy)' || true)
+inside() {
+  env -i HOME=/root USER=root LANG=C.UTF-8 TERM=dumb PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin \
+    PIP_UPGRADE=1 PIP_UPGRADE_STRATEGY=eager "${environment[@]}" chroot "$root" sh -c "cd $checkout && exec \"\$@\"" sh "$@"
+}
+
+status=0
+printf '\n== demo on %s\n' "$(inside sh -c '. /etc/os-release; echo "$PRETTY_NAME"')"
+inside bash packaging/demo.sh || status=$?
+printf '\n== suite\n'
+inside bash packaging/test.sh || status=$?
+printf '\n== tried with\n'
+inside .venv/bin/python -c 'import platform; print("Python", platform.python_version())'
+inside .venv/bin/python -m pip freeze --exclude-editable | tee "$root/tried-with.txt" |
+  grep -iE '^(numpy|pyarrow|mcap|av|opencv-python-headless|PySide6_Essentials|torch|onnxruntime|websockets)=='
+printf 'all of them: %s\n' "$root/tried-with.txt"
+if ((status)); then printf '\nThis checkout does not run there as it should; see above.\n' >&2; fi
+exit "$status"
