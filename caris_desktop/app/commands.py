@@ -3,10 +3,13 @@
 import argparse
 import importlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, redirect_stderr, redirect_stdout
+from typing import TextIO, cast
 
 from caris_desktop.app import quick_start
 from caris_desktop.app.arguments import build_parser
+from caris_desktop.domain.printable import PrintableStream
 from caris_desktop.live.logs import configure_logging, log_file
 
 # Each module offers add_arguments(parser) and run(arguments) -> exit status.
@@ -41,7 +44,9 @@ def run(words: Sequence[str]) -> int:
         arguments = parser_of(words[0]).parse_args(list(words[1:]))
         if words[0] in _DETAILS_IN_LOG:
             configure_logging(log_file(), terminal=False)
-        status = importlib.import_module(COMMANDS[words[0]][0]).run(arguments)
+        # Titles, words and names of files come from elsewhere; a terminal would obey what is in them.
+        with _printable(sys.stdout, redirect_stdout), _printable(sys.stderr, redirect_stderr):
+            status = importlib.import_module(COMMANDS[words[0]][0]).run(arguments)
         return int(status)
     if words and not words[0].startswith("-"):
         print(
@@ -54,6 +59,12 @@ def run(words: Sequence[str]) -> int:
     from caris_desktop.app import console_command
 
     return console_command.run(arguments)
+
+
+def _printable(
+    stream: TextIO, redirect: Callable[[TextIO], AbstractContextManager[TextIO]]
+) -> AbstractContextManager[TextIO]:
+    return redirect(cast("TextIO", PrintableStream(stream)))
 
 
 def parser_of(command: str) -> argparse.ArgumentParser:

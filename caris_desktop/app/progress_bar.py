@@ -15,7 +15,9 @@ class ProgressBar:
         """``pictures_about`` is 0 where nobody knows; ``what`` stands before it."""
         self._about = pictures_about
         self._what = f"{what} " if what else ""
-        self._drawn = sys.stderr.isatty()
+        # What moves the cursor here is our own.
+        self._out = getattr(sys.stderr, "plain", sys.stderr)
+        self._drawn = self._out.isatty()
         self._began_s = time.perf_counter()
         self._told_s = 0.0
         self._told_tenths = 0
@@ -25,16 +27,16 @@ class ProgressBar:
         if self._drawn:
             if now_s - self._told_s >= _TELL_EVERY_S:
                 self._told_s = now_s
-                print(f"\r{self._words(frames)}", end="", file=sys.stderr, flush=True)
+                print(f"\r{self._words(frames)}", end="", file=self._out, flush=True)
             return
         tenths = min(_TELL_LINES - 1, _TELL_LINES * frames // self._about) if self._about else 0
         if tenths > self._told_tenths:
             self._told_tenths = tenths
-            print(self._words(frames), file=sys.stderr, flush=True)
+            print(self._words(frames), file=self._out, flush=True)
 
     def end(self, frames: int) -> None:
         self._about = frames
-        print(f"\r{self._words(frames)}" if self._drawn else self._words(frames), file=sys.stderr, flush=True)
+        print(f"\r{self._words(frames)}" if self._drawn else self._words(frames), file=self._out, flush=True)
 
     def _words(self, frames: int) -> str:
         fps = frames / max(1e-9, time.perf_counter() - self._began_s)

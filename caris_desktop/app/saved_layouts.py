@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.intents import SaveLayout, SizeClass
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.confirmed_files import carry
@@ -56,7 +57,7 @@ class SavedLayouts:
 
     def _all(self) -> dict[str, Any]:
         try:
-            known = json.loads(str(self._settings.value(_KEY, "{}")))
+            known = parse_json(str(self._settings.value(_KEY, "{}")))
         except ValueError:
             known = None
         return known if isinstance(known, dict) else {}
@@ -100,7 +101,7 @@ class OwnLayoutFiles:
 def _tree_of(asked: SaveLayout) -> LayoutNode:
     """Raises ToldFailure."""
     try:
-        return checked_layout(json.loads(asked.layout))
+        return checked_layout(parse_json(asked.layout))
     except ValueError as error:
         raise ToldFailure(
             tr("The panel layout was not saved."),

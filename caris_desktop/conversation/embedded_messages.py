@@ -15,10 +15,11 @@ only this slot has read; one that is not wanted any more is out of it with its f
 
 @dataclass(frozen=True, slots=True)
 class EmbeddedReady:
-    """The model answers at ``url`` now."""
+    """The model answers at ``url`` now, whoever tells ``key``."""
 
     url: str
     model: str
+    key: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import importlib.metadata
 import importlib.util
 import logging
 import os
+import secrets
 import signal
 import threading
 from multiprocessing.connection import Connection
@@ -72,8 +73,9 @@ def run_embedded_server(connection: Connection, niceness: int = _NICENESS) -> No
     threading.Thread(target=_end_with, args=(connection,), name="console", daemon=True).start()
     server = None
     try:
-        server = _serve()
-        _send(connection, EmbeddedReady(str(server.listening_address), EMBEDDED_MODEL))
+        key = secrets.token_urlsafe(32)
+        server = _serve(key)
+        _send(connection, EmbeddedReady(str(server.listening_address), EMBEDDED_MODEL, key))
     except Exception as error:
         _log.exception("the embedded language model did not start")
         _send(connection, EmbeddedFailed(_problem(error)))
@@ -91,7 +93,7 @@ def threads_for(cpu_count: int) -> int:
     return 1 if cpu_count < 4 else 2
 
 
-def _serve() -> Any:
+def _serve(key: str) -> Any:
     missing = missing_for_embedded()
     weights = find_embedded_weights()
     if missing or weights is None:
@@ -108,6 +110,8 @@ def _serve() -> Any:
     params.model_alias = {weights_version(weights)}
     params.hostnames = ["127.0.0.1"]
     params.port = 0
+    # Another user of this computer reaches the port, and could tell from answers what was asked before.
+    params.api_keys = [key]
     params.n_ctx = CONTEXT_TOKENS
     params.n_parallel = SLOTS
     params.kv_unified = True

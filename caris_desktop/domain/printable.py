@@ -1,5 +1,8 @@
 """Foreign text as it may stand in a terminal or a question: what is not seen, or steers a terminal, is written out."""
 
+from collections.abc import Iterable
+from typing import Any
+
 
 def printable(text: str, *, lines: bool = False) -> str:
     """``text`` with each character that cannot be seen as ``\\x1b`` or ``\\u202e``; with ``lines`` line breaks and tabs
@@ -10,3 +13,21 @@ def printable(text: str, *, lines: bool = False) -> str:
     return "".join(
         one if one.isprintable() or (lines and one in "\n\t") else one.encode("unicode_escape").decode() for one in text
     )
+
+
+class PrintableStream:
+    """An output whose text is :func:`printable`, line by line. ``plain`` is the one that takes it as it is."""
+
+    def __init__(self, plain: Any) -> None:
+        self.plain = getattr(plain, "plain", plain)
+
+    def write(self, text: str) -> int:
+        self.plain.write(printable(text, lines=True))
+        return len(text)
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.plain, name)

@@ -16,6 +16,7 @@ from websockets.http11 import Request, Response
 
 from caris_desktop.conversation.face.drawing import Drawing
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.limited_listener import is_own_host, listen_limited, quiet_handshakes
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
 
@@ -24,6 +25,8 @@ TOLD_AT_LEAST_EVERY_S = 1.0
 """So that a page knows that the console is there."""
 _MOST_PAGES = 8
 _CLOSES_WITHIN_S = 1.0
+# Whoever has not asked by then only holds a place.
+_OPENS_WITHIN_S = 3.0
 
 
 class FacePage:
@@ -47,8 +50,9 @@ class FacePage:
         host = "0.0.0.0" if network else "127.0.0.1"  # noqa: S104 - the scenario asks for it
         try:
             self._server = await serve(
-                self._serve, host, 0, process_request=self._answer, max_size=4096, compression=None,
-                server_header=None, close_timeout=_CLOSES_WITHIN_S,
+                self._serve, sock=listen_limited(host, 0), process_request=self._answer, max_size=4096,
+                compression=None, server_header=None, open_timeout=_OPENS_WITHIN_S, close_timeout=_CLOSES_WITHIN_S,
+                logger=quiet_handshakes(__name__),
             )  # fmt: skip
         except OSError as error:
             raise ToldFailure(
@@ -81,7 +85,8 @@ class FacePage:
     def _answer(self, _connection: ServerConnection, request: Request) -> Response | None:
         """None: it is the websocket of the page."""
         token, _, rest = request.path.removeprefix("/").partition("/")
-        if not hmac.compare_digest(token.encode(), self._token.encode()):
+        known = hmac.compare_digest(token.encode("utf-8", "surrogateescape"), self._token.encode())
+        if not known or not is_own_host(request.headers.get_all("host")):
             return _response(HTTPStatus.NOT_FOUND, "There is nothing here.\n", "text/plain")
         if rest == "face":
             if len(self._pages) >= _MOST_PAGES:

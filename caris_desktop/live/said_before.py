@@ -8,6 +8,7 @@ from pathlib import Path
 
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
@@ -83,7 +84,7 @@ def _newest(sentences: Iterable[str]) -> tuple[str, ...]:
 def _read(path: Path) -> tuple[str, ...]:  # in the thread for slow work
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
-        sentences = [json.loads(line) for line in lines[-AT_MOST:]]
+        sentences = [parse_json(line) for line in lines[-AT_MOST:]]
     except FileNotFoundError:
         return ()
     except (OSError, ValueError) as error:

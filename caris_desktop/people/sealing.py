@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.value_class import dataclass
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def about_bytes(about: About) -> bytes:
 
 
 def about_of(written: bytes) -> About:
-    content = json.loads(written)
+    content = parse_json(written)
     tags = content.get("tags")
     return About(
         str(content.get("name", "")),

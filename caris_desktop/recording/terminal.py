@@ -3,13 +3,17 @@
 import shutil
 import sys
 from collections.abc import Callable, Sequence
+from typing import TextIO
+
+from caris_desktop.domain.printable import printable
 
 
 class ProgressLine:
     """One line on stderr that is written over and over; nothing where stderr is no terminal."""
 
     def __init__(self) -> None:
-        self._shows = sys.stderr.isatty()
+        self._out: TextIO = getattr(sys.stderr, "plain", sys.stderr)
+        self._shows = self._out.isatty()
 
     def __enter__(self) -> "ProgressLine":
         return self
@@ -21,13 +25,13 @@ class ProgressLine:
         """``fraction`` of all, 0..1, and what is being done."""
         if self._shows:
             room = max(20, shutil.get_terminal_size().columns - 8)
-            sys.stderr.write(f"\r{fraction:4.0%}  {what[:room]}\033[K")
-            sys.stderr.flush()
+            self._out.write(f"\r{fraction:4.0%}  {printable(what[:room])}\033[K")
+            self._out.flush()
 
     def clear(self) -> None:
         if self._shows:
-            sys.stderr.write("\r\033[K")
-            sys.stderr.flush()
+            self._out.write("\r\033[K")
+            self._out.flush()
 
 
 def aligned(rows: Sequence[Sequence[str]], *, to_the_right: Callable[[int], bool]) -> list[str]:

@@ -1,6 +1,5 @@
 """Saving and loading the robot's maps, switching between mapping and localization, and telling it where it is."""
 
-import json
 import logging
 import math
 import re
@@ -10,6 +9,7 @@ from typing import Any
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import RequestMap, SetInitialPose
 from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapRequestChanged, RequestState
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
@@ -254,7 +254,7 @@ class RobotMaps:
         )
         try:
             answer = await self._ros.ask("/rosapi/get_param", kind, {"name": f"{node}{separator}{_PAUSED}"})
-            paused = json.loads(answer.get("value") or "null")
+            paused = parse_json(answer.get("value") or "null")
         except (ServiceCallError, TypeError, ValueError) as error:
             logger.debug("Whether the robot maps is not known: %s", error)
             return None

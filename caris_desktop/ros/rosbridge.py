@@ -17,6 +17,8 @@ import cbor2
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.foreign_json import parse_json
+
 MAX_MESSAGE_BYTES = 128 * 1024 * 1024
 MAX_DEPTH = 60
 _MAX_FRAGMENTS = 100_000
@@ -225,12 +227,12 @@ def _loads(text: str) -> Any:
         numbers = _whole_numbers(text[begin.end() : end]) if end - begin.end() > _LONG_TEXT // 2 else None
         if numbers is not None:
             mark = secrets.token_hex(8)
-            operation = json.loads(f'{text[: begin.end()]}"{mark}"{text[end:]}')
+            operation = parse_json(f'{text[: begin.end()]}"{mark}"{text[end:]}')
             message = operation.get("msg") if isinstance(operation, dict) else None
             if isinstance(message, dict) and message.get("data") == [mark]:
                 message["data"] = numbers
                 return operation
-    return json.loads(text)
+    return parse_json(text)
 
 
 def _whole_numbers(text: str) -> NDArray[np.int32] | None:

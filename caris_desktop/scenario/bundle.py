@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
@@ -260,7 +261,7 @@ def _texts(archive: zipfile.ZipFile) -> Iterator[tuple[str, str]]:
 
 def _check_version(about: str, path: Path) -> None:
     try:
-        said = json.loads(about)
+        said = parse_json(about)
     except ValueError:
         said = None
     if not isinstance(said, dict) or said.get("format") != "caris-scenario":

@@ -15,6 +15,7 @@ import platformdirs
 
 from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.private_files import narrow
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.trial import TrialDetails
@@ -148,7 +149,7 @@ def load_last_details(folder: StudyFolder) -> TrialDetails:
     """What the start dialog was last told in this study; empty where nothing usable is remembered."""
     try:
         with folder.last_details.open("rb") as file:
-            data = json.loads(file.read(_MAX_DETAILS_BYTES))
+            data = parse_json(file.read(_MAX_DETAILS_BYTES))
     except FileNotFoundError:
         return TrialDetails()
     except (OSError, ValueError) as error:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
@@ -83,7 +84,7 @@ def take_newest(folder: Path, study: Path) -> UnfinishedTrial | None:
 def _read(path: Path) -> tuple[Mapping[str, Any] | None, float]:
     try:
         with path.open("rb") as file:
-            data = json.loads(file.read(_MOST_BYTES))
+            data = parse_json(file.read(_MOST_BYTES))
         return (data if isinstance(data, dict) else None), path.stat().st_mtime
     except (OSError, ValueError) as error:
         _log.warning("%s is ignored: %s", path, error)

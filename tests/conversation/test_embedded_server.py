@@ -20,7 +20,7 @@ from caris_desktop.conversation.embedded_server import (
     threads_for,
 )
 from caris_desktop.conversation.models.chat import stream_chat
-from caris_desktop.conversation.models.endpoint import resolve_endpoint
+from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, resolve_endpoint
 from caris_desktop.conversation.models.listing import model_version
 from caris_desktop.conversation.preflight import probe_language_model
 from caris_desktop.conversation.suggestions.replies import LONGEST_REPLY, fit_to_say
@@ -60,7 +60,21 @@ def server() -> Iterator[Server]:
 def url(server: Server) -> str:
     ready = server.wait()
     assert isinstance(ready, EmbeddedReady)
+    os.environ[EMBEDDED_KEY] = ready.key  # as the console does for its own run
     return ready.url
+
+
+def _key() -> dict[str, str]:
+    return {"Authorization": f"Bearer {os.environ[EMBEDDED_KEY]}"}
+
+
+def test_another_user_of_this_computer_is_told_nothing(url: str) -> None:
+    question = {"messages": [{"role": "user", "content": "Hello."}], "max_tokens": 1}
+    for path in ("/v1/chat/completions", "/completion", "/tokenize", "/slots", "/props", "/metrics"):
+        for headers in ({}, {"Authorization": "Bearer wrong"}, {"Host": "evil.example"}):
+            refused = httpx.post(f"{url}{path}", json=question, headers=headers, trust_env=False)
+            assert refused.status_code in (401, 404, 501), (path, headers)
+            assert "cache_n" not in refused.text
 
 
 async def _answer(url: str, *, max_tokens: int, asked: str = "What is a robot?") -> list[str]:
@@ -130,7 +144,7 @@ def test_what_was_read_once_is_kept_beside_another_question(url: str) -> None:
             "max_tokens": 1,
             "temperature": 0.0,
         }
-        async with httpx.AsyncClient(trust_env=False, timeout=60.0) as client:
+        async with httpx.AsyncClient(trust_env=False, timeout=60.0, headers=_key()) as client:
             reply = await client.post(f"{url}/v1/chat/completions", json=body)
         return int(reply.json()["timings"]["prompt_n"])
 
@@ -157,7 +171,10 @@ def test_a_question_begins_where_the_one_was_that_it_takes_the_place_of(url: str
         }  # fmt: skip
 
     async def read_tokens() -> int:
-        async with httpx.AsyncClient(trust_env=False, timeout=60.0) as client, asyncio.TaskGroup() as group:
+        async with (
+            httpx.AsyncClient(trust_env=False, timeout=60.0, headers=_key()) as client,
+            asyncio.TaskGroup() as group,
+        ):
             group.create_task(client.post(f"{url}/v1/chat/completions", json=body("Where is")))
             await asyncio.sleep(0.3)
             reply = await client.post(f"{url}/v1/chat/completions", json=body("Where is the kitchen?"))

@@ -3,7 +3,6 @@
 import asyncio
 import io
 import itertools
-import json
 import os
 import re
 import wave
@@ -25,6 +24,7 @@ from caris_desktop.conversation.models.failures import error_in
 from caris_desktop.conversation.models.stream import object_in, small_body
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
 from caris_desktop.domain.address import is_encrypted_or_local, is_same_server, without_credentials
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 KEY_NAME = "CARIS_TRANSCRIPTION_KEY"
@@ -99,7 +99,7 @@ class ServerEngine:
             refused = QT_TR_NOOP("The transcription server at {server} answered {status} ({reason}).")
             raise self._away(refused, _advice(status), status=status, reason=_reason(body, self._key))
         try:
-            answer = json.loads(body)
+            answer = parse_json(body)
             language = str(answer.get("language") or self.language)
             return HeardText(tuple(_words(answer, len(sound) / _RATE_HZ, self.language or language)), language)
         except (ValueError, TypeError, AttributeError, LookupError) as error:

@@ -177,7 +177,7 @@ async def api_key(endpoint: ModelEndpoint) -> str | None:
         key = os.environ.get(name, "").strip()
         if key:
             break
-    if not key:
+    if not key and endpoint.provider != "embedded":
         try:
             async with asyncio.timeout(_KEYRING_TIMEOUT_S):
                 name, key = await asyncio.to_thread(_key_from_keyring, endpoint.key_names)

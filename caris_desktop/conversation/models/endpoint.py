@@ -16,6 +16,8 @@ Provider = Literal["embedded", "openai", "ollama", "gemini"]
 OPENAI_URL = "https://api.openai.com/v1"
 GEMINI_URL = "https://generativelanguage.googleapis.com"
 OLLAMA_URL = "http://127.0.0.1:11434"
+EMBEDDED_KEY = "CARIS_EMBEDDED_MODEL_KEY"
+"""Where the console puts the key of its own embedded server, for this run."""
 KEYED_BY = {"openai": ("OPENAI_API_KEY",), "gemini": ("GEMINI_API_KEY", "GOOGLE_API_KEY")}
 """The environment variables that hold a provider's key, the first that is set counts."""
 
@@ -92,9 +94,8 @@ def resolve_endpoint(
                 QT_TR_NOOP("The assistant cannot answer."),
                 QT_TR_NOOP("Wait until it has started; if it failed, the Session log says why."),
             )
-        return ModelEndpoint(
-            "embedded", _checked_url(embedded_url, QT_TR_NOOP("the embedded server's address")), "embedded"
-        )
+        url = _checked_url(embedded_url, QT_TR_NOOP("the embedded server's address"))
+        return ModelEndpoint("embedded", url, "embedded", (EMBEDDED_KEY,))
     if provider == "ollama" and name:
         return ModelEndpoint("ollama", ollama_url(environment), name)
     if provider == "openai" and name:

@@ -4,7 +4,7 @@ import asyncio
 import logging
 from typing import Any
 
-from caris_desktop.conversation.models.connection import connected
+from caris_desktop.conversation.models.connection import api_key, connected
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.openai import told_name
 from caris_desktop.conversation.models.stream import small_object
@@ -58,11 +58,13 @@ async def _listed(endpoint: ModelEndpoint, *, local_only: bool) -> dict[str, Any
     path = "api/tags" if endpoint.provider == "ollama" else "models"
     if endpoint.provider != "ollama" and not endpoint.base_url.rstrip("/").endswith("/v1"):
         path = f"v1/{path}"
+    key = await api_key(endpoint) if endpoint.provider == "embedded" else None
+    headers = {"Authorization": f"Bearer {key}"} if key else {}
     try:
         async with (
             asyncio.timeout(_LIST_TIMEOUT_S),
             connected(endpoint, local_only=local_only) as client,
-            client.stream("GET", path) as response,
+            client.stream("GET", path, headers=headers) as response,
         ):
             return await small_object(response, _MAX_LIST_BYTES) if response.status_code == 200 else {}
     except (httpx.HTTPError, httpx.InvalidURL, LanguageModelError, TimeoutError) as error:

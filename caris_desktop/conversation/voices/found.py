@@ -4,12 +4,12 @@ A voice is two files, ``NAME.onnx`` and ``NAME.onnx.json``. Nothing of a package
 """
 
 import importlib.metadata
-import json
 import logging
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.model_files import models_dirs
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
@@ -120,7 +120,7 @@ def _voice_of(model: Path) -> PiperFiles | None:
     try:
         if config.stat().st_size > _CONFIG_AT_MOST_BYTES:
             return None
-        content = json.loads(config.read_bytes())
+        content = parse_json(config.read_bytes())
         language = content.get("language", {}).get("code") or content["espeak"]["voice"]
         if not (content["audio"]["sample_rate"] and content["phoneme_id_map"]):
             return None

@@ -5,7 +5,6 @@ of the plan into sound look only some frames around. So the file is cut into the
 piece; the sound is the same to rounding.
 """
 
-import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.voices.found import PIPER, PiperFiles
 from caris_desktop.conversation.voices.sound import RenderingStoppedError, Samples, Stop
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.onnx_graph import part_of_graph, taken_by
 
 _THREADS = 2
@@ -41,7 +41,7 @@ class PiperVoice:
         from piper.config import PiperConfig
         from piper.voice import PiperVoice as Piper
 
-        config = PiperConfig.from_dict(json.loads(files.config.read_bytes()))
+        config = PiperConfig.from_dict(parse_json(files.config.read_bytes()))
         self._runtime = onnxruntime
         # Only its language's phonemes are asked for, which need no network.
         self._piper: Any = Piper(session=None, config=config)

@@ -1,5 +1,6 @@
 """The language model: which one is asked, what it is told, and the process of the one that comes with the program."""
 
+import os
 from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from typing import Any, Literal
@@ -8,7 +9,7 @@ from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady
 from caris_desktop.conversation.models.connection import check_place
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, build_messages, characters_too_long
 from caris_desktop.domain import clock, intents
@@ -356,7 +357,8 @@ class AssistantService(Service):
 
     def _on_heard(self, message: Any) -> None:
         match message:
-            case EmbeddedReady(url):
+            case EmbeddedReady(url=url, key=key):
+                os.environ[EMBEDDED_KEY] = key
                 self._server_url = url
                 if self._asks_embedded():
                     self._use_endpoint()

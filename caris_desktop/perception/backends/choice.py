@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends import openvino
@@ -238,7 +239,7 @@ def _user_cache_dir() -> Path:
 
 def _recall(path: Path) -> MeasuredChoice | None:
     try:
-        told: Any = json.loads(path.read_text(encoding="utf-8"))
+        told: Any = parse_json(path.read_text(encoding="utf-8"))
         return MeasuredChoice(
             str(told["runtime"]),
             {str(name): float(ms) for name, ms in told["ms"].items()},

@@ -29,6 +29,7 @@ from caris_desktop.domain.certificates import (
     fingerprint_of,
     why_refused,
 )
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
 from caris_desktop.perception.detector import Detections, DetectorAwayError
 
@@ -179,7 +180,7 @@ class RemoteDetector:
         assert connection is not None  # noqa: S101
         try:
             connection.send(jpeg)
-            answer = json.loads(connection.recv(timeout=self._answer_within_s))
+            answer = parse_json(connection.recv(timeout=self._answer_within_s))
         except (OSError, TimeoutError, WebSocketException) as error:
             # A late answer would be taken for that to the next picture.
             self.close()
@@ -212,7 +213,7 @@ def _not_proven(error: ssl.SSLError, address: SplitResult, shown: str) -> str:
 
 def _greeting(message: str | bytes) -> dict[str, Any]:
     """Raises KeyError, TypeError and ValueError where it is none of ours."""
-    told = json.loads(message)
+    told = parse_json(message)
     if told["caris_perception"] != PROTOCOL:
         raise ValueError("another version")
     return {"label": str(told["label"]), "class_names": list(told["class_names"]), "people": list(told["people"])}

@@ -14,6 +14,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from caris_desktop.domain.limited_listener import is_own_host, listen_limited, quiet_handshakes
 from caris_desktop.domain.pictures import PictureError, decoded
 from caris_desktop.perception.backends.remote import PROTOCOL, told
 from caris_desktop.perception.detector import Detector
@@ -22,6 +23,7 @@ log = logging.getLogger(__name__)
 
 _PICTURE_AT_MOST_BYTES = 8_000_000
 _CLIENTS_AT_MOST = 4
+_OPENS_WITHIN_S = 5.0
 
 
 @contextlib.asynccontextmanager
@@ -51,10 +53,11 @@ async def serving(
     )
 
     def admit(_connection: ServerConnection, request: Request) -> Response | None:
-        if token and not hmac.compare_digest(
-            request.headers.get("Authorization", "").encode(), f"Bearer {token}".encode()
-        ):
+        told_token = "".join(request.headers.get_all("Authorization")).encode("utf-8", "surrogateescape")
+        if token and not hmac.compare_digest(told_token, f"Bearer {token}".encode()):
             return _refusal(http.HTTPStatus.UNAUTHORIZED)
+        if not token and not is_own_host(request.headers.get_all("Host")):
+            return _refusal(http.HTTPStatus.FORBIDDEN)
         return _refusal(http.HTTPStatus.SERVICE_UNAVAILABLE) if len(clients) >= _CLIENTS_AT_MOST else None
 
     async def answer(connection: ServerConnection) -> None:
@@ -72,9 +75,11 @@ async def serving(
 
     async with serve(
         answer,
-        host,
-        port,
+        sock=listen_limited(host, port),
         ssl=tls,
+        open_timeout=_OPENS_WITHIN_S,
+        logger=quiet_handshakes(__name__),
+        ssl_handshake_timeout=None if tls is None else _OPENS_WITHIN_S,
         origins=[None],
         process_request=admit,
         max_size=_PICTURE_AT_MOST_BYTES,

@@ -17,6 +17,8 @@ from dataclasses import field
 from typing import cast
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.limited_listener import is_own_host, listen_limited
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.newest_frame import NewestFrame
 from caris_desktop.perception.cameras.served_sound import ServedSound
@@ -25,7 +27,7 @@ from caris_desktop.perception.cameras.webrtc_server import WebRtcError, WebRtcSe
 MOST_CLIENTS = 16
 _LONGEST_HEAD_BYTES = 16_384
 _LONGEST_BODY_BYTES = 65_536
-_REQUEST_WITHIN_S = 10.0
+_REQUEST_WITHIN_S = 5.0
 # Whoever takes nothing for so long has gone.
 _STALLED_S = 10.0
 # What the system keeps for a slow client beside the newest picture is shown late there.
@@ -67,10 +69,13 @@ class CameraServer:
         self._token = token
         self._webrtc = WebRtcServer(frames, sound)
         self._clients: set[asyncio.Task[None]] = set()
+        # Who has told the token; strangers have places of their own, which are few and short.
+        self._known: set[asyncio.StreamWriter] = set()
 
     async def serve(self, host: str, port: int) -> asyncio.Server:
         """Raises OSError where the address is not free."""
-        return await asyncio.start_server(self._on_client, host, port, limit=_LONGEST_HEAD_BYTES)
+        listener = listen_limited(host, port)
+        return await asyncio.start_server(self._on_client, sock=listener, limit=_LONGEST_HEAD_BYTES)
 
     async def close(self) -> None:
         for task in tuple(self._clients):
@@ -82,9 +87,6 @@ class CameraServer:
         task = cast("asyncio.Task[None]", asyncio.current_task())
         self._clients.add(task)
         try:
-            if len(self._clients) > MOST_CLIENTS:
-                await _send(writer, _Answer(503, b"Too many clients."))
-                return
             while await self._answer_one(reader, writer):
                 pass
         except (OSError, asyncio.IncompleteReadError, TimeoutError, asyncio.CancelledError):
@@ -94,6 +96,7 @@ class CameraServer:
                 await _send(writer, _Answer(400, str(error).encode()))
         finally:
             self._clients.discard(task)
+            self._known.discard(writer)
             writer.close()
 
     async def _answer_one(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
@@ -102,9 +105,12 @@ class CameraServer:
         async with asyncio.timeout(_REQUEST_WITHIN_S):
             request = await _request(reader)
         refusal = self._refusal(request)
+        if refusal is None and len(self._known) >= MOST_CLIENTS and writer not in self._known:
+            refusal = _Answer(503, b"Too many clients.")
         if refusal is not None:
             await _send(writer, refusal)
             return False
+        self._known.add(writer)
         if (request.method, request.path) == ("GET", "/video.mjpg"):
             await self._stream(writer)
             return False
@@ -114,8 +120,7 @@ class CameraServer:
     def _refusal(self, request: _Request) -> _Answer | None:
         if not self._token:
             # A page that a browser on this computer shows must not reach us under a name of its own.
-            host = urllib.parse.urlsplit(f"//{request.head.get('host', '')}").hostname
-            known = host in ("127.0.0.1", "localhost", "::1")
+            known = is_own_host([request.head.get("host", "")], only_loopback=True)
             return None if known else _Answer(403, b"Without a token only this computer is answered.")
         if hmac.compare_digest(_told_token(request.head.get("authorization", "")), self._token.encode()):
             return None
@@ -149,7 +154,7 @@ class CameraServer:
         if request.head.get("content-type", "").partition(";")[0].strip().lower() != wanted:
             return _Answer(415, f"An offer is {wanted}.".encode())
         try:
-            offer = json.loads(request.body)["sdp"] if plain else request.body.decode()
+            offer = parse_json(request.body)["sdp"] if plain else request.body.decode()
             key, answer = await self._webrtc.connect(str(offer))
         except (ValueError, KeyError, TypeError, UnicodeDecodeError):
             return _Answer(400, b"This offer cannot be understood.")
@@ -217,8 +222,12 @@ async def _request(reader: asyncio.StreamReader) -> _Request:
     length = head.get("content-length", "0")
     if not length.isdecimal() or len(length) > 9 or int(length) > _LONGEST_BODY_BYTES or "transfer-encoding" in head:
         raise _BadRequestError("The body of this request is too long, or its length is not told.")
+    try:
+        path = urllib.parse.urlsplit(words[1]).path
+    except ValueError as error:
+        raise _BadRequestError("This is no path.") from error
     body = await reader.readexactly(int(length))
-    return _Request(words[0], urllib.parse.urlsplit(words[1]).path, head, body)
+    return _Request(words[0], path, head, body)
 
 
 async def _send(writer: asyncio.StreamWriter, answer: _Answer) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.sound_clock import SoundClock
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import SILENCE_S, SOUND_RATE_HZ, CameraError, Picture
@@ -107,7 +108,7 @@ class WebRtcCamera:
         if response.status not in (200, 201):
             raise self._refused(response.status, content)
         try:
-            answer = json.loads(content)["sdp"] if plain else content.decode()
+            answer = parse_json(content)["sdp"] if plain else content.decode()
             await self._connection.setRemoteDescription(_description(str(answer)))
         except Exception as error:
             # What aiortc raises for an answer that it cannot use is of many kinds.
@@ -201,7 +202,7 @@ class WebRtcCamera:
             self._stamps_asked_ns = now_ns
             try:
                 with CameraConnection(self._chosen) as connection:
-                    self._moments.match(json.loads(connection.ask("GET", f"{self._resource}/stamps")[1]))
+                    self._moments.match(parse_json(connection.ask("GET", f"{self._resource}/stamps")[1]))
             except (CameraError, ValueError, TypeError):
                 _log.info("when %s took its pictures was not told", self._chosen.name, exc_info=True)
         far_ns = self._moments.captured_ns(frame.pts)

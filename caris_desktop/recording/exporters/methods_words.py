@@ -1,10 +1,10 @@
 """The words of the methods sheet: counts and lists right for none, one and many, and what things are called."""
 
-import json
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 
 from caris_desktop.domain.events import ReplyMeans
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.recording.session.responses import AT_ONCE_S
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.studies.measures import Spread, quantile, share_at_once
@@ -119,7 +119,7 @@ def gaps_words(gaps_s: Sequence[float]) -> str:
 
 def settings_words(text: str) -> str:
     """Parameters as they were sent, in words: ``temperature 0.3, max_tokens 48``."""
-    return ", ".join(f"{name} {value}" for name, value in json.loads(text).items()) or "the model's defaults"
+    return ", ".join(f"{name} {value}" for name, value in parse_json(text).items()) or "the model's defaults"
 
 
 def days_words(sessions: Iterable[Session]) -> str:

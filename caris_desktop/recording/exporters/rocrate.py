@@ -20,6 +20,7 @@ from typing import IO, Any
 from urllib.parse import quote
 
 from caris_desktop import __version__
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.foxglove import INFINITE, INVALID
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, schema_of
 from caris_desktop.domain.schema import to_jsonable
@@ -326,7 +327,7 @@ def _scrubbed(session: Session, name: str) -> _Scrubbed:
 
 def _scrubbed_coding(session: Session, name: str, content: bytes) -> _Scrubbed:
     try:
-        coding = json.loads(content)
+        coding = parse_json(content)
         coder = str(coding["coder"])
         pseudonym = session.coder_name(coder)
         renamed = with_coders_called(load_coding(session.folder / name), session.coder_name)
@@ -362,7 +363,7 @@ def _unfolded(file: IO[bytes], index: BlockIndex) -> Iterator[bytes]:
 
 def _with_sizes(head: bytes, anew: dict[str, tuple[str, int]]) -> bytes:
     """What heads the session with names and sizes of the copies; files that are left out are not in it."""
-    header = json.loads(head)
+    header = parse_json(head)
     files = header.get("files")
     if isinstance(files, list) and all(isinstance(file, dict) for file in files):
         told = [
@@ -377,7 +378,7 @@ def _with_sizes(head: bytes, anew: dict[str, tuple[str, int]]) -> bytes:
 def _with_pseudonym(content: bytes, wizard_name: Callable[[str], str]) -> bytes | None:
     """A session's head with the wizard's pseudonym; None where it cannot be read."""
     try:
-        header = json.loads(content)
+        header = parse_json(content)
     except (ValueError, RecursionError):
         return None
     trial = header.get("trial") if isinstance(header, dict) else None

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.file_replacement import SHOWN_CHARACTERS, bring_to_disk
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
@@ -121,7 +122,7 @@ class Journal:
         content = self.path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
         for line in whole.splitlines():
-            self._remember(json.loads(line))
+            self._remember(parse_json(line))
         if len(whole) < len(content):
             # A kill cut the last line off; what it tells of has not happened.
             with self.path.open("r+b") as file:
@@ -138,7 +139,7 @@ def first_line_of(journal: Path) -> dict[str, Any]:
     """Raises OSError."""
     with journal.open("rb") as file:
         line = file.readline()
-    told = json.loads(line) if line.endswith(b"\n") else {}
+    told = parse_json(line) if line.endswith(b"\n") else {}
     return told if isinstance(told, dict) else {}
 
 

@@ -1,12 +1,12 @@
 """The film, sound and photos of one session without a person."""
 
-import json
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, ROBOT_VOICE
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.recording.forgetting import media
@@ -136,7 +136,7 @@ class SessionMedia:
         told: set[Path] = set()
         for _, data in messages_of(self._folder / "events.mcap", lambda topic: topic == _PHOTO):
             try:
-                photo = json.loads(data)
+                photo = parse_json(data)
                 path = self._folder / str(photo["file_name"])
                 stamp_ns, camera = int(photo["stamp_ns"]), str(photo["camera"])
             except (ValueError, KeyError, TypeError):
@@ -208,7 +208,7 @@ def examined_media(session: Session, seen: Sightings | None) -> frozenset[Path]:
     photos = [path for path in folder.rglob("*.png") if names_people(path)]
     for _, data in messages_of(folder / "events.mcap", lambda topic: topic == _PHOTO):
         try:
-            photo = json.loads(data)
+            photo = parse_json(data)
             path, camera = folder / str(photo["file_name"]), str(photo["camera"])
         except (ValueError, KeyError, TypeError):
             continue

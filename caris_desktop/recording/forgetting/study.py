@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting import media, texts
@@ -778,7 +779,7 @@ def _sealed(
 def _tell_checksum_of_scenario(header: dict[str, Any], folder: Path) -> None:
     """That of the scenario's text as the record has it now."""
     told = header.get("scenario")
-    opened = [json.loads(data) for _, data in messages_of(folder / "events.mcap", lambda topic: topic == _SCENARIO)]
+    opened = [parse_json(data) for _, data in messages_of(folder / "events.mcap", lambda topic: topic == _SCENARIO)]
     checksums = {str(event.get("file_name")): str(event.get("sha256")) for event in opened}
     if isinstance(told, dict) and told.get("sha256") not in checksums.values():
         header["scenario"] = {**told, "sha256": checksums.get(str(told.get("file")), "")}
@@ -801,7 +802,7 @@ def _counts(found: Any) -> dict[str, int]:
 
 def _receipts_in(path: Path) -> list[Any]:
     try:
-        told = json.loads(path.read_bytes())["receipts"]
+        told = parse_json(path.read_bytes())["receipts"]
     except FileNotFoundError:
         return []
     except (ValueError, KeyError, TypeError):

@@ -1,13 +1,13 @@
 """Free text that may name a person: found, listed for somebody to decide on, and replaced."""
 
 import hashlib
-import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Literal
 
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.canaries import FORGOTTEN, FORGOTTEN_IN_YAML, PersonNames
@@ -271,7 +271,7 @@ def _with_own_checksum(message: str) -> str:
     if checksum is None:
         return message
     try:
-        content = str(json.loads(message)["content"])
+        content = str(parse_json(message)["content"])
     except (ValueError, KeyError, TypeError):
         content = ""
     digest = hashlib.sha256(content.encode("utf-8", "replace")).hexdigest()

@@ -1,10 +1,11 @@
 """How much an hour of recording will take, before it begins: from the study's own sessions, or from experience."""
 
-import json
 import logging
 from pathlib import Path
 
 import numpy as np
+
+from caris_desktop.domain.foreign_json import parse_json
 
 _log = logging.getLogger(__name__)
 _SESSIONS_LOOKED_AT = 5
@@ -38,7 +39,7 @@ def expected_bytes_per_hour(sessions: Path, *, scenario: str, video: bool, audio
 def _bytes_per_hour(folder: Path, scenario: str) -> float | None:
     try:
         with (folder / "session.json").open("rb") as file:
-            header = json.loads(file.read(_MAX_HEADER_BYTES))
+            header = parse_json(file.read(_MAX_HEADER_BYTES))
         duration_s = header["duration_s"]
         if header["scenario"]["title"] != scenario or duration_s is None or duration_s < _LEAST_S:
             return None

@@ -44,7 +44,8 @@ _log = logging.getLogger(__name__)
 _BESIDE = (HEADER, ATTACHMENT, METADATA)
 _TAIL_BYTES = HEAD.size + FOOTER_BODY.size + len(MAGIC)
 _INDEX_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
-_MAX_BLOCK_BYTES = 1 << 30
+# A map of 10,000 x 10,000 cells has 100 million bytes; the recorder closes a block after some megabytes.
+_MAX_BLOCK_BYTES = 1 << 28
 _RUN_BYTES = 1 << 20
 _LONGEST_HEADER_BYTES = 1024
 _LARGEST_NS = 2**63 - 1
@@ -242,6 +243,8 @@ def is_chunk(record: bytes) -> bool:
 
 def read_record(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
     """One block as it lies in the file, compressed. Raises DamagedBlockError, OSError."""
+    if index.lengths[number] > _MAX_BLOCK_BYTES:
+        raise DamagedBlockError(f"it has {index.lengths[number]} bytes")
     file.seek(int(index.offsets[number]))
     record = file.read(int(index.lengths[number]))
     if len(record) != index.lengths[number]:

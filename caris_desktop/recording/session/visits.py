@@ -1,6 +1,5 @@
 """Who was there, and when: one value for each time that somebody came, put together from the events that report it."""
 
-import json
 import logging
 from collections.abc import Iterable, Sequence
 from typing import get_args
@@ -15,6 +14,7 @@ from caris_desktop.domain.events import (
     PersonRejected,
     PersonSplit,
 )
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.session_reader import Session
@@ -108,7 +108,7 @@ def visits_of(
 def seen_throughout(session: Session) -> tuple[Visit, ...]:
     """Who neither came nor went during the recording is only in ``people.json``."""
     try:
-        people = json.loads((session.folder / "people.json").read_text(encoding="utf-8"))["people"]
+        people = parse_json((session.folder / "people.json").read_text(encoding="utf-8"))["people"]
         return tuple(
             Visit(
                 str(row["person_id"]),

@@ -13,6 +13,7 @@ from typing import Any
 
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
@@ -201,7 +202,7 @@ def _prepare(out: Path) -> dict[str, str]:
         return {}
     try:
         with marker.open("rb") as file:
-            data = json.loads(file.read(_MAX_MARKER_BYTES))
+            data = parse_json(file.read(_MAX_MARKER_BYTES))
         ours = data["format"] == _FORMAT
         known = {str(name): str(signature) for name, signature in data["sessions"].items()}
     except (ValueError, KeyError, TypeError, AttributeError):

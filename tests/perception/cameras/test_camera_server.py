@@ -224,7 +224,7 @@ def test_more_clients_than_it_can_bear_are_told_so(monkeypatch: pytest.MonkeyPat
         for _ in range(2):
             assert (await (await new_client()).ask("GET", "/video.mjpg"))[0] == 200
         third = await new_client()
-        assert (await third.answer())[0] == 503
+        assert (await third.ask("GET", "/video.mjpg"))[0] == 503
 
     served(test)
 

@@ -1,0 +1,164 @@
+"""Strangers who only hold connections open: what is left for whoever has business with a server."""
+
+import asyncio
+import logging
+import socket
+from contextlib import closing
+
+import pytest
+
+from caris_desktop.domain import limited_listener
+from caris_desktop.domain.limited_listener import is_own_host, listen_limited
+from caris_desktop.live.face_page import FacePage
+from caris_desktop.perception.cameras.camera_server import CameraServer
+from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+from caris_desktop.perception.cameras.newest_frame import NewestFrame
+from caris_desktop.perception.cameras.open_camera import open_camera
+
+pytestmark = pytest.mark.logs("more than can be served")
+
+
+def test_so_many_of_an_address_and_the_rest_is_closed_at_once(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(limited_listener, "_place_of", lambda _host: "192.0.2.1")
+
+    async def test() -> None:
+        served: asyncio.Queue[asyncio.StreamWriter] = asyncio.Queue()
+        listener = listen_limited("127.0.0.1", 0)
+        server = await asyncio.start_server(lambda _, writer: served.put_nowait(writer), sock=listener)
+        port = server.sockets[0].getsockname()[1]
+        held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(200)]
+        pending = {asyncio.ensure_future(reader.read(1)) for reader, _ in held}
+        while len(pending) > limited_listener.PER_ADDRESS:
+            _, pending = await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
+        writers = [await served.get() for _ in range(limited_listener.PER_ADDRESS)]
+        assert served.empty()
+        assert len(pending) == limited_listener.PER_ADDRESS
+        for writer in (*writers, *(writer for _, writer in held)):
+            writer.close()
+        await asyncio.wait(pending)
+        for writer in writers:
+            await writer.wait_closed()
+        again = await asyncio.open_connection("127.0.0.1", port)
+        (await served.get()).close()
+        again[1].close()
+        server.close()
+        await server.wait_closed()
+
+    asyncio.run(test())
+    assert len([one for one in caplog.records if "more than can be served" in one.message]) <= 8
+
+
+def test_strangers_of_a_whole_network_leave_room_for_this_computer(monkeypatch: pytest.MonkeyPatch) -> None:
+    places = iter([f"192.0.2.{number}" for number in range(52)])
+    place_of = limited_listener._place_of
+    monkeypatch.setattr(limited_listener, "_place_of", lambda host: next(places, place_of(host)))
+    with closing(listen_limited("127.0.0.1", 0)) as listener:
+        listener.setblocking(True)
+        address = listener.getsockname()
+        clients = [socket.create_connection(address) for _ in range(32)]
+        taken = [listener.accept()[0] for _ in clients]
+        clients += [socket.create_connection(address) for _ in range(21)]  # 20 of strangers, and our own
+        ours, _ = listener.accept()
+        assert ours.getpeername() == clients[-1].getsockname()
+        for one in (*clients, *taken, ours):
+            one.close()
+        assert listener._open.total() == 0
+
+
+@pytest.mark.parametrize(
+    ("host", "place"),
+    [
+        ("127.0.0.1", "this computer"), ("::1", "this computer"), ("::ffff:127.0.0.1", "this computer"),
+        ("192.0.2.7", "192.0.2.7"), ("::ffff:192.0.2.7", "192.0.2.7"),
+        ("2001:db8::1", "2001:db8::/64"), ("2001:db8::ffff:1", "2001:db8::/64"), ("fe80::1%eth0", "fe80::/64"),
+    ],
+)  # fmt: skip
+def test_who_counts_as_one(host: str, place: str) -> None:
+    assert limited_listener._place_of(host) == place
+
+
+@pytest.mark.parametrize(
+    ("hosts", "own"),
+    [
+        (["127.0.0.1:80"], True), (["localhost"], True), (["192.168.1.20:8000"], True), (["[::1]:9"], True),
+        (["evil.example"], False), (["127.0.0.1.evil.example"], False), (["localhost", "localhost"], False),
+        ([], False), (["[::"], False), ([""], False), (["127.0.0.1@evil.example"], False), (["\udcff"], False),
+    ],
+)  # fmt: skip
+def test_a_page_under_another_name_is_not_answered(hosts: list[str], own: bool) -> None:
+    assert is_own_host(hosts) is own
+
+
+async def _raw(port: int, request: bytes) -> bytes:
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    writer.write(request)
+    try:
+        async with asyncio.timeout(20):
+            return await reader.read(65_536)
+    finally:
+        writer.close()
+
+
+def _mutations(path: str, host: str) -> list[bytes]:
+    good = f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n".encode()
+    bad = [
+        b"\x00\x01\x02\r\n\r\n", b"GET //[ HTTP/1.1\r\nHost: x\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: [::\r\n\r\n", b"GET /\xff\xfe HTTP/1.1\r\nHost: x\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n", b"GET / HTTP/1.1\r\nAuthorization: \xff\r\nHost: x\r\n\r\n",
+        b"GET / HTTP/1.1\r\nContent-Length: -1\r\n\r\n", b"POST /whep HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n",
+        b"GET " + b"/" * 20_000 + b" HTTP/1.1\r\n\r\n",
+    ]  # fmt: skip
+    for number in range(200):
+        changed = bytearray(good)
+        changed[number * 7 % (len(good) - 4)] = (number * 37) % 256
+        bad.append(bytes(changed))
+    return bad
+
+
+def test_no_request_ends_the_page_of_the_face_or_fills_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    async def test() -> None:
+        page = FacePage(lambda _pages: None)
+        address = await page.open(network=False)
+        host, token = address.split("/")[2:4]
+        port = int(host.rpartition(":")[2])
+        for request in _mutations(f"/{token}/", host):
+            if request.endswith(b"\r\n\r\n"):
+                await _raw(port, request)
+        named = await _raw(port, f"GET /{token}/ HTTP/1.1\r\nHost: evil.example:{port}\r\n\r\n".encode())
+        assert b"404" in named.split(b"\r\n")[0]
+        assert (
+            b"200" in (await _raw(port, f"GET /{token}/ HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())).split(b"\r\n")[0]
+        )
+        await page.close()
+
+    with caplog.at_level(logging.INFO):
+        asyncio.run(test())
+    assert sum(len(record.getMessage()) for record in caplog.records) < 10_000
+
+
+@pytest.mark.parametrize("token", ["", "a-token-of-enough-characters"])
+def test_no_request_ends_the_camera_server(caplog: pytest.LogCaptureFixture, token: str) -> None:
+    async def test() -> None:
+        frames = NewestFrame(ChosenCamera("simulated", "", "s"), open_camera)
+        server = CameraServer(frames, token=token)
+        listening = await server.serve("127.0.0.1", 0)
+        port = listening.sockets[0].getsockname()[1]
+        for request in _mutations("/clock", f"127.0.0.1:{port}"):
+            if request.endswith(b"\r\n\r\n"):
+                await _raw(port, request.replace(b"HTTP/1.1\r\n", b"HTTP/1.1\r\nContent-Length: 0\r\n", 1))
+        head = f"Host: 127.0.0.1:{port}\r\nAuthorization: Bearer {token}\r\n"
+        assert b"200 OK" in await _one(port, f"GET /clock HTTP/1.1\r\n{head}\r\n".encode())
+        listening.close()
+        await server.close()
+
+    async def _one(port: int, request: bytes) -> bytes:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(request)
+        line = await reader.readline()
+        writer.close()
+        return line
+
+    asyncio.run(test())
+    assert not [one for one in caplog.records if one.levelno >= logging.ERROR]
