@@ -254,7 +254,7 @@ class EmergencyStop:
                     now_ns(),
                     "warning",
                     QT_TR_NOOP("The robot's own emergency stop is still set."),
-                    QT_TR_NOOP("It does not move."),
+                    QT_TR_NOOP("The console sends no motion."),
                     QT_TR_NOOP("Release it at the robot."),
                     until="released",
                     cause="emergency_stop",

@@ -475,7 +475,7 @@ class RobotService(Service):
             self._problem(
                 "warning",
                 tr("The robot cannot go to {place}.").format(place=name),
-                tr("It stays where it is: this scenario has no such place."),
+                tr("No goal was sent: this scenario has no such place."),
                 tr("Choose one of its places, or a point on the map."),
                 cause=ANSWER,
             )
@@ -493,7 +493,7 @@ class RobotService(Service):
         status = self._state.drive.value
         if not status.allowed:
             what = tr("The robot cannot go to {place}.").format(place=where)
-            why = tr("It stays where it is. {why}.").format(why=tr(status.reason))
+            why = tr("No goal was sent. {why}.").format(why=tr(status.reason))
             self._problem("warning", what, why, tr("Send it again when that has changed."), cause=ANSWER)
             return
         self._before_goal()
@@ -502,7 +502,7 @@ class RobotService(Service):
             self._problem(
                 "warning",
                 tr("The robot could not be sent to {place}.").format(place=where),
-                tr("It stays where it is."),
+                tr("No goal was sent."),
                 tr("Send it again when the robot is connected again."),
                 until="connected",
                 cause=ANSWER,

@@ -149,7 +149,7 @@ def test_where_the_robot_may_not_drive_it_is_not_sent_and_the_wizard_knows_why(b
     bench.robot.go_to_place("Kitchen")
     bench.robot.go_to_place("Cellar")
     assert bench.asked(commands.GoTo) == []
-    assert "It stays where it is. Emergency stop is on. Send it again when that has changed." in bench.problems[0]
+    assert "No goal was sent. Emergency stop is on. Send it again when that has changed." in bench.problems[0]
     assert "no such place" in bench.problems[1]
 
 
