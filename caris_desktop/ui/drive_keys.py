@@ -589,8 +589,10 @@ class HoldToDrive(QObject):
             self._press_mark(identity, mark)
             return True
         keys = QKeySequence(meant.keyCombination())
-        action_id = self._actions.on_key(keys, bare=bare) if self._takes_keys() else None
         window, focused = self._app.activeWindow(), self._app.focusWidget()
+        # Beside the console stand editors and lists with keys of their own.
+        in_console = window is self._window or (window is not None and window.windowType() == Qt.WindowType.Tool)
+        action_id = self._actions.on_key(keys, bare=bare) if in_console and self._takes_keys() else None
         if action_id is not None:
             self._actions.press(action_id, opens=chord)
             return True
