@@ -374,7 +374,7 @@ class Presence:
             if candidate.frames < self._confirm_frames:
                 return []
             lost = [each for each in self._visits if self._is_lost(each, now_ns)]
-            joined = same_visit(candidate, lost, self._known.identities.likeness, now_ns)
+            joined = same_visit(candidate, lost, self._known.identities.likeness, self._known.is_known, now_ns)
             if joined is None:
                 learned = self._settings.recognise != "nobody" and any(
                     self._known.identities.views_of(each.visit_id) for each in lost

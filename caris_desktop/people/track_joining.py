@@ -19,6 +19,8 @@ _LOOKS_KEPT, _LOOKS_TO_JOIN = 6, 2
 # The same clothes come to 0.89 to 0.98, the most alike of strangers to 0.88 (see LINES of the identities).
 _ALIKE_FROM, _AHEAD_BY = 0.89, 0.02
 _STANDS_WITHIN_M, _WALKS_MPS, _NEAR_M = 0.8, 1.5, 0.6
+# Of a visit without a name, whose place is all that is known of it: nothing is passed on where that is wrong.
+_NEAR_WITHOUT_NAME_M = 1.0
 
 
 @dataclass(slots=True)
@@ -48,8 +50,13 @@ def is_lost(visit: Visit, now_ns: int) -> bool:
     return not visit.forgotten and now_ns - visit.last_seen_ns <= JOINED_WITHIN_NS
 
 
-def same_visit(candidate: Candidate, lost: Iterable[Visit], likeness: Likeness, now_ns: int) -> Visit | None:
-    """Whose of the ``lost`` visits that track is: one alone that it can be, and that it resembles or stands at."""
+def same_visit(
+    candidate: Candidate, lost: Iterable[Visit], likeness: Likeness, is_known: Callable[[str], bool], now_ns: int
+) -> Visit | None:
+    """Whose of the ``lost`` visits that track is: one alone that it can be, and that it resembles or stands at.
+
+    ``is_known`` tells whether something is written down about a person.
+    """
     possible: list[tuple[float, Visit]] = []
     for visit in lost:
         gap_ns = now_ns - visit.last_seen_ns
@@ -62,8 +69,10 @@ def same_visit(candidate: Candidate, lost: Iterable[Visit], likeness: Likeness, 
         if alike is not None:
             if alike >= _ALIKE_FROM:
                 possible.append((alike, visit))
-        elif gap_ns <= SHORT_GAP_NS and away_m is not None and away_m <= _NEAR_M:
-            possible.append((0.0, visit))
+        elif away_m is not None:
+            near_m = _NEAR_WITHOUT_NAME_M if not is_known(visit.person_id) else _NEAR_M
+            if away_m <= near_m and (gap_ns <= SHORT_GAP_NS or not is_known(visit.person_id)):
+                possible.append((0.0, visit))
     possible.sort(key=lambda each: -each[0])
     if not possible or (len(possible) > 1 and possible[0][0] - possible[1][0] < _AHEAD_BY):
         return None

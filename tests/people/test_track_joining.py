@@ -87,17 +87,24 @@ def test_who_is_in_view_is_not_taken_for_a_new_track() -> None:
     assert len(rows(room)) == 2
 
 
-def test_where_nobody_is_recognised_the_place_tells_for_a_moment_only() -> None:
+@pytest.mark.parametrize(("name", "joined"), [("", True), ("Ada", False)])
+def test_by_the_place_alone_no_name_is_passed_on(name: str, joined: bool) -> None:
+    """Where nothing tells how people look."""
     room = Room(settings=RecognitionSettings("nobody"))
-    see(room, {1: ADA}, {1: HERE}, frames=3)
-    turn_away(room, 1.0)
     # The place of a track is known from its second picture on.
     room.presence._confirm_frames = 2
+    see(room, {1: ADA}, {1: HERE}, frames=3)
+    if name:
+        room.presence.do(intents.NamePerson(rows(room)[0], name), room.now_ns)
+    turn_away(room, 1.0)
     see(room, {2: ADA}, {2: HERE}, frames=3)
-    assert len(rows(room)) == 1
+    assert len(rows(room)) == 1, "for a moment only"
     turn_away(room, 10.0)
-    see(room, {3: ADA}, {3: HERE}, frames=3)
-    assert len(rows(room)) == 2
+    see(room, {3: BO}, {3: (2.5, 1.2)}, frames=3)
+    assert len(rows(room)) == (1 if joined else 2)
+    turn_away(room, 10.0)
+    see(room, {4: BO}, {4: (6.0, 1.2)}, frames=3)
+    assert len(rows(room)) == (2 if joined else 3), "somewhere else"
 
 
 def test_who_was_forgotten_is_not_known_again() -> None:
