@@ -3,9 +3,12 @@
 Each time it is asked again, and nothing of the person may be left. Prints how many changes there are.
 """
 
+import functools
 import os
 import shutil
 import sys
+import traceback
+from collections.abc import Callable
 from pathlib import Path
 
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
@@ -33,30 +36,49 @@ def forget(study: Path) -> bool:
     return forget_person(request, lambda: erase(study)).complete
 
 
-def main(source: Path, copies: Path, first: int, step: int) -> None:
-    frames = {path.name: content_of(path) for path in source.rglob("*.mp4")}
+def in_child(work: Callable[[], None]) -> int:
+    """How it ended. Each try is a process of its own, and this one decodes nothing: of the threads that a decoder
+    starts a fork has only their locks.
+    """
+    child = os.fork()
+    if not child:
+        status = 1
+        try:
+            work()
+            status = 0
+        except Exception:
+            traceback.print_exc()
+        finally:
+            os._exit(status)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def ask_again(source: Path, study: Path) -> None:
+    assert forget(study)
     search = ByteSearch(all_of([NAME], []))
+    assert not [path for path in study.rglob("*") if path.is_file() and search.file(path).hits]
+    assert not [*study.rglob("*.part"), *study.rglob("under-way*")]
+    assert all(verify_manifest(folder) == [] for folder in (study / "sessions").iterdir())
+    before, after = ({path.name: content_of(path) for path in place.rglob("*.mp4")} for place in (source, study))
+    assert before == after
+
+
+def main(source: Path, copies: Path, first: int, step: int) -> None:
     (source / "people.sqlite").write_text(NAME, encoding="utf-8")
     count = first
     while True:
         study = copies / str(count)
         shutil.copytree(source, study)
-        child = os.fork()
-        if not child:
+
+        def forget_and_die(study: Path = study, count: int = count) -> None:
             die_at(count, study, _CHANGES, reading=False)
             forget(study)
-            os._exit(0)
-        _, status = os.waitpid(child, 0)
-        assert forget(study), count
-        left = [path for path in study.rglob("*") if path.is_file() and search.file(path).hits]
-        assert not left, (count, left)
-        assert not [*study.rglob("*.part"), *study.rglob("under-way*")], count
-        for folder in (study / "sessions").iterdir():
-            assert verify_manifest(folder) == [], count
-        assert {path.name: content_of(path) for path in study.rglob("*.mp4")} == frames, count
+
+        status = in_child(forget_and_die)
+        assert in_child(functools.partial(ask_again, source, study)) == 0, count
         shutil.rmtree(study)
-        if os.WIFEXITED(status):
-            assert os.WEXITSTATUS(status) == 0
+        if status >= 0:
+            assert status == 0
             print(count)
             return
         count += step
