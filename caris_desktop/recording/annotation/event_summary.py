@@ -13,6 +13,7 @@ _LONGEST_SUMMARY = 300
 
 EVENTS_IN_WORDS = (
     QT_TR_NOOP("Drive ended"),
+    QT_TR_NOOP("Movement changed"),
     QT_TR_NOOP("Stop requested"),
     QT_TR_NOOP("Navigation speed changed"),
     QT_TR_NOOP("Initial pose set"),
