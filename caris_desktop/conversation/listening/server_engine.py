@@ -118,10 +118,17 @@ class ServerEngine:
 
     def _ask(self, fields: dict[str, str], wav: bytes) -> tuple[int, bytes]:
         """Without the fields that it refuses; gpt-4o-transcribe and others know no ``verbose_json``."""
+        guessed = False
         while True:
             sent = {name: value for name, value in (fields | self._refused).items() if name in fields and value}
             status, body = self._runner.run(self._post(sent, wav))
             refused = _refused_field(sent, body) if status in _REFUSED else ""
+            if status in _REFUSED and not refused and sent.get("response_format") == "verbose_json":
+                # What servers know least, where they do not say.
+                refused, guessed = "response_format", True
+            elif guessed and status != 200:
+                del self._refused["response_format"]
+                return status, body
             if not refused:
                 return status, body
             self._refused[refused] = "json" if sent[refused] == "verbose_json" else ""

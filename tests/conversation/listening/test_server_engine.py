@@ -101,6 +101,7 @@ _REFUSED = "response_format 'verbose_json' is not compatible with model 'gpt-4o-
 REFUSALS: dict[str, object] = {
     "openai": {"error": {"message": _REFUSED, "param": "response_format", "code": "unsupported_value"}},
     "vllm": {"object": "error", "message": "Currently do not support verbose_json for response_format", "code": 400},
+    "says nothing": {"error": "Bad Request"},
     "fastapi": {"detail": [{"loc": ["body", "response_format"], "msg": "Input should be json or text"}]},
 }
 TEXT = b'{"text": "Where is the lab?"}'
@@ -128,8 +129,12 @@ def test_fields_that_a_server_refuses_are_left_out(server: Server) -> None:
     assert asked.transcribe(SOUND, "We came in.", careful=True).words[0].text == "Where"
     assert len(server.fields) == 4 and "prompt" not in server.fields[-1]
     server.answers = lambda _fields: (400, b'{"error": "the model is unknown"}')
+    asked = engine(server.address)
     with pytest.raises(EngineAway, match="the model is unknown"):
         asked.transcribe(SOUND, "", careful=True)
+    server.answers = None
+    assert asked.transcribe(SOUND, "", careful=True).words
+    assert server.fields[-1]["response_format"] == "verbose_json", "that was not what it refused"
 
 
 def test_one_connection_serves_every_stretch(server: Server) -> None:
