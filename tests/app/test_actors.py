@@ -27,6 +27,7 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.child_process import ProcessBody
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.practice import PracticeParts
+from caris_desktop.live.services.robot import RobotConnection
 from caris_desktop.live.services.scenario import Imported
 from caris_desktop.live.state import LiveValue
 from caris_desktop.recording.export import ExportContext, export_session
@@ -66,6 +67,12 @@ on with is over. What is practised has a recording of its own."""
 
 WRITTEN_ELSEWHERE = {events.PersonForgotten, events.PracticeStepEnded, events.PracticeEnded}
 """Nobody is forgotten while a file is written, and what is practised goes into a file of its own."""
+
+
+def confirmed(profile: Path) -> RobotConnection:
+    """As after the user's word on what this file names."""
+    composition.confirm_robot(str(profile), accept_named=True)
+    return composition.robot_connection(str(profile))
 
 
 class SavedElsewhere:
@@ -390,10 +397,8 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
             practice=PracticeParts(scenario.path, lambda _actor: None, lambda _seconds: None),
             robots=replace(
                 parts.robots,
-                connect_to=lambda name: composition.robot_connection(str(folder / f"{name}.yaml")),
-                simulated=lambda actor: console.use_robot(
-                    lambda: composition.robot_connection(str(folder / "third.yaml")), actor
-                ),
+                connect_to=lambda name: confirmed(folder / f"{name}.yaml"),
+                simulated=lambda actor: console.use_robot(lambda: confirmed(folder / "third.yaml"), actor),
             ),
         )
         broken_off = parts.session.study / "sessions" / "broken-off"

@@ -76,6 +76,7 @@ def test_what_a_robot_tells_once_is_there_after_every_connection_and_every_stall
         state.link.changed.connect(lambda link: troubles.append(link.state))
         for number in range(times):
             lenses = state.stream("lens").arrivals
+            composition.confirm_robot(str(profile), accept_named=True)
             console.connect_robot(composition.robot_connection(str(profile), address=address))
             assert "map" in lacking(state, lenses), "another connection begins with nothing"
 
