@@ -418,12 +418,17 @@ class Actions(QObject):
         if spec is None:
             return tr(_NOT_NOW)
         if not self.available(action_id):
-            return tr(_WHY_NOT.get(spec.enabled_when, _NOT_NOW))
+            return self._why_not(spec)
         intent = self.intent_of(spec)
         if intent is not None:
             self.ask(intent)
             return ""
-        return self._call(spec) if spec.callback else tr(_WHY_NOT.get(spec.enabled_when, _NOT_NOW))
+        return self._call(spec) if spec.callback else self._why_not(spec)
+
+    @staticmethod
+    def _why_not(spec: ActionSpec) -> str:
+        why = _WHY_NOT.get(spec.enabled_when, _NOT_NOW)
+        return tr(why)
 
     def on_key(self, keys: QKeySequence, *, bare: bool) -> str | None:
         """The command on these keys; ``bare``: on those that work in the driving panels."""

@@ -45,8 +45,6 @@ AS_IT_IS: dict[str, dict[str, str]] = {
         "hearing along": _PROCESS,
         "own voice": _PROCESS,
         "camera {}": _PROCESS,
-        "The session was not exported.": _TERMINAL,
-        "The session itself is unharmed.": _TERMINAL,
         "keyboard, gamepad or on-screen stick; each command names its own": _RECORD,
         "not permitted": _RECORD,
     },
@@ -60,6 +58,7 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     },
     "app/perceive_again_command.py": {"*": _TERMINAL},
     "app/progress_bar.py": {"*": _TERMINAL},
+    "app/read_back.py": {"*": _PLAYED},
     "app/rehearsal.py": {"*": _PLAYED},
     "app/rehearse_command.py": {"the window was closed": _PLAYED},
     "app/replay_command.py": {"unsaved annotations": _FOLDER, "CARIS Desktop": "the name of the program"},
@@ -94,7 +93,6 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "ui/shortcuts/wizard_keys.py": {"shortcuts unread": "a key of the settings"},
     "ui/speak/field.py": {"Enter": _CAP},
     "ui/speak/voice_choices.py": {"{} (eSpeak)": "a voice and its engine, by their names"},
-    "ui/status_bar.py": {"<br>": "a new line in a tip"},
     "ui/theme.py": {"*": "names of fonts"},
 }
 """What is shown as it is in every language: for each file, or for all (""), its texts ("*": all) with the reason."""
