@@ -18,6 +18,7 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
+from caris_desktop.app import composition
 from caris_desktop.app.console_command import ConsoleRun, default_arguments, end_when_told
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AlarmChanged, DriveEnded, Problem
@@ -78,6 +79,8 @@ class Driver(Reporter):
             x_m, y_m, name = rest.split(maxsplit=2)
             self._run.console.do(intents.SavePlace(name, Pose2D(float(x_m), float(y_m), 0.0)))
         elif word == "robot":
+            # As after the wizard's answer to what the profile names.
+            composition.confirm_robot(rest, accept_named=True)
             self._run.console.do(intents.UseRobot(rest))
         elif word == "use":
             control, value = rest.split(maxsplit=1)
@@ -164,6 +167,7 @@ def main(address: str, study: Path, driver_type: type[Driver] = Driver, *, scena
         scenario = "tour-guide"
     elif not scenario:
         scenario = str(without_models(layouts_dir() / "tour-guide.yaml", study.parent))
+    composition.confirm_robot(robot, accept_named=True)
     run = ConsoleRun(
         default_arguments(scenario=scenario, robot=robot, study=study, camera=camera and [camera]),
         settings=settings,

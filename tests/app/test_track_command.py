@@ -146,7 +146,7 @@ WRONG: dict[str, tuple[str, str, list[str], str]] = {
     "missing": ("none.mp4", "result.txt", [], "none.mp4 does not exist"),
     "folder": (".", "result.txt", [], "is no file"),
     "text": ("text.mp4", "result.txt", [], "text.mp4 cannot be read as a video"),
-    "letters": ("text.txt", "result.txt", [], "text.txt has no video in it"),
+    "letters": ("text.txt", "result.txt", [], "text.txt cannot be read as a video"),
     "cut": ("cut.mp4", "result.txt", [], "cut.mp4 cannot be read as a video"),
     "result is a folder": ("grey.mp4", ".", [], "is a folder"),
     "no such folder": ("grey.mp4", "none/result.txt", [], "there is no folder"),
