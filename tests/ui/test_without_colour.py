@@ -170,7 +170,7 @@ def test_who_is_named_suggested_unconfirmed_and_gone(window: MainWindow, console
         "nobody known": third,
         "named": replace(third, name="Ana Torres", known=True),
         "suggested": replace(third, suggestions=(Suggestion("p-mara", "Mara Silva", 0.82),)),
-        "gone": replace(third, here=False, last_seen_ns=now_ns - 60_000_000_000),
+        "gone": replace(third, name="Ana Torres", known=True, here=False, last_seen_ns=now_ns - 60_000_000_000),
     }
     said, images = {}, {}
 
@@ -207,11 +207,15 @@ def test_whether_it_is_recorded(window: MainWindow, console: FakeConsole) -> Non
 class Aged:
     """A stream as old as a test says."""
 
-    def __init__(self, freshness: str) -> None:
-        self.freshness = freshness
+    age_known = True
+
+    def __init__(self, freshness: str, *, arrives_late: bool = False) -> None:
+        self.freshness, self.arrives_late = freshness, arrives_late
 
     def age_s(self) -> float:
         return 0.7
+
+    silent_s = age_s
 
 
 @pytest.mark.panels("drive")
@@ -219,7 +223,12 @@ def test_how_old_a_stream_is(window: MainWindow) -> None:
     bar = window.findChild(StatusBar)
     assert bar is not None
     words_of: Callable[..., tuple[str, str]] = bar._stream_words
-    assert_words_differ({each: words_of("LIDAR", Aged(each))[0] for each in ("fresh", "stale", "lost", "absent")})
+    said = {each: words_of("LIDAR", Aged(each))[0] for each in ("fresh", "stale", "lost", "absent")}
+    said["late"] = words_of("LIDAR", Aged("stale", arrives_late=True))[0]
+    unknown = Aged("fresh")
+    unknown.age_known = False
+    said["age unknown"] = words_of("LIDAR", unknown)[0]
+    assert_words_differ(said)
 
 
 @pytest.mark.panels("map")
