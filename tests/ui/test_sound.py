@@ -12,6 +12,7 @@ from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
 from caris_desktop.scenario.model import Permissions
 from caris_desktop.scenario.sound import SoundSettings
+from caris_desktop.ui.drive_keys import HELD_TO_TALK_MS
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.sound_menu import SoundMenu
@@ -105,14 +106,21 @@ def test_dictation_has_a_key_of_its_own_and_types_no_space(console: FakeConsole,
     assert field.toPlainText() == ""
 
 
-def test_where_driving_has_the_focus_a_bare_key_does(window: MainWindow, console: FakeConsole) -> None:
+@pytest.mark.parametrize(("shift", "to"), [(Qt.KeyboardModifier.NoModifier, "robot"), (SHIFT, "dictation")])
+def test_where_driving_has_the_focus_a_bare_key_does_once_it_is_held(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, shift: Qt.KeyboardModifier, to: str
+) -> None:
     view = find(window, "video_view")
     view.setFocus()
-    QTest.keyPress(view, Qt.Key.Key_T)
-    QTest.keyRelease(view, Qt.Key.Key_T)
-    QTest.keyPress(view, Qt.Key.Key_T, SHIFT)
-    QTest.keyRelease(view, Qt.Key.Key_T, SHIFT)
-    assert [to for on, to in talked(console) if on] == ["robot", "dictation"]
+    QTest.keyPress(view, Qt.Key.Key_T, shift)
+    QTest.keyRelease(view, Qt.Key.Key_T, shift)
+    qtbot.wait(HELD_TO_TALK_MS + 100)
+    assert talked(console) == [], "a tap opens no microphone"
+    QTest.keyPress(view, Qt.Key.Key_T, shift)
+    assert talked(console) == []
+    qtbot.waitUntil(lambda: talked(console) == [(True, to)])
+    QTest.keyRelease(view, Qt.Key.Key_T, shift)
+    assert talked(console) == [(True, to), (False, to)]
 
 
 def test_a_dialog_ends_it_until_the_key_is_pressed_anew(
