@@ -68,13 +68,16 @@ def test_it_opens_inside_the_window(window: MainWindow, panel: RobotPanel) -> No
     assert QApplication.activeWindow() is window, "a window of its own, be it for a moment, would end driving"
 
 
-def test_a_button_is_used_with_one_click_and_takes_no_focus(
+def test_a_button_is_used_with_one_click_and_its_panel_gets_the_keys(
     qtbot: QtBot, window: MainWindow, panel: RobotPanel, console: FakeConsole
 ) -> None:
-    before = window.focusWidget()
-    click(qtbot, find(panel, "control_wave_button"))
+    button = find(panel, "control_wave_button")
+    click(qtbot, button)
     assert console.named("use_control") == [("wave", True)]
-    assert window.focusWidget() is before
+    assert window.focusWidget() is panel.focus_target()
+    assert window.focusWidget() is not button, "a key that follows does not press it once more"
+    QTest.keyClick(window.focusWidget(), Qt.Key.Key_Space)
+    assert console.named("use_control") == [("wave", True)]
     assert panel.fact == ("Wave: asked", "blue")
 
 
