@@ -37,7 +37,8 @@ def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
     wrong(console, "Nothing was said.", until="connected", cause=ANSWER)
     wrong(console, "The detector does not know: cake.")
     assert (button.text(), button.role) == ("2 alarms", "red")  # type: ignore[attr-defined]
-    typing = window.focusWidget()
+    typing = find(window, "speak_field")
+    typing.setFocus()
     click(qtbot, find(window, "alarms_button"))
     lost, cake = alarms.rows
     assert "The connection to the robot is lost." in lost.accessibleName()
@@ -58,6 +59,26 @@ def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
     QTest.keyClick(alarms, Qt.Key.Key_Escape)
     assert not alarms.isVisible()
     assert window.focusWidget() is typing
+
+
+def test_who_opened_it_while_driving_does_not_drive_again_by_itself(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, alarms: AlarmList
+) -> None:
+    wrong(console, "The detector does not know: cake.")
+    view = find(window, "video_view")
+    view.setFocus()
+    console.calls.clear()
+    QTest.keyClick(view, Qt.Key.Key_W)
+    assert console.calls, "a bare key drove"
+    click(qtbot, find(window, "alarms_button"))
+    assert alarms.isVisible()
+    QTest.keyClick(alarms, Qt.Key.Key_Escape)
+    assert not alarms.isVisible()
+    console.calls.clear()
+    focused = window.focusWidget()
+    assert focused is not None
+    QTest.keyClick(focused, Qt.Key.Key_W)
+    assert console.calls == [], "a click at the lower edge ends driving by bare keys"
 
 
 def test_the_palette_opens_it_and_the_log_of_what_was_is_one_click_away(
