@@ -21,6 +21,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractItemView, QApplication, QLabel, QLineEdit, QPlainTextEdit, QWidget
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.conversation.spoken_text import spoken
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, Marked, PhotoTaken, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
@@ -371,9 +372,13 @@ def press_name_button(qtbot: QtBot, panel: PeoplePanel, person_id: str) -> QWidg
     return find(panel, "person_name_field")
 
 
-def test_people_have_rows_with_names_or_numbers(window: MainWindow) -> None:
+def test_people_have_rows_with_names_or_numbers(qtbot: QtBot, window: MainWindow) -> None:
     panel = people(window)
     assert panel.fact[0] == "3 here"
+    assert names(panel) == ["Luis", "Ana Torres", "Person 3"]
+    left = find(window, "people_unfold")
+    assert left.isVisible() and left.property("text") == "+ 1 left", "who left without a name is only counted"
+    click(qtbot, left)
     assert names(panel) == ["Luis", "Ana Torres", "Person 3", "Person 4"]
     told = panel.model.index(3).data(Qt.ItemDataRole.AccessibleTextRole)
     assert str(told).startswith("Person 4, left 4")
@@ -408,11 +413,13 @@ def test_the_field_for_a_name_stays_with_its_person(qtbot: QtBot, window: MainWi
     place = field.geometry()
     persons = console.state.persons.value
     console.state.persons.set(tuple(person for person in persons if person.person_id != "p1"))
-    assert names(panel) == ["Luis", "Ana Torres", "Person 3", "Person 4"], "no row moves while a name is typed"
+    assert names(panel) == ["Luis", "Ana Torres", "Person 3"], "no row moves while a name is typed"
     assert field.geometry() == place
     QTest.keyClick(field, Qt.Key.Key_Return)
     assert console.calls == [("rename_person", ("p3", "Mara"))]
-    assert names(panel) == ["Ana Torres", "Mara", "Person 4"]
+    assert names(panel) == ["Luis", "Ana Torres", "Mara"], "nor while the mouse is still on them"
+    QApplication.sendEvent(panel.list.viewport(), QEvent(QEvent.Type.Leave))
+    assert names(panel) == ["Ana Torres", "Mara"]
 
 
 @pytest.mark.panels()
@@ -450,21 +457,26 @@ def test_after_a_name_no_key_drives_or_speaks(qtbot: QtBot, window: MainWindow, 
 
 
 @pytest.mark.panels("people", "video")
-def test_no_row_moves_under_the_mouse(window: MainWindow, console: FakeConsole) -> None:
+def test_no_row_moves_under_the_mouse(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     viewport = panel.list.viewport()
-    QApplication.sendEvent(viewport, QEvent(QEvent.Type.Enter))
     luis, ana, third, gone = console.state.persons.value
+    pointed = panel.model.row_of(third.person_id)
+    assert pointed is not None
+    place = panel.list.row_rect(pointed)
+    qtbot.mouseMove(viewport, place.center())
     new = dataclasses.replace(luis, person_id="p9", name="Person 9", since_ns=luis.since_ns + 1)
     console.state.persons.set((dataclasses.replace(luis, here=False), third, new, gone))
-    assert names(panel) == ["Luis", "Ana Torres", "Person 3", "Person 4", "Person 9"]
+    assert names(panel) == ["Luis", "Ana Torres", "Person 3", "Person 9"]
+    assert panel.list.row_rect(pointed) == place
     row = panel.model.row_of(ana.person_id)
     assert row is not None
     QTest.mouseClick(viewport, Qt.MouseButton.LeftButton, pos=panel.list.button_rect(row).center())
     assert not panel.list.naming, "who is gone cannot be named"
     QApplication.sendEvent(viewport, QEvent(QEvent.Type.Leave))
-    assert set(names(panel)) == {"Luis", "Person 3", "Person 4", "Person 9"}
-    assert names(panel).index("Luis") > names(panel).index("Person 3"), "those who left go to the end"
+    assert names(panel) == ["Person 9", "Person 3", "Luis"], "those who left go to the end"
+    # The pointer stays where it is beyond the test.
+    qtbot.mouseMove(window, QPoint(1, 1))
 
 
 @pytest.mark.panels("people", "video")
@@ -601,7 +613,9 @@ def test_enter_says_an_answer_that_is_edited(qtbot: QtBot, window: MainWindow, c
     QTest.keyClicks(answer, "Yes.")
     QTest.keyClick(answer, Qt.Key.Key_Return)
     assert [name for name, _ in console.calls] == ["say_answer"]
-    assert console.calls[0][1].endswith("safety zone around it. Really. Yes.")
+    answered = console.calls[0][1]
+    assert answered.endswith("safety zone around it. Really.\nYes."), "Shift+Enter began a line"
+    assert spoken(answered).endswith("safety zone around it. Really. Yes."), "and the voice goes on without one"
 
 
 @pytest.mark.panels("assistant", "speak")
