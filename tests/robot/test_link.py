@@ -1,5 +1,6 @@
 """The control link against a rosbridge double: what goes over the wire, and what does not."""
 
+import itertools
 import json
 import os
 import signal
@@ -268,7 +269,8 @@ def test_a_stop_of_a_moment_leaves_four_velocities_and_a_zero_and_the_drive_goes
     # From a stand, as after a new key press.
     after = [forward for forward in read[zero:] if forward]
     assert after[0] < 0.1
-    assert after == sorted(after)
+    # Rounding of floats aside, it only grows.
+    assert all(later > earlier - 1e-9 for earlier, later in itertools.pairwise(after))
     assert "trouble" not in own_link.states()
     assert own_link.of(DriveEnded) == []
 
