@@ -80,7 +80,7 @@ class Bridge:
 
     async def send(self, payload: str | bytes) -> None:
         asked_by = None
-        with contextlib.suppress(ValueError, TypeError, KeyError):
+        with contextlib.suppress(ValueError, TypeError, KeyError, RecursionError):
             asked_by = self._asked_by.get(json.loads(payload)["id"])
         await self._send(payload, self._main() if asked_by is None else [asked_by])
 
