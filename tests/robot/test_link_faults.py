@@ -210,7 +210,7 @@ def test_a_network_of_one_megabit_shows_no_old_picture_as_fresh(bench: Bench, qa
             state.take(known[-1])
             assert frame.robot_stamp_ns is not None
             age_s = (frame.stamp_ns + wall_minus_session_ns - frame.robot_stamp_ns) / 1e9
-            state.frame.value = frame
+            state.frame.update_value(frame)
             told_s = state.frame.age_s(at_ns=frame.stamp_ns)
             assert told_s is not None
             stated_s = (known[-1].clock_uncertainty_ms or 0.0) / 1e3
@@ -221,6 +221,7 @@ def test_a_network_of_one_megabit_shows_no_old_picture_as_fresh(bench: Bench, qa
         bench.proxy.limit(None)
         bench.is_restored(after=0)
     finally:
+        state.close()
         media.close()
         ring.close()
 
