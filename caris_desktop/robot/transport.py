@@ -89,6 +89,7 @@ _SMALL_BYTES, _SMALL_WAITING = 32 * 1024, 5
 _SHORT_LIVED_S = 1.0
 _QUESTIONS = "/rosapi/"
 # A rosapi that hangs holds its questions for ever. A new websocket for them costs the robot another thread.
+_LINK_LOST_WITHIN_S = 0.3
 _NEW_QUESTIONS_SOCKET_AFTER_S = 30.0
 # So many calls and goals may be under way at once, and a few more of those that stop the robot.
 MOST_CALLS, MOST_URGENT_CALLS = 8, 16
@@ -698,7 +699,9 @@ class SafeFactory:
         else:
             socket.take_protocol()
             self._forget_socket(socket)
-            protocol.fail_everything(NoAnswer(QT_TR_NOOP("the link to the robot was lost")))
+            # Often the first of a link that is lost as a whole, which is then what is told.
+            lost = NoAnswer(QT_TR_NOOP("the link to the robot was lost"))
+            self.manager.loop.call_later(_LINK_LOST_WITHIN_S, protocol.fail_everything, lost)
 
     def _link_lost(self, ended: BridgeSocket, protocol: SafeProtocol, reason: str) -> None:
         # Nothing that arrived before the gap is handed out after it.

@@ -168,6 +168,7 @@ def main(address: str, study: Path, driver_type: type[Driver] = Driver, *, scena
     elif not scenario:
         scenario = str(without_models(layouts_dir() / "tour-guide.yaml", study.parent))
     composition.confirm_robot(robot, accept_named=True)
+    composition.find_scenario(scenario, accept_named=True)
     run = ConsoleRun(
         default_arguments(scenario=scenario, robot=robot, study=study, camera=camera and [camera]),
         settings=settings,
