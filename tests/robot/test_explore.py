@@ -423,7 +423,7 @@ def test_nobody_at_the_address_is_said_and_the_ros_version_is_then_taken_for_1()
 def test_the_size_of_a_picture_is_read_from_its_head() -> None:
     jpeg = b"\xff\xd8\xff\xe0\x00\x04ab\xff\xc0\x00\x11\x08\x01\xe0\x02\x80" + bytes(12)
     assert picture_size(jpeg) == (640, 480)
-    assert picture_size(b"\x89PNG\r\n\x1a\n" + bytes(8) + (320).to_bytes(4) + (240).to_bytes(4)) == (320, 240)
+    assert picture_size(b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + (320).to_bytes(4) + (240).to_bytes(4)) == (320, 240)
     for broken in (b"", b"\xff\xd8", jpeg[:14], b"GIF89a", b"\xff\xd8\xff\xe0\x00\x00" * 3):
         assert picture_size(broken) is None
 

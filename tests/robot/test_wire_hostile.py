@@ -76,7 +76,8 @@ def test_deep_nesting_many_fragments_and_numbers_that_are_none_stop_nothing(
     link.hold(lambda: refusals(link), "a refusal is told")
     bridge.tell(text=json.dumps({"op": "publish", "topic": "/battery_state", "msg": {"percentage": 0.5}}))
     wait_for(lambda: [told for told in link.of(TrafficMeasured) if told.refused >= 3], "they are counted")
-    assert link.states()[-1] == "connected"
+    # On a full machine the answers to pings wait behind the flood, which counts as trouble until they are there.
+    wait_for(lambda: link.states()[-1] == "connected", "the robot is connected")
     scans = len(link.of(LaserScan))
     wait_for(lambda: len(link.of(LaserScan)) > scans + 3, "scans go on")
     # The lease runs on the loop that takes all of this: what it sent has no gap in which a robot would run on.
