@@ -80,7 +80,9 @@ class VirtualDesktop:
         self._subject.stdin.flush()
 
     def lines(self) -> list[str]:
-        return Path(self._output.name).read_text().splitlines()
+        """What was written so far; the last line only once it is whole."""
+        written = Path(self._output.name).read_text()
+        return written[: written.rfind("\n") + 1].splitlines()
 
     def wait_for(self, line: str, *, after: int = 0, timeout_s: float = 20.0) -> int:
         """Index behind the first such line from ``after`` on."""

@@ -40,9 +40,9 @@ def tell(panel: DiagnosticsPanel, console: FakeConsole, *topics: TopicTraffic, r
 
 @pytest.fixture
 def panel(window: MainWindow, console: FakeConsole) -> DiagnosticsPanel:
-    console.state.link.set(
-        LinkStatus("connected", "Lab robot", "ws://lab:9090", "", 12.0, words.session_clock_ms(ANCHOR) + 3.14, 0.4)
-    )
+    # Against the anchor that the panel has: the time of day may have been set a little since another was taken.
+    clock_offset_ms = words.session_clock_ms(console.state.present.anchor) + 3.14
+    console.state.link.set(LinkStatus("connected", "Lab robot", "ws://lab:9090", "", 12.0, clock_offset_ms, 0.4))
     window.open_panel("diagnostics")
     panel = window.panels["diagnostics"]
     assert isinstance(panel, DiagnosticsPanel)
