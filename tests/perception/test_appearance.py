@@ -67,7 +67,7 @@ def test_a_checksum_beside_the_file_has_to_be_its_own(tmp_path: Path, model: App
     checksum.write_text(f"{hashlib.sha256(path.read_bytes()).hexdigest().upper()}  osnet_test.onnx\n", encoding="ascii")
     assert AppearanceModel(path).name == model.name
     checksum.write_text("0" * 64, encoding="ascii")
-    with pytest.raises(AppearanceError, match="is not the network whose checksum"):
+    with pytest.raises(AppearanceError, match="is not the one that its checksum is of"):
         AppearanceModel(path)
 
 

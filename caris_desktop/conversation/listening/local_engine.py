@@ -12,9 +12,11 @@ from caris_desktop.conversation.listening.engine import HeardText, NoEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.plausible import is_nothing
 from caris_desktop.conversation.listening.recogniser_files import OFFLINE_PACKAGE, find_recogniser
+from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file, expected_of
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _RATE_HZ = 16_000
+_NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
 _FRAMES_PER_S = 100
 # Whisper always looks at 30 s. What it is told of silence costs four fifths of the time: this much is enough.
 _BEAM_AT_PAUSE = 5
@@ -32,13 +34,18 @@ class LocalEngine:
         """Raises NoEngine."""
         folder = find_recogniser(settings)
         try:
+            for path in sorted(folder.iterdir()):
+                if expected_of(path):
+                    check_file(path)
             self._model = _open(str(folder), settings.threads)
         except ImportError as error:
             raise NoEngine(
                 QT_TR_NOOP("The speech recogniser is not installed."),
-                QT_TR_NOOP("What is said is not turned into text; all else goes on."),
+                _NO_TEXT,
                 QT_TR_NOOP("Run: pip install faster-whisper"),
             ) from error
+        except WrongChecksum as error:
+            raise NoEngine(str(error), _NO_TEXT, GET_WEIGHTS_ANEW) from error
         except (RuntimeError, ValueError, OSError) as error:
             raise NoEngine(
                 filled(
@@ -46,7 +53,7 @@ class LocalEngine:
                     name=folder.name,
                     error=error,
                 ),
-                QT_TR_NOOP("What is said is not turned into text; all else goes on."),
+                _NO_TEXT,
                 QT_TR_NOOP("Get the model anew, or correct listening.model."),
             ) from error
         several = bool(self._model.model.is_multilingual)
@@ -61,7 +68,7 @@ class LocalEngine:
                     ),
                     model=self.model,
                 ),
-                QT_TR_NOOP("What is said is not turned into text; all else goes on."),
+                _NO_TEXT,
                 QT_TR_NOOP("Set listening.model to a model that knows the language, or listening.language to en."),
             )
         self.transcribe(np.zeros(_RATE_HZ, np.float32), "", careful=False)  # the first time takes longer

@@ -31,6 +31,7 @@ from caris_desktop.conversation.listening.words_thread import WordsHeard, WordsR
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
@@ -61,7 +62,7 @@ class _Recogniser:
         self._own_words = OwnWords()
         self._silence = SilenceOfPeople()
         self._signal = SignalWatch()
-        self._turn_model = TurnModel.find()
+        self._turn_model: TurnModel | None = None
         self._words = WordsThread(settings)
         self._ears: dict[str, Ear] = {}
         self._turns: list[TurnTaking] = []
@@ -75,16 +76,16 @@ class _Recogniser:
     def run(self) -> None:
         """Until the console is gone."""
         self._words.start()
+        no_text = QT_TR_NOOP("What is said is not turned into text.")
         try:
             VoiceActivity()
+            self._turn_model = TurnModel.find()
         except NoVoiceActivity as error:
             self._fail(
-                NoEngine(
-                    filled(QT_TR_NOOP("{error}."), error=error),
-                    QT_TR_NOOP("What is said is not turned into text."),
-                    QT_TR_NOOP("Install it with pip."),
-                )
+                NoEngine(filled(QT_TR_NOOP("{error}."), error=error), no_text, QT_TR_NOOP("Install it with pip."))
             )
+        except WrongChecksum as error:
+            self._fail(NoEngine(str(error), no_text, GET_WEIGHTS_ANEW))
         try:
             while True:
                 while self._connection.poll(_LOOK_EVERY_S):

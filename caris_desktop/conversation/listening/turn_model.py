@@ -7,7 +7,8 @@ front of a shorter one, and gives the probability that the turn is complete.
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.onnx_session import file_in_package, open_network
+from caris_desktop.conversation.listening.onnx_session import open_network
+from caris_desktop.domain.model_files import packaged_file
 
 RATE_HZ = 16_000
 SECONDS = 8
@@ -17,11 +18,11 @@ _VARIANCE_FLOOR, _POWER_FLOOR, _RANGE = 1e-7, 1e-10, 8.0
 
 
 class TurnModel:
-    """``TurnModel.find()`` gives None where the network is not installed."""
+    """``TurnModel.find()`` gives None where the network is not installed, and raises WrongChecksum."""
 
     @classmethod
     def find(cls) -> "TurnModel | None":
-        path = file_in_package("pipecat", "audio", "turn", "smart_turn", "data", "smart-turn-v3.2-cpu.onnx")
+        path = packaged_file("pipecat/audio/turn/smart_turn/data/smart-turn-v3.2-cpu.onnx")
         return None if path is None else cls(open_network(path))
 
     def __init__(self, session: object) -> None:

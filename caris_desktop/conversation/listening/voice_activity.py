@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.onnx_session import file_in_package, open_network
+from caris_desktop.conversation.listening.onnx_session import open_network
+from caris_desktop.domain.model_files import packaged_file
 
 RATE_HZ = 16_000
 WINDOW = 512
@@ -23,8 +24,8 @@ class VoiceActivity:
     """Of one microphone; it remembers what came before."""
 
     def __init__(self) -> None:
-        """Raises NoVoiceActivity."""
-        path = file_in_package("faster_whisper", "assets", "silero_vad_v6.onnx")
+        """Raises NoVoiceActivity, and WrongChecksum."""
+        path = packaged_file("faster_whisper/assets/silero_vad_v6.onnx")
         if path is None:
             raise NoVoiceActivity(
                 "The Python package faster-whisper, which tells voices from other sound, is not installed"

@@ -18,6 +18,7 @@ from caris_desktop.conversation.voices.found import (
 )
 from caris_desktop.conversation.voices.piper import PiperVoice
 from caris_desktop.conversation.voices.sound import Voice, words_of
+from caris_desktop.domain.model_files import WrongChecksum
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 
@@ -45,7 +46,7 @@ def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
             files = _piper_files(choice)
             if files is not None:
                 return PiperVoice(files, rate=choice.rate, volume=choice.volume), ""
-        except NoSuchVoiceError as error:
+        except (NoSuchVoiceError, WrongChecksum) as error:
             why_not = str(error)
         except ImportError:
             why_not = QT_TR_NOOP("the program piper is not installed")

@@ -3,14 +3,13 @@
 A voice is two files, ``NAME.onnx`` and ``NAME.onnx.json``. Nothing of a package is imported and no file runs code.
 """
 
-import importlib.metadata
 import logging
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.model_files import models_dirs
+from caris_desktop.domain.model_files import models_dirs, packaged_file
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 
@@ -48,7 +47,8 @@ def voice_folders(scenario_folder: str) -> tuple[Path, ...]:
     """Where voices are looked for, in this order."""
     beside = (Path(scenario_folder),) if scenario_folder else ()
     folders = [folder for above in (*beside, *models_dirs()) for folder in (above, above / "piper")]
-    return (*folders, *_offline_folder())
+    offline = packaged_file(_OFFLINE_FOLDER)
+    return (*folders, *([offline] if offline is not None else []))
 
 
 def piper_voices(folders: Sequence[Path]) -> tuple[PiperFiles, ...]:
@@ -98,13 +98,6 @@ def base_language(language: str) -> str:
 def normalised(language: str) -> str:
     """``en-us`` of ``en_US``."""
     return language.replace("_", "-").lower()
-
-
-def _offline_folder() -> Iterator[Path]:
-    try:
-        yield Path(str(importlib.metadata.distribution(OFFLINE_PACKAGE).locate_file(_OFFLINE_FOLDER)))
-    except importlib.metadata.PackageNotFoundError:
-        return
 
 
 def _models_in(folder: Path) -> list[Path]:

@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.voices.found import PIPER, PiperFiles
+from caris_desktop.conversation.voices.found import PIPER, NoSuchVoiceError, PiperFiles
 from caris_desktop.conversation.voices.sound import RenderingStoppedError, Samples, Stop
 from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.model_files import check_file, packaged_file, read_checked
 from caris_desktop.domain.onnx_graph import part_of_graph, taken_by
+from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _THREADS = 2
 _FIRST_PIECE_FRAMES = 16
@@ -27,6 +29,13 @@ _SHAPING_BEGINS = "/flow/flows.7/Slice_output_0"
 _SHAPING_MASKED = "/flow/flows.6/Mul_output_0"
 _SOUNDING_BEGINS = "/dec/conv_pre/Conv_output_0"
 _CHANNELS = 192
+# By the phonemes that a voice is fed with. For others Piper loads and runs code from the folder it was started in.
+_NETWORKS_OF_PIPER = {
+    "espeak": (),
+    "text": (),
+    "ar": ("piper/tashkeel/model.onnx",),
+    "hebrew": ("piper/hebrew/nakdimon.onnx",),
+}
 # A clause that is said first: long enough for its melody, and worth it only where much follows.
 _FIRST_CLAUSE_AT_LEAST = 12
 _ALONE_AT_MOST = 60
@@ -41,12 +50,24 @@ class PiperVoice:
         from piper.config import PiperConfig
         from piper.voice import PiperVoice as Piper
 
-        config = PiperConfig.from_dict(parse_json(files.config.read_bytes()))
+        config = PiperConfig.from_dict(parse_json(read_checked(files.config)[0]))
+        own = _NETWORKS_OF_PIPER.get("ar" if config.espeak_voice == "ar" else config.phoneme_type.value)
+        if own is None:
+            raise NoSuchVoiceError(
+                filled(
+                    QT_TR_NOOP("the voice {name} needs more than its two files, which would be fetched and run"),
+                    name=files.name,
+                )
+            )
+        for name in own:
+            path = packaged_file(name)
+            if path is not None:
+                check_file(path)
         self._runtime = onnxruntime
         # Only its language's phonemes are asked for, which need no network.
         self._piper: Any = Piper(session=None, config=config)
         self._config = config
-        self._steps = self._sessions(files.model.read_bytes())
+        self._steps = self._sessions(read_checked(files.model)[0])
         self.name = PIPER + files.name
         self.rate_hz = int(config.sample_rate)
         self.tune(rate, volume)

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.model_files import WrongChecksum, check_file
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends import openvino
 from caris_desktop.perception.backends.network import NetworkDetector
-from caris_desktop.perception.backends.opening import open_detector
+from caris_desktop.perception.backends.opening import check_weights, open_detector
 from caris_desktop.perception.detector import Detections, Detector
 from caris_desktop.perception.inference_settings import Device
 from caris_desktop.perception.weights import Weights, WeightsError
@@ -81,7 +82,7 @@ def open_fastest(
     if suffix != ".pt" and not (suffix == ".onnx" and openvino.is_installed()):
         return open_detector(weights, confidence=confidence, threads=threads, device=device)
     folder = cache_dir or _user_cache_dir()
-    export = folder / f"{_digest(weights.path)[:24]}-{__version__}.onnx"
+    export = folder / f"{check_weights(weights)[:24]}-{__version__}.onnx"
     openers = _openers(weights, export, confidence=confidence, threads=threads, device=device)
     remembered = folder / f"{export.stem}-{_circumstances(weights, tuple(openers), threads, device)}.json"
     choice = _recall(remembered)
@@ -109,7 +110,7 @@ def _openers(
         return NetworkDetector(openvino.OpenvinoNetwork(path, threads=threads), weights, confidence=confidence)
 
     def exported() -> Path:
-        if not export.is_file():
+        if not _is_whole(export):
             from caris_desktop.perception.backends.export import ModelExportError, export_onnx
 
             try:
@@ -224,11 +225,11 @@ def _version(package: str) -> str:
         return ""
 
 
-def _digest(path: Path) -> str:
-    if path.is_dir():
-        return ""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _is_whole(export: Path) -> bool:
+    try:
+        return bool(check_file(export))
+    except (OSError, WrongChecksum):
+        return False
 
 
 def _user_cache_dir() -> Path:

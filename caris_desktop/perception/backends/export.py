@@ -2,6 +2,7 @@
 
 import contextlib
 import copy
+import hashlib
 import importlib.util
 import io
 import warnings
@@ -38,6 +39,8 @@ def export_onnx(weights: Weights, target: Path, *, threads: int) -> None:
         content = _exported(load_model(weights))
         target.parent.mkdir(parents=True, exist_ok=True)
         replace_file(target, content, durable=False)
+        checksum = f"{hashlib.sha256(content).hexdigest()}  {target.name}\n"
+        replace_file(target.with_name(f"{target.name}.sha256"), checksum.encode(), durable=False)
     except ModelExportError:
         raise
     except Exception as error:  # torch has types of its own for what it cannot export

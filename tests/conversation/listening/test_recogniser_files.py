@@ -15,6 +15,7 @@ import pytest
 
 from caris_desktop.conversation.listening import recogniser_files
 from caris_desktop.conversation.listening.engine import NoEngine
+from caris_desktop.conversation.listening.local_engine import LocalEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.recogniser_files import find_recogniser
 
@@ -38,11 +39,11 @@ def test_the_usual_one_is_in_a_models_folder_or_in_the_package(
     folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     package = _model(folders[0].parent / "package")
-    monkeypatch.setattr(recogniser_files, "file_in_package", lambda *_parts: package)
+    monkeypatch.setattr(recogniser_files, "packaged_file", lambda *_parts: package)
     assert find_recogniser(SETTINGS, folders=folders) == package
     own = _model(folders[1] / "faster-whisper")
     assert find_recogniser(SETTINGS, folders=folders) == own
-    monkeypatch.setattr(recogniser_files, "file_in_package", lambda *_parts: None)
+    monkeypatch.setattr(recogniser_files, "packaged_file", lambda *_parts: None)
     with pytest.raises(NoEngine, match="No speech recogniser") as told:
         find_recogniser(SETTINGS, folders=(folders[0],))
     assert "pip install" in told.value.advice
@@ -114,11 +115,15 @@ def test_an_address_is_fetched_once_and_nothing_of_it_leaves_its_folder(
     (folder / "small.zip").write_bytes(packed)
     wanted = replace(SETTINGS, model=f"{address}/small.zip", sha256=hashlib.sha256(packed).hexdigest())
     found = find_recogniser(wanted, folders=folders)
-    assert {path.name for path in found.iterdir()} == {"model.bin", "config.json"}
+    checksums = {"model.bin.sha256", "config.json.sha256"}
+    assert {path.name for path in found.iterdir()} == {"model.bin", "config.json"} | checksums
     assert list(tmp_path.rglob("evil.py")) == []
     (folder / "small.zip").unlink()
     assert find_recogniser(wanted, folders=folders) == found
     assert [path.name for path in found.parent.iterdir()] == [found.name], "nothing else is left of it"
+    (found / "config.json").write_bytes(b"{ }")
+    with pytest.raises(NoEngine, match=r"config\.json of a model is not the one"):
+        LocalEngine(replace(SETTINGS, model=str(found)))
 
 
 def test_an_archive_without_a_model_leaves_nothing(folders: tuple[Path, Path], served: tuple[Path, str]) -> None:
