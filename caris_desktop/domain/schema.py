@@ -13,6 +13,7 @@ import base64
 import binascii
 import dataclasses
 import functools
+import inspect
 import math
 import typing
 import zlib
@@ -95,7 +96,8 @@ def json_schema(value_type: type[Any]) -> dict[str, Any]:
     schema = shape_schema(value_type)
     schema["title"] = value_type.__name__
     if value_type.__doc__:
-        schema["description"] = value_type.__doc__
+        # Python 3.13 takes the indentation out by itself; a session is the same whatever Python recorded it.
+        schema["description"] = inspect.cleandoc(value_type.__doc__)
     return schema
 
 

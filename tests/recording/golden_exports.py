@@ -27,10 +27,12 @@ SESSIONS = ("tour", "whole", "killed")
 _TEXT = {".csv", ".eaf", ".html", ".json", ".jsonl", ".md", ".TextGrid", ".txt", ".vtt", ".yaml"}
 # A digest of longer ones is enough.
 _LONGEST_TEXT_BYTES = 45_000
-# What names the moment of the export and nothing else.
-_MOMENTS = (
+# The moment of the export; sizes and digests of what compresses differently with each version of a library.
+_CHANGING = (
     (re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:\d\d)"), "MOMENT"),
     (re.compile(r"urn:[\w:/.-]*[0-9a-f-]{36}"), "URN"),
+    (re.compile(r"\b[0-9a-f]{64}\b"), "DIGEST"),
+    (re.compile(r'("bytes": |"contentSize": "|class="number">)[\d.]+'), r"\1SIZE"),
 )
 
 
@@ -64,7 +66,7 @@ def _content(path: Path) -> Iterator[str]:
     match path.suffix:
         case suffix if suffix in _TEXT:
             text = path.read_text("utf-8")
-            for pattern, name in _MOMENTS if _is_dated(path) else ():
+            for pattern, name in _CHANGING if _is_dated(path) else ():
                 text = pattern.sub(name, text)
             text = text.replace(__version__, "VERSION").replace("\r\n", "\n")
             if len(text) > _LONGEST_TEXT_BYTES:
@@ -90,7 +92,9 @@ def _content(path: Path) -> Iterator[str]:
 
 
 def _is_dated(path: Path) -> bool:
-    return path.suffix == ".eaf" or path.name.startswith("ro-crate")
+    """Whether it tells when it was written, or lists other files."""
+    listing = path.name in ("manifest-sha256.txt", "session.json")
+    return path.suffix == ".eaf" or path.name.startswith("ro-crate") or listing
 
 
 def main() -> None:
