@@ -3,7 +3,7 @@
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import field
 from typing import Any
 
@@ -17,7 +17,7 @@ from caris_desktop.domain.events import (
     TrafficMeasured,
 )
 from caris_desktop.domain.sensing import FrameRef, People, PeopleInMap
-from caris_desktop.domain.streams import BY_TYPE, EVENT_STREAMS, streams_voided_by
+from caris_desktop.domain.streams import BY_TYPE, EVENT_STREAMS, STREAMS_OF_LINK, streams_voided_by
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.session_reader import Session
@@ -40,8 +40,8 @@ _STANDING = {ScenarioOpened: _SCENARIOS, LayoutChanged: 1, RobotChosen: 1, LinkQ
 @dataclass(frozen=True, slots=True)
 class Situation:
     """How everything stood at one moment: state values, what holds, the newest frame of each camera, and what had
-    happened, oldest first. ``standing`` is in the order of arrival. ``generation`` counts the jumps. ``lost_ns`` says
-    when each link was last not connected: what came over it before was no longer on show.
+    happened, oldest first. ``standing`` is in the order of arrival. ``generation`` counts the jumps. What came over a
+    link before that was lost is left out: it was no longer on show.
     """
 
     generation: int
@@ -49,7 +49,6 @@ class Situation:
     standing: tuple[Any, ...]
     frames: tuple[FrameRef, ...]
     events: tuple[Any, ...]
-    lost_ns: dict[str, int]
 
 
 @dataclass(slots=True)
@@ -162,26 +161,39 @@ def _listed() -> list[type[Any]]:
 
 
 def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns: int) -> Situation:
-    recent = timeline.between(shown_ns - _SEEN_WITHIN_NS, shown_ns, types=(FrameRef, People, PeopleInMap))
-    seen = {BY_TYPE[type(value)].key_of(value): value for _, value in recent}
+    lost_ns = {
+        event.link: arrived_ns
+        for arrived_ns, event in timeline.events_before(shown_ns, _LINK_CHANGES, types=(LinkChanged,))
+        if streams_voided_by(event)
+    }
+
+    def newest(arrivals: Iterable[tuple[int, Any]]) -> dict[str, Any]:
+        """By when they came: a picture from before a loss may have been looked through only after it."""
+        return {
+            BY_TYPE[type(value)].key_of(value): value
+            for arrived_ns, value in arrivals
+            if not _was_lost(value, arrived_ns, lost_ns)
+        }
+
+    seen = newest(timeline.between(shown_ns - _SEEN_WITHIN_NS, shown_ns, types=(FrameRef, People, PeopleInMap)))
     frames = [value for value in seen.values() if isinstance(value, FrameRef)]
     # The cameras share a topic, and the newest of that is of one of them only.
-    values = {BY_TYPE[type(value)].key_of(value): value for value in timeline.state_at(shown_ns)}
+    values = newest(timeline.arrivals_until(shown_ns))
     values |= {key: value for key, value in seen.items() if not isinstance(value, FrameRef)}
     standing = [
         arrived for kind, most in _STANDING.items() for arrived in timeline.events_before(shown_ns, most, types=(kind,))
     ]
     standing.sort(key=lambda arrived: arrived[0])
-    lost_ns = {
-        event.link: event.stamp_ns
-        for _, event in timeline.events_before(shown_ns, _LINK_CHANGES, types=(LinkChanged,))
-        if streams_voided_by(event)
-    }
     return Situation(
         generation,
         tuple(values.values()),
         tuple(event for _, event in standing),
         tuple(sorted(frames, key=lambda frame: frame.stamp_ns)),
         tuple(event for _, event in timeline.events_before(at_ns, _EVENTS_SHOWN, types=_listed())),
-        lost_ns,
     )
+
+
+def _was_lost(value: Any, arrived_ns: int, lost_ns: dict[str, int]) -> bool:
+    """Whether the link that brings values of this stream was gone after this one."""
+    name = BY_TYPE[type(value)].name
+    return any(arrived_ns < at_ns and name in STREAMS_OF_LINK.get(link, ()) for link, at_ns in lost_ns.items())

@@ -4,7 +4,7 @@ import bisect
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.events import LayoutChanged, LinkChanged, LinkQuality, RobotChosen, ScenarioOpened
 from caris_desktop.domain.sensing import FrameRef, People, StatusShown
-from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, STREAMS_OF_LINK, Delivery
+from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, Delivery
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.replay_feed import ReplayFeed, Situation
 from caris_desktop.live.replay_video import KEY_FRAMES_FROM_RATE, ReplayFrames, ReplayVideo
@@ -228,7 +228,7 @@ class ReplayPlayer(QObject):
                 event for event in situation.standing if isinstance(event, (ScenarioOpened, RobotChosen, LayoutChanged))
             )
         )
-        values = [value for value in situation.values if not _was_lost(value, situation.lost_ns)]
+        values = list(situation.values)
         present = {BY_TYPE[type(value)].name for value in values}
         for spec in STATE_STREAMS:
             if spec.name not in present and spec.name != "frame":
@@ -241,12 +241,12 @@ class ReplayPlayer(QObject):
         for value in values:
             self._take_value(value)
         wanted = self._state.camera.value or _camera_of_people(values)
-        self._show_frames([ref for ref in situation.frames if not _was_lost(ref, situation.lost_ns)], wanted)
+        self._show_frames(situation.frames, wanted)
         self._awaits_situation = False
         self._state.check_freshness()
         self._tell()
 
-    def _show_frames(self, frames: list[FrameRef], wanted: str) -> None:
+    def _show_frames(self, frames: Sequence[FrameRef], wanted: str) -> None:
         """After a jump: each camera's picture, and none of a camera that had none then."""
         of_camera = {ref.camera: ref for ref in frames}
         for camera in self._state.cameras.value:
@@ -284,12 +284,6 @@ class ReplayPlayer(QObject):
                 rate=self._clock.rate,
             )
         )
-
-
-def _was_lost(value: Any, lost_ns: dict[str, int]) -> bool:
-    """Whether the link that brings values of this stream was gone after this one."""
-    name = BY_TYPE[type(value)].name
-    return any(value.stamp_ns < at_ns and name in STREAMS_OF_LINK.get(link, ()) for link, at_ns in lost_ns.items())
 
 
 def _camera_of_people(values: list[Any]) -> str:

@@ -12,11 +12,11 @@ _LEFT_OUT = ("audio", "status", "lens")
 
 
 def shown_state(state: LiveState) -> dict[str, Any]:
-    """Of each stream the stamp of its value and its freshness; of the console's own status everything."""
+    """Of each stream the stamp of its value, its freshness and its age; of the console's own status everything."""
     streams = {
-        spec.name: [getattr(state.stream(spec.name).value, "stamp_ns", None), state.stream(spec.name).freshness]
+        spec.name: [getattr(stream.value, "stamp_ns", None), stream.freshness, stream.age_s()]
         for spec in STATE_STREAMS
-        if spec.name not in _LEFT_OUT
+        if spec.name not in _LEFT_OUT and (stream := state.stream(spec.name))
     }
     status = {name: content_of(name, getattr(state, name).value) for name in STATUS_TYPES}
     robot, scenario = state.robot.value, state.scenario.value
@@ -47,13 +47,13 @@ def differences(
         return replayed[offset_ns]
 
     found = []
-    for name, (stamp_ns, freshness) in live["streams"].items():
-        now_ns, now_called = shown(0)["streams"][name]
+    for name, (stamp_ns, freshness, age_s) in live["streams"].items():
+        now_ns, now_called, _ = shown(0)["streams"][name]
         if stamp_ns != now_ns:
             around_ns = [shown(offset_ns)["streams"][name][0] for offset_ns in _AROUND_NS]
             if stamp_ns not in around_ns and not _is_between(name, stamp_ns, around_ns):
                 found.append(f"{name} of {stamp_ns}, which the replay shows of {now_ns}")
-        elif freshness != now_called and not _ages(name, at_ns - (stamp_ns or 0)):
+        elif freshness != now_called and not _ages(name, age_s or 0.0):
             found.append(f"{name} {freshness}, which in the replay is {now_called}")
     for name, value in live["status"].items():
         if value == shown(0)["status"][name]:
@@ -79,10 +79,12 @@ def _is_between(name: str, stamp_ns: int | None, shown_ns: list[int | None]) -> 
     return stamp_ns is not None and min(stamps_ns) <= stamp_ns <= max(stamps_ns) + spare_ns
 
 
-def _ages(name: str, age_ns: int) -> bool:
-    """Whether it has just been called something else, or is about to: ages are looked at now and then."""
+def _ages(name: str, age_s: float) -> bool:
+    """Whether it has just been called something else, or is about to: ages are looked at now and then. They count from
+    when it was measured, which on a busy computer is long before it came.
+    """
     moments_s = (BY_NAME[name].stale_after_s or 0.0, LOST_AFTER_S)
-    return any(moment_s - 0.25 < age_ns / 1e9 < moment_s + 1.0 for moment_s in moments_s)
+    return any(moment_s - 0.25 < age_s < moment_s + 1.0 for moment_s in moments_s)
 
 
 def _unlike(live: Any, replayed: Any) -> str:

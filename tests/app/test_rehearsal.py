@@ -236,7 +236,7 @@ def test_a_replay_shows_what_the_panels_showed(tour: Path, qtbot: QtBot, tmp_pat
         for sample in samples[:: max(1, len(samples) // 12)]:
             streams = sample["shown"]["streams"]
             del streams["frame"]  # decoded in its own time; compared below
-            for name, (stamp_ns, _) in list(streams.items()):
+            for name, (stamp_ns, *_) in list(streams.items()):
                 if stamp_ns is not None and stamp_ns < started_ns:
                     del streams[name]  # on show since before the recording, where the next one is long in coming
             at_s = (sample["at_ns"] - started_ns) / 1e9

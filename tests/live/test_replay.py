@@ -17,9 +17,9 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.domain import intents, streams
 from caris_desktop.domain.actor import WIZARD
-from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
+from caris_desktop.domain.events import LayoutChanged, LinkChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.intents import INTENTS
-from caris_desktop.domain.sensing import FrameRef, LaserScan, People, StatusShown
+from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PeopleInMap, StatusShown
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live import coding_desk
 from caris_desktop.live.child_process import ChildProcess
@@ -457,6 +457,26 @@ def test_an_event_type_that_is_declared_later_is_replayed_and_becomes_a_tier(
     tiers = build_overview(console.session).tiers  # here, as other processes do not know what only this test declares
     assert "Mood asked" in [tier.name for tier in tiers.tiers]
     assert any("calm" in annotation.value for annotation in tiers.annotations)
+
+
+@pytest.mark.logs("of the session is not shown")
+def test_what_came_after_a_link_was_lost_is_shown_though_it_is_of_before(
+    open_replay: Replay, tmp_path: Path, qtbot: QtBot
+) -> None:
+    """A picture of before may have been looked through only then: by its arrival the window showed it."""
+    late = PeopleInMap(at(2.0), (), "front")
+    values = [
+        PeopleInMap(at(1.0), (), "front"),
+        LinkChanged(at(3.0), "control", "lost", "", ""),
+        (at(4.0), late),
+    ]  # fmt: skip
+    console = open_replay(folder=tell(tmp_path / "told", values, lasts_s=8.0))
+    shown = {}
+    for at_s in (2.5, 3.5, 5.0):
+        console.seek(at(at_s))
+        qtbot.waitUntil(lambda: console.settled, timeout=10_000)
+        shown[at_s] = console.state.people_in_map.value
+    assert (shown[2.5].stamp_ns, shown[3.5], shown[5.0].stamp_ns) == (at(1.0), None, late.stamp_ns)
 
 
 @pytest.mark.logs("of the session is not shown")

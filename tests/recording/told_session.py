@@ -5,6 +5,7 @@ import json
 import math
 import random
 from collections.abc import Iterable
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -75,18 +76,21 @@ def tell(
     later_s: float = 0.0,
     **header: Any,
 ) -> Path:
-    """Write ``folder``; ``later_s`` moves the whole session in UTC only."""
+    """Write ``folder``; ``later_s`` moves the whole session in UTC only. A value that reached the console later than its
+    stamp comes with that moment: ``(arrived_ns, value)``.
+    """
     folder.mkdir(parents=True)
     ended_ns = at(lasts_s)
     anchor = ClockAnchor(ANCHOR.monotonic_ns, ANCHOR.utc_ns + round(later_s * 1e9))
-    everything = [SessionStarted(STARTED_NS, folder.name), *sorted(values, key=lambda value: value.stamp_ns)]
+    arrivals = [each if isinstance(each, tuple) else (each.stamp_ns, each) for each in values]
+    everything = [(STARTED_NS, SessionStarted(STARTED_NS, folder.name)), *sorted(arrivals, key=itemgetter(0))]
     if closed:
-        everything.append(SessionEnded(ended_ns, folder.name, "wizard"))
+        everything.append((ended_ns, SessionEnded(ended_ns, folder.name, "wizard")))
     with (folder / "events.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start(profile="", library="caris-desktop")
         channels: dict[str, int] = {}
-        for number, value in enumerate(everything):
+        for number, (arrived_ns, value) in enumerate(everything):
             spec = BY_TYPE[type(value)]
             topic = spec.topic_of(value)
             if topic not in channels:
@@ -94,7 +98,7 @@ def tell(
                     f"caris.{type(value).__name__}", "jsonschema", json.dumps(json_schema(type(value))).encode()
                 )
                 channels[topic] = writer.register_channel(topic, "json", schema)
-            utc_ns = anchor.utc_ns_at(value.stamp_ns)
+            utc_ns = anchor.utc_ns_at(arrived_ns)
             writer.add_message(
                 channels[topic],
                 log_time=utc_ns,

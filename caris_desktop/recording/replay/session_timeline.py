@@ -78,13 +78,17 @@ class SessionTimeline:
 
         Ordered by arrival. How old they are is for the reader to judge.
         """
+        return [value for _arrived_ns, value in self.arrivals_until(at_ns)]
+
+    def arrivals_until(self, at_ns: int) -> list[tuple[int, Any]]:
+        """The same, each with its arrival."""
         found = [
             place
             for number in self._channels(lambda spec: spec.delivery is Delivery.LATEST)
             if (place := self._newest(number, at_ns)) is not None
         ]
-        values = (self._value(*place) for place in sorted(found))
-        return [value for value in values if value is not None]
+        arrivals = ((self._arrived_ns(*place), self._value(*place)) for place in sorted(found))
+        return [(arrived_ns, value) for arrived_ns, value in arrivals if value is not None]
 
     def between(
         self, after_ns: int, until_ns: int, *, types: Iterable[type[Any]] | None = None
@@ -176,6 +180,10 @@ class SessionTimeline:
             if len(places):
                 return number, int(places[-1])
         return None
+
+    def _arrived_ns(self, number: int, place: int) -> int:
+        block = self._block(number)
+        return 0 if block is None else int(block.arrivals_ns[place])
 
     def _value(self, number: int, place: int) -> Any | None:
         """As :meth:`_made`, the last one of each channel kept: a map stands for a whole session and is made once."""
