@@ -41,7 +41,9 @@ _DRAINED_WITHIN_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class ChatTimeouts:
-    """How long each step may take before the exchange counts as failed."""
+    """How long each step may take before the exchange counts as failed. A model that reasons first may do so, once it
+    has begun, for as long as another may take to begin its answer.
+    """
 
     connect_s: float = 5.0
     first_token_s: float = 60.0
@@ -225,6 +227,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
     most_characters = None if request.bounded else question.max_tokens * _CHARACTERS_PER_TOKEN
     version = why = ""
     useless: LanguageModelError | None = None
+    answers_by_s = 0.0
     part = SpokenPart(within=habits.begins_within)
     try:
         async with connected(endpoint, local_only=local_only) as client:
@@ -260,6 +263,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                             version = chunk.version
                             told_version(version)
                         if chunk.text or chunk.alive:
+                            answers_by_s = answers_by_s or loop.time() + timeouts.first_token_s
                             began = True
                             deadline_s = loop.time() + timeouts.between_tokens_s
                         read_characters += len(chunk.text) + chunk.alive
@@ -272,12 +276,15 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                         for piece in said:
                             if isinstance(piece, Withdrawn):
                                 habits.begins_within = True
+                                answers_by_s = loop.time() + timeouts.first_token_s
                                 said_characters = 0
                             said_characters += len(piece)
                             before_s = loop.time()
                             yield piece
                             deadline_s += loop.time() - before_s
                         notes.reasoned = notes.reasoned or part.reasoned
+                        if began and not said_characters:
+                            deadline_s = min(deadline_s, answers_by_s)
                         if most_characters is not None and said_characters >= most_characters and not ended:
                             notes.cut, ended = "length", True
                             break
@@ -294,6 +301,8 @@ async def _one_try(  # noqa: PLR0917 - all of one call
             raise failure from error
         raise _TryAgainError(failure) from error
     except TimeoutError as error:
+        if began and not said_characters and loop.time() >= answers_by_s:
+            raise failures.only_reasoned(endpoint, seconds=timeouts.first_token_s) from error
         waited_s = timeouts.between_tokens_s if began else timeouts.first_token_s
         raise failures.too_slow(endpoint, seconds=waited_s, answer_started=began) from error
     if not said_characters:

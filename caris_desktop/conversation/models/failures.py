@@ -68,15 +68,16 @@ def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
     )
 
 
-def only_reasoned(endpoint: ModelEndpoint, *, cut: bool) -> LanguageModelError:
-    """What it thinks is for nobody's eyes."""
-    what = (
-        QT_TR_NOOP("{place} reached the limit of its answer while it was still reasoning.")
-        if cut
-        else QT_TR_NOOP("{place} reasoned and gave no answer.")
-    )
+def only_reasoned(endpoint: ModelEndpoint, *, cut: bool = False, seconds: float | None = None) -> LanguageModelError:
+    """What it thinks is for nobody's eyes. ``cut`` at the limit of its answer, or after so many ``seconds``."""
+    if seconds is not None:
+        what = QT_TR_NOOP("{place} reasoned for {seconds} s and had not begun to answer.")
+    elif cut:
+        what = QT_TR_NOOP("{place} reached the limit of its answer while it was still reasoning.")
+    else:
+        what = QT_TR_NOOP("{place} reasoned and gave no answer.")
     return LanguageModelError(
-        filled(what, place=endpoint.place),
+        filled(what, place=endpoint.place, seconds=f"{seconds:g}" if seconds is not None else ""),
         _NO_ANSWER,
         QT_TR_NOOP("Choose a model that does not reason, or switch its reasoning off at the server."),
     )

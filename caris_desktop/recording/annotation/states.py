@@ -46,7 +46,8 @@ def goal_words(goal: NavigationGoal) -> str:
 def answer_words(asked: LlmExchange) -> str:
     """What the language model said, or why it said nothing."""
     why = filled(QT_TR_NOOP("({outcome}: {detail})"), outcome=state(asked.outcome), detail=filled(asked.detail))
-    return asked.answer or why
+    whole = filled(QT_TR_NOOP("{answer} (cut off)"), answer=asked.answer) if asked.cut else asked.answer
+    return whole if asked.answer else why
 
 
 def link_words(change: LinkChanged) -> str:

@@ -349,7 +349,8 @@ program ended the motion), none.
 - `decided_s`: when the wizard asked for it. `context` is what there was at that moment.
 - `context.transcript`: up to {20} utterances before, oldest first; `ended_s` null: still being said.
 - `context.people_in_view`: how many people each camera saw.
-- `context.assistant`: exchanges with a language model that were answered since the turn before: prompt, answer, and
+- `context.assistant`: exchanges with a language model that were answered since the turn before: prompt, answer, `cut`
+  (empty; `length` or `filter` where the answer ends before its end), and
   what was done with it in the end (`said`, `edited`, `dismissed`, `unused`).
 - `action.text`, and `action.origin`: `typed`, `phrase` (prepared), `filler`, `suggestion`, `assistant` (a language
   model's answer as it was), `edited` (one that the wizard changed), `heard` (of an imported recording).

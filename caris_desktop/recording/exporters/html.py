@@ -98,6 +98,7 @@ _USES = {
     "dismissed": ("dismissed", ""),
     "unused": ("unused", ""),
 }
+_CUTS = {"": "", "length": "cut off at its limit", "filter": "cut off by a filter"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -681,6 +682,7 @@ def _models(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
                 "time": clock_text(when(exchange.asked_ns)),
                 "asked": exchange.messages[-1].content if exchange.messages else "",
                 "answer": exchange.answer or exchange.detail,
+                "cut": _CUTS[exchange.cut],
                 "use": exchange.outcome if exchange.outcome != "answered" else _USES[became[exchange.exchange_id]][0],
                 "look": "red" if exchange.outcome == "failed" else _USES[became[exchange.exchange_id]][1],
             }

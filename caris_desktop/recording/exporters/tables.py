@@ -436,7 +436,8 @@ class _AlarmRow:
 @dataclass(frozen=True, slots=True)
 class _AnswerRow:
     """What became of one question to a language model. The time columns tell when the exchange was over. ``use`` is
-    said, edited (and said), dismissed or unused; what was silenced before anybody heard it is unused.
+    said, edited (and said), dismissed or unused; what was silenced before anybody heard it is unused. ``cut``: the
+    answer ends before its end, at its limit of length or by the server's filter.
     """
 
     stamp_ns: int
@@ -446,6 +447,7 @@ class _AnswerRow:
     model_version: str
     outcome: str
     use: str
+    cut: str
     asked_ns: int
     first_token_ns: int | None
     actor: Actor
@@ -549,7 +551,7 @@ def _answer_rows(session: Session) -> Iterator[_AnswerRow]:
     for one in exchanges:
         yield _AnswerRow(
             one.stamp_ns, one.exchange_id, one.provider, one.model, one.model_version, one.outcome,
-            became[one.exchange_id] if one.outcome == "answered" else "", one.asked_ns, one.first_token_ns,
+            became[one.exchange_id] if one.outcome == "answered" else "", one.cut, one.asked_ns, one.first_token_ns,
             one.actor,
         )  # fmt: skip
 

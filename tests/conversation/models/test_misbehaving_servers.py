@@ -11,14 +11,24 @@ from typing import Any
 import pytest
 
 from caris_desktop.conversation.models import gemini, openai
-from caris_desktop.conversation.models.chat import AnswerNotes, Retries, stream_chat
+from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Retries, stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.conversation.preflight import probe_language_model
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from tests.conversation.models.served import AT_ONCE, LINES_HEAD, PATIENT, QUESTION, SSE_HEAD, Served, sends, serving
+from tests.conversation.models.served import (
+    AT_ONCE,
+    LINES_HEAD,
+    PATIENT,
+    QUESTION,
+    SSE_HEAD,
+    Served,
+    refused,
+    sends,
+    serving,
+)
 
 ANSWER = "The lab closes at six."
 SECRET = "The visitor seems confused; nobody may learn that the robot is remote-controlled."
@@ -126,6 +136,28 @@ def test_a_model_that_began_within_its_reasoning_does_so_again() -> None:
     asyncio.run(run())
     assert any(isinstance(piece, Withdrawn) for piece in pieces[0])
     assert ["".join(each) for each in pieces[1:]] == [ANSWER, ANSWER], "nothing of it is shown for a moment either"
+
+
+@pytest.mark.parametrize(
+    ("provider", "head", "thought"),
+    [
+        ("openai", SSE_HEAD, event(chunk({"reasoning_content": "Hmm. "}))),
+        ("openai", SSE_HEAD, event(chunk({"content": "<think>Hmm. "}))),
+        ("gemini", SSE_HEAD, event({"candidates": [{"content": {"parts": [{"text": "Hmm.", "thought": True}]}}]})),
+        ("ollama", LINES_HEAD, json.dumps({"message": {"content": "", "thinking": "Hmm."}}).encode() + b"\n"),
+    ],
+)
+def test_a_model_that_thinks_without_end_is_given_up(provider: str, head: bytes, thought: bytes) -> None:
+    async def think(writer: asyncio.StreamWriter) -> None:
+        writer.write(head)
+        while True:
+            writer.write(thought)
+            await writer.drain()
+            await asyncio.sleep(0.01)
+
+    short = ChatTimeouts(connect_s=20.0, first_token_s=0.5, between_tokens_s=20.0)
+    error = refused(think, provider=provider, timeouts=short)
+    assert "reasoned for 0.5 s" in error.what and "does not reason" in error.advice
 
 
 def test_what_only_looks_like_a_mark_is_said() -> None:

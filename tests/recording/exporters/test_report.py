@@ -339,6 +339,26 @@ def test_an_answer_that_nobody_heard_is_used_nowhere(tmp_path: Path) -> None:
     assert "Hello there." not in "".join(path.read_text() for path in (tmp_path / "vtt").glob("*.vtt"))
 
 
+def test_an_answer_that_was_cut_off_is_told_wherever_the_answer_is(tmp_path: Path) -> None:
+    values = [
+        exchange(1, 5.0, 6.0, "The lab closes at", cut="length"),
+        exchange(2, 7.0, 8.0, "That is", cut="filter"),
+        exchange(3, 9.0, 9.5, "Yes."),
+        *said(1, 10.0, 10.5, 11.0, "It closes at six."),
+    ]
+    session = open_session(tell(tmp_path / "told", values, lasts_s=20.0))
+    for fmt in ("html", "eaf", "frames", "csv"):
+        export_session(session.folder, fmt, tmp_path / fmt)
+    with (tmp_path / "csv" / "answers.csv").open(encoding="utf-8", newline="") as file:
+        assert [row["cut"] for row in csv.DictReader(file)] == ["length", "filter", ""]
+    page = Page(next((tmp_path / "html").glob("*.html")))
+    assert "cut off at its limit" in page.texts and "cut off by a filter" in page.texts
+    tier = read_eaf(tmp_path / "eaf" / "told.eaf").of_tier("record-llm-exchanges")
+    assert [one.value for one in tier] == ["The lab closes at (cut off)", "That is (cut off)", "Yes."]
+    (turn,) = map(json.loads, (tmp_path / "frames" / "dialogue" / "turns.jsonl").read_text().splitlines())
+    assert [one["cut"] for one in turn["context"]["assistant"]] == ["length", "filter", ""]
+
+
 def test_the_paragraph_for_many(tmp_path: Path) -> None:
     exchanges: list[LlmExchange | AnswerUsed] = []
     for number in range(14):
