@@ -28,6 +28,9 @@ from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.told_rows import ToldRows
 
+_LATE_S = 1.5
+"""Whoever came since is not told of yet where people are recognised later than this."""
+
 
 class PeoplePanel(Panel):
     """One row for each person: who is here, who was, who is known. Names are typed right into the row."""
@@ -264,13 +267,27 @@ class PeoplePanel(Panel):
         known = sum(person.known for person in self.everyone)
         if known:
             parts.append(tr("%n known", "", known))
-        self.set_fact(" · ".join(parts), "dim")
+        late_s = 0.0 if blind else self._late_s()
+        if late_s:
+            parts.append(tr("{seconds} s late").format(seconds=round(late_s)))
+        self.set_fact(" · ".join(parts), "amber" if late_s else "dim")
         self._stack.setCurrentIndex(1 if self.model.rowCount() else 0)
         if not self.model.rowCount():
-            self._empty.setText(self._why_empty(blind=blind))
+            self._empty.setText(self._why_empty(blind=blind, late_s=late_s))
             self.theme.color_text(self._empty, "dim")
 
-    def _why_empty(self, *, blind: bool) -> str:
+    def _late_s(self) -> float:
+        """How long after a picture of the camera on show it may take until it is known who is in it; zero where that
+        does not count.
+        """
+        perception: PerceptionStatus = self.state.perception.value
+        if perception.state != "ready":
+            return 0.0
+        looks_per_s = perception.looks_per_s.get(self.state.camera.value, 0.0)
+        late_s = max((perception.inference_ms or 0.0) / 1e3, 1.0 / looks_per_s if looks_per_s else 0.0)
+        return late_s if late_s >= _LATE_S else 0.0
+
+    def _why_empty(self, *, blind: bool, late_s: float) -> str:
         perception: PerceptionStatus = self.state.perception.value
         if self.everyone and self._search.text().strip() and not self._search.isHidden():
             nobody = tr("Nobody’s name, group or tags have “{text}”.")
@@ -280,6 +297,9 @@ class PeoplePanel(Panel):
                 return tr("Nobody was seen at this moment.")
             case "ready" if blind:
                 return tr("No picture, so nobody can be seen.")
+            case "ready" if late_s:
+                late = tr("Nobody recognised yet.\nPeople are recognised {seconds} s late: this computer is busy.")
+                return late.format(seconds=round(late_s))
             case "ready":
                 return tr("Nobody in view.\nPeople appear here as soon as the camera sees them.")
             case "loading":

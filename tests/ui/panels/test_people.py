@@ -13,7 +13,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import PersonIdentified, PersonRenamed
 from caris_desktop.live.state import LiveState, PresentClock
-from caris_desktop.live.status import LoadStatus
+from caris_desktop.live.status import LoadStatus, PerceptionStatus
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.scenario.model import Permissions
 from caris_desktop.ui.main_window import MainWindow
@@ -42,6 +42,26 @@ def panel(window: MainWindow, console: FakeConsole) -> Iterator[PeoplePanel]:
     people_samples.show_people(console, people_samples.people_of_a_tour())
     console.calls.clear()
     yield found
+
+
+def test_where_looks_take_long_it_says_late_instead_of_nobody(panel: PeoplePanel, console: FakeConsole) -> None:
+    state = console.state
+    people_samples.show_people(console, ())
+    state.everybody.set(())
+    for perception, fact in (
+        (PerceptionStatus("ready", "yolov8n", inference_ms=300.0, looks_per_s={"front": 3.0}), "nobody here"),
+        (PerceptionStatus("ready", "yolov8n", inference_ms=2300.0, looks_per_s={"front": 0.4}), "2 s late"),
+        (PerceptionStatus("ready", "yolov8n", inference_ms=300.0, looks_per_s={"front": 0.25}), "4 s late"),
+    ):
+        state.camera.set("front")
+        state.perception.set(perception)
+        assert fact in panel.fact[0]
+        late = "late" in fact
+        assert panel.fact[1] == ("amber" if late else "dim")
+        empty = find(panel, "people_empty").property("text")
+        assert ("s late" in empty, "Nobody in view" in empty) == (late, not late)
+    people_samples.show_people(console, people_samples.people_of_a_tour())
+    assert "4 here" in panel.fact[0] and "late" in panel.fact[0]
 
 
 def names(panel: PeoplePanel) -> list[str]:
