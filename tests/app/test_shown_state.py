@@ -14,7 +14,12 @@ AT_NS = 100 * S
 def shown(*, scan: list[Any] | None = None, **status: Any) -> dict[str, Any]:
     streams = {spec.name: [None, "never", None] for spec in STATE_STREAMS}
     told = {"drive": {"allowed": True, "speed": 0.5}} | status
-    return {"streams": streams | {"scan": [*(scan or [AT_NS, "fresh"]), 3.5]}, "status": told, "robot": None, "scenario": None}
+    return {
+        "streams": streams | {"scan": [*(scan or [AT_NS, "fresh"]), 3.5]},
+        "status": told,
+        "robot": None,
+        "scenario": None,
+    }
 
 
 @pytest.mark.parametrize("behind_ns", [-S, -S // 10, 0, S // 10, S])

@@ -76,8 +76,8 @@ def tell(
     later_s: float = 0.0,
     **header: Any,
 ) -> Path:
-    """Write ``folder``; ``later_s`` moves the whole session in UTC only. A value that reached the console later than its
-    stamp comes with that moment: ``(arrived_ns, value)``.
+    """Write ``folder``; ``later_s`` moves the whole session in UTC only. A value that reached the console later than
+    its stamp comes with that moment: ``(arrived_ns, value)``.
     """
     folder.mkdir(parents=True)
     ended_ns = at(lasts_s)
