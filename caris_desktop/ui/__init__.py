@@ -1,1 +1,1 @@
-"""The window: everything that draws."""
+"""The Qt window: all widgets and painting."""

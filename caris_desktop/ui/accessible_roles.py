@@ -1,9 +1,9 @@
-"""What the parts of the window that paint themselves are to a screen reader. Qt takes whatever it does not know for a
-``Client``, of which a screen reader says nothing.
+"""Accessible roles and descriptions of self-painted widgets. Qt reports an unknown class as ``Client``, which screen
+readers skip.
 
-A widget class says it in ``accessible_role`` (a widget of a class that is not ours: :func:`has_role`), and, where its
-name does not tell what it shows, in ``accessible_words()``, which is asked only when somebody wants to hear it; a
-description that it is given beside them makes a screen reader ask.
+A widget class sets ``accessible_role`` (:func:`has_role` for a class that is not ours) and, where its name does not say
+what it shows, ``accessible_words()``, which is called only when a screen reader asks; setting a description makes a
+screen reader ask.
 """
 
 from PySide6.QtCore import QObject
@@ -14,7 +14,7 @@ _ROLE = "accessible_role"
 
 
 class _Interface(QAccessibleWidget):
-    """Holds nothing of its widget, which lives no longer because of it."""
+    """Accessible interface that holds no reference to its widget, and so does not prolong its life."""
 
     def text(self, kind: QAccessible.Text) -> str:
         words = getattr(self.object(), "accessible_words", None) if kind == QAccessible.Text.Description else None
@@ -22,7 +22,9 @@ class _Interface(QAccessibleWidget):
 
 
 def install_accessible_roles() -> None:
-    """Once for the application, before the first widget is shown; PySide keeps what it is given here."""
+    """Install the factory once per application, before the first widget is shown; PySide keeps the reference given
+    here.
+    """
     if not _installed:
         _installed.append(_interface)
         QAccessible.installFactory(_interface)
@@ -32,12 +34,12 @@ _installed: list[object] = []
 
 
 def has_role(widget: QWidget, role: QAccessible.Role) -> None:
-    """Before its name, which may be asked for at once."""
+    """Set the role of a widget. Call it before setting the name, because Qt may query the role at once."""
     setattr(widget, _ROLE, role)
 
 
 def _interface(_class_name: str, thing: QObject | None) -> QAccessibleInterface | None:
-    """Asked for each class of a widget, the most special one first."""
+    """Accessible interface of a widget; Qt asks for each class of the widget, most derived first."""
     role = getattr(thing, _ROLE, None)
     if role is None or not isinstance(thing, QWidget):
         return None

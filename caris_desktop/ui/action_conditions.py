@@ -1,4 +1,4 @@
-"""What robot, places, picture and recording make of the table of actions: which rows there are, which can be run."""
+"""Conditions on the action table from robot, places, video and recording: which rows exist and which are enabled."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from caris_desktop.ui.step_acts import present_step
 
 
 class ActionConditions(QObject):
-    """Tells ``actions`` what ``state`` says, from now on."""
+    """Updates ``actions`` whenever ``state`` changes."""
 
     def __init__(self, actions: Actions, state: LiveState) -> None:
         super().__init__(actions)
@@ -94,6 +94,6 @@ class ActionConditions(QObject):
         self._actions.set_condition("queued", bool(speech.waiting))
 
     def _offer_photo(self) -> None:
-        """In a pause nothing is to be kept of whoever is there."""
+        """Disable photos while the recording is paused: nothing about people may be saved then."""
         paused = self._state.recording.value.state == "paused"
         self._actions.set_condition("photo", self._state.frame.freshness == "fresh" and not paused)

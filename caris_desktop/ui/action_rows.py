@@ -1,6 +1,6 @@
-"""The rows of the table of actions: what there is to be done, by which keys.
+"""The action table: every command of the window with its key bindings.
 
-A row carries the intent that it asks the console for. Only what is purely of the window names a callback.
+A row carries the intent that it sends to the console. Only commands that concern the window alone name a callback.
 """
 
 from typing import Any
@@ -53,7 +53,7 @@ TIMELINE_GROUP = QT_TR_NOOP("Timeline")
 
 
 def phrases_on_keys(scenario: Scenario, group: int) -> tuple[Phrase, ...]:
-    """What F1 to F8 say while this group is chosen."""
+    """Phrases on F1 to F8 while this phrase group is selected."""
     groups = phrase_groups(scenario.phrases)
     return groups[group % len(groups)].phrases if groups else ()
 
@@ -81,7 +81,7 @@ def say_filler(scenario: Scenario, state: LiveState, _argument: None) -> Intent 
 
 @gives(intents.Nod, intents.LookAt, intents.UseControl)
 def perform_nth_gesture(scenario: Scenario, state: LiveState, number: int) -> Intent | None:
-    """Without a word. It looks at whom it speaks to; where that is nobody, ahead."""
+    """Perform the gesture without speech. LOOK targets the addressee, or straight ahead if there is none."""
     if number > len(scenario.gestures):
         return None
     does = scenario.gestures[number - 1].does
@@ -96,7 +96,7 @@ def perform_nth_gesture(scenario: Scenario, state: LiveState, number: int) -> In
 
 @gives(intents.SetSpeed)
 def change_speed(_scenario: Scenario, state: LiveState, direction: int) -> Intent:
-    """One of the three steps up (1) or down (-1)."""
+    """Change the speed by one of the three steps, up (1) or down (-1)."""
     return intents.SetSpeed(fraction_after(state.drive.value.speed_fraction, direction))
 
 
@@ -114,8 +114,8 @@ def show_nth_expression(_scenario: Scenario, state: LiveState, number: int) -> I
 
 @gives(intents.ConfirmPerson, intents.RejectPerson, intents.ConfirmProposal, intents.VetoProposal)
 def answer_asked(scenario: Scenario, state: LiveState, yes: bool) -> Intent | None:
-    """Yes or no to what is asked now: about a person first, else about what the language model proposes to do. Nothing
-    while that has only just come up.
+    """Answer yes or no to the pending question: one about a person first, else the language model's proposed action.
+    None while the question is too new to have been read.
     """
     asked, proposal, now_ns = state.asked_person.value, state.proposal.value, state.present.now_ns()
     if asked is not None and scenario.permissions.naming_people:
@@ -130,7 +130,7 @@ def answer_asked(scenario: Scenario, state: LiveState, yes: bool) -> Intent | No
 
 @gives(intents.SaySuggestion)
 def say_nth_suggestion(_scenario: Scenario, state: LiveState, rank: int) -> Intent | None:
-    """Say the suggested reply at that place; nothing while it has only just come up there."""
+    """Say the suggested reply at this rank; None while it is too new to have been read."""
     card = next((card for card in state.suggestions.value.cards if card.rank == rank), None)
     if card is None or state.present.now_ns() < card.from_ns:
         return None
@@ -139,7 +139,7 @@ def say_nth_suggestion(_scenario: Scenario, state: LiveState, rank: int) -> Inte
 
 @gives(intents.CorrectUtterance)
 def correct_newest_speaker(_scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
-    """Who said the newest turn that was heard: the next of those who may have."""
+    """Correct the speaker of the newest heard turn to the next candidate."""
     turn = newest_heard(state.transcript.value)
     if turn is None:
         return None
@@ -149,7 +149,7 @@ def correct_newest_speaker(_scenario: Scenario, state: LiveState, _argument: Non
 
 @gives(intents.HearRobot)
 def toggle_hearing(_scenario: Scenario, state: LiveState, _argument: None) -> Intent:
-    """What the participant's microphone hears is played to the wizard, or no longer."""
+    """Toggle playback of the participant's microphone to the wizard."""
     sound = state.sound.value
     return intents.HearRobot(on=not sound.hearing, volume=sound.volume)
 
@@ -474,7 +474,7 @@ REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
         group=REPLAY_GROUP,
     ),
 )
-"""What a replay brings along. Keys without Ctrl or Alt never take anything from a text field."""
+"""Rows that a replay adds. Keys without Ctrl or Alt never take input from a text field."""
 
 
 def _on_timeline(action_id: str, text: str, icon: str, *keys: str, **more: Any) -> ActionSpec:

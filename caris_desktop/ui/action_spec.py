@@ -1,4 +1,4 @@
-"""What a row of the table of actions says."""
+"""Definition of a row of the action table: command, intent, key bindings, permissions."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,13 +18,15 @@ Condition = Literal[
 ]  # fmt: skip
 Feature = Literal["sideways", "head"]
 IntentNow = Callable[[Scenario, LiveState, Any], Intent | None]
-"""What is asked for where that depends on the scenario, on what is so now and on the row's argument; None: nothing."""
+"""Function that computes the intent from the scenario, the live state and the row's argument; None for no intent."""
 _Find = TypeVar("_Find", bound=IntentNow)
 _given: dict[Any, tuple[type[Intent], ...]] = {}
 
 
 def gives(*kinds: type[Intent]) -> Callable[[_Find], _Find]:
-    """Declares which intents a function of a row gives; what the row needs follows from their lines of the table."""
+    """Decorator that declares which intents a row's function returns; the row's permissions follow from the intent
+    table.
+    """
 
     def declare(find: _Find) -> _Find:
         _given[find] = kinds
@@ -35,22 +37,20 @@ def gives(*kinds: type[Intent]) -> Callable[[_Find], _Find]:
 
 @dataclass(frozen=True, slots=True)
 class ActionSpec:
-    """One row. ``keys`` work anywhere in the window, ``driving_keys`` also while Drive, Video or Map has the focus.
+    """One row of the action table. ``keys`` work anywhere in the window, ``driving_keys`` also while Drive, Video or
+    Map has the focus.
 
-    ``kind`` says who listens for the keys: ``command`` is a shortcut, ``hold`` belongs to hold-to-drive and
-    ``safety`` to the application event filter that also works over dialogs. ``mark`` keys are a shortcut too, whose
-    press and release the window hears of, also while Alt is down to drive, and ``talk`` keys are held to speak.
-    ``intent`` is what the console is asked for, or a function that finds it from ``argument``, which says what it gives
-    (:func:`gives`). A row without one is
-    of the window alone: ``callback`` names the method that is called, with ``argument`` if there is one.
-    ``by_position``: letters and digits among the keys mean the places of those keys on a US keyboard, whatever the
-    present layout types there; hold-to-drive listens for them.
-    ``permission`` is what it needs beside what its intents need, by their lines of the table. ``panel``: what it does
-    happens in that panel. ``needs`` is what the robot must have. ``within`` names the part of the window that listens
-    for the keys itself while it has the focus; empty for keys that work anywhere. ``own_key``: its key is the
-    scenario's, and gives way where it is that of another row. ``assists``: what it answers is done or suggested by one
-    of these, where the scenario has that. ``text`` and ``group`` stand here as ``tr`` looks them up; {number} in the
-    text is ``argument``.
+    ``kind`` says who handles the keys: ``command`` is a shortcut, ``hold`` belongs to hold-to-drive and ``safety`` to
+    the application event filter that also works over dialogs. ``mark`` keys are shortcuts whose press and release both
+    count, also while Alt is down to drive; ``talk`` keys are held to speak. ``intent`` is what the console receives, or
+    a function of ``argument`` that computes it and declares its types (:func:`gives`). A row without an intent concerns
+    the window alone: ``callback`` names the method that is called, with ``argument`` if there is one. ``by_position``:
+    letters and digits mean key positions on a US keyboard, whatever the layout types there; hold-to-drive handles them.
+    ``permission`` is required in addition to the permissions of the intents. ``panel``: the panel that the command
+    belongs to. ``needs``: features required of the robot. ``within`` names the part of the window that handles the keys
+    itself while it has the focus; empty for keys that work anywhere. ``own_key``: the key comes from the scenario and
+    yields to another row with the same key. ``assists``: assistance levels of the scenario that the row depends on.
+    ``text`` and ``group`` are source texts for ``tr``; {number} in the text is ``argument``.
     """
 
     id: str
@@ -74,14 +74,14 @@ class ActionSpec:
 
     @property
     def kinds(self) -> tuple[type[Intent], ...]:
-        """What it may ask the console for; empty for a row that is of the window alone."""
+        """Intents that the row may send to the console; empty for a row that concerns the window alone."""
         if self.intent is None:
             return ()
         return (type(self.intent),) if isinstance(self.intent, Intent) else _given[self.intent]
 
     @property
     def permissions(self) -> tuple[Permission, ...]:
-        """All that the scenario must allow: what the row says, and what each of its intents needs, whichever it is."""
+        """Permissions required of the scenario: the row's own, and those that all its intents share."""
         named = () if self.permission is None else (self.permission,)
         needed = [INTENTS[kind].permissions for kind in self.kinds]
         shared = tuple(each for each in needed[0] if all(each in one for one in needed)) if needed else ()
@@ -89,10 +89,10 @@ class ActionSpec:
 
     @property
     def runs(self) -> bool:
-        """Whether it does something by itself; what is held drives, and that is another matter."""
+        """Whether the row runs something when triggered; False for held keys, which drive."""
         return self.intent is not None or bool(self.callback)
 
     def in_words(self) -> Self:
-        """The row with its text in the wizard's language; the group, by which rows are found, stays as it is."""
+        """The row with its text translated; ``group`` stays untranslated because rows are looked up by it."""
         text = tr(self.text).replace("{number}", str(self.argument))
         return self if text == self.text else replace(self, text=text)

@@ -1,7 +1,7 @@
-"""What binds the table of actions and keys to the window.
+"""Runtime of the action table: QActions, shortcuts and availability in the window.
 
-A row carries the intent that it asks the console for. Only what is purely of the window names a callback. A permission
-that a scenario switches off removes the action: no button, no menu entry, no shortcut.
+A row carries the intent that it sends to the console. Only commands that concern the window alone name a callback. A
+permission that a scenario switches off removes the action: no button, no menu entry, no shortcut.
 """
 
 import logging
@@ -44,7 +44,7 @@ logger = logging.getLogger(__name__)
 
 
 def offered(specs: Iterable[ActionSpec], scenario: Scenario) -> tuple[ActionSpec, ...]:
-    """The rows whose permissions this scenario gives, whose panel it has, and that answer what may come up in it."""
+    """Rows whose permissions, panel and assistance the scenario provides."""
     panels, assisted = possible_panels(scenario), set(scenario.assisted)
     return tuple(
         spec
@@ -56,12 +56,12 @@ def offered(specs: Iterable[ActionSpec], scenario: Scenario) -> tuple[ActionSpec
 
 
 def actions_for(scenario: Scenario) -> tuple[ActionSpec, ...]:
-    """The rows that exist in this scenario, with its phrases as texts and the keys of the table."""
+    """Rows of this scenario, with its phrases as texts and the default key bindings."""
     return settle(rows_of(scenario), {}).rows
 
 
 def rows_of(scenario: Scenario) -> tuple[ActionSpec, ...]:
-    """The rows that exist in this scenario, also those of phrases whose own key is that of another row."""
+    """Rows of this scenario, including phrases whose own key conflicts with another row."""
     rows = []
     groups = phrase_groups(scenario.phrases)
     longest = max((group.phrases for group in groups), key=len, default=())
@@ -102,7 +102,7 @@ def rows_of(scenario: Scenario) -> tuple[ActionSpec, ...]:
 
 
 def _of_gesture(spec: ActionSpec, scenario: Scenario) -> ActionSpec | None:
-    """The row with what that gesture needs; None where the scenario has or permits none at that place."""
+    """The row with the requirements of its gesture; None where the scenario has or permits no gesture at this index."""
     if spec.argument > len(scenario.gestures):
         return None
     gesture = scenario.gestures[spec.argument - 1]
@@ -116,7 +116,7 @@ def _of_gesture(spec: ActionSpec, scenario: Scenario) -> ActionSpec | None:
 
 
 def keyed_phrases(scenario: Scenario) -> list[Phrase]:
-    """The phrases that have a key of their own, of whatever group."""
+    """Phrases with a key of their own, from all groups."""
     return [phrase for group in phrase_groups(scenario.phrases) for phrase in group.phrases if phrase.key]
 
 
@@ -154,13 +154,13 @@ _CAP_TEXTS = {"Return": "Enter", "Shift": "⇧", "Up": "↑", "Down": "↓", "Le
 
 
 def cap_text(key: str, letters: Mapping[str, str] | None = None, *, platform: str = sys.platform) -> str:
-    """What is printed on the key cap: ``Ctrl+Shift+M`` reads ``⇧Ctrl M``.
+    """Label of a key binding as printed on the key caps: ``Ctrl+Shift+M`` reads ``⇧Ctrl M``.
 
-    ``letters`` gives what the present layout types at a position.
+    ``letters`` maps key positions to the letters of the current keyboard layout.
     """
     words = []
     for chord in key.split(", "):
-        # The plus key itself is written "+" and "Ctrl++".
+        # Qt writes the plus key itself as "+" and "Ctrl++".
         parts = [part for part in chord.split("+") if part] + (["+"] if chord.endswith("+") else [])
         shift = "⇧" if "Shift" in parts else ""
         named = [
@@ -173,17 +173,18 @@ def cap_text(key: str, letters: Mapping[str, str] | None = None, *, platform: st
 
 
 class Actions(QObject):
-    """The table as it stands: runs actions, binds shortcuts, and knows which key works now.
+    """The action table of a window: runs actions, binds shortcuts, and knows which key works now.
 
-    ``handlers`` has the callbacks of every row that nobody else brings along or answers for.
+    ``handlers`` has the callbacks of all rows that neither ``add_rows`` nor ``answer_for`` assigned to other handlers.
     """
 
-    not_done = Signal(str, bool)  # why what a key asked for is not done; whether text may follow that was meant for it
-    asking = Signal(object)  # Intent; it is about to be asked for
-    asked = Signal(object)  # Intent; it was asked for, and perhaps refused
+    # Reason why a key's command was refused; whether following keystrokes may belong to what it would have opened.
+    not_done = Signal(str, bool)
+    asking = Signal(object)  # Intent, about to be sent
+    asked = Signal(object)  # Intent, sent to the console and possibly refused
     rebuilt = Signal()
-    rebound = Signal()  # the same rows have other keys
-    rows_changed = Signal()  # robot or places have other rows now
+    rebound = Signal()  # same rows, different keys
+    rows_changed = Signal()  # robot or places changed the set of rows
     keys_changed = Signal()
     availability_changed = Signal()
 
@@ -194,7 +195,7 @@ class Actions(QObject):
         self._handlers = handlers
         self._scenario = console.scenario
         self._as_they_are: dict[str, ActionSpec | None] = {}
-        # Connected before all others, who then ask for the rows as they are now.
+        # Connected first: every other receiver then reads the updated rows.
         self.rows_changed.connect(self._as_they_are.clear)
         for said in (console.state.phrase_group, console.state.fillers_said):
             said.changed.connect(self.rows_changed)
@@ -220,12 +221,12 @@ class Actions(QObject):
 
     @property
     def specs(self) -> tuple[ActionSpec, ...]:
-        """The rows that there are now, with this scenario, this robot and these places."""
+        """Rows available now, for this scenario, robot and places."""
         return tuple(row for action_id in self._specs if (row := self.spec(action_id)) is not None)
 
     @property
     def all_specs(self) -> tuple[ActionSpec, ...]:
-        """The rows of this scenario, whatever robot and places there are."""
+        """Rows of this scenario, for any robot and places."""
         return tuple(self._specs.values())
 
     def spec(self, action_id: str) -> ActionSpec | None:
@@ -263,45 +264,45 @@ class Actions(QObject):
         return spec
 
     def use_features(self, features: Iterable[Feature]) -> None:
-        """What the connected robot has."""
+        """Set the features of the connected robot."""
         self._features = frozenset(features)
         self.rows_changed.emit()
 
     def use_places(self, names: Sequence[str]) -> None:
-        """The places in their order, for the keys 1 to 9."""
+        """Set the place names, in order, for the keys 1 to 9."""
         self._places = tuple(names[:PLACE_COUNT])
         self.rows_changed.emit()
 
     def use_expressions(self, names: Sequence[str]) -> None:
-        """What the robot's face can look like, in its order."""
+        """Set the facial expressions of the robot, in order."""
         self._expressions = tuple(names[:EXPRESSION_COUNT])
         self.rows_changed.emit()
 
     def use_controls(self, ids: Iterable[str]) -> None:
-        """What can be used of the robot besides driving and speaking, for gestures."""
+        """Set the robot controls that gestures can use."""
         self._controls = frozenset(ids)
         self.rows_changed.emit()
 
     def use_letters(self, letters: Mapping[str, str]) -> None:
-        """What the present keyboard layout types at each position, for the key caps."""
+        """Set the letters that the current keyboard layout types at each position, for the key caps."""
         if letters != self._letters:
             self._letters = dict(letters)
             self.keys_changed.emit()
 
     @property
     def letters(self) -> Mapping[str, str]:
-        """What the present layout types at each position, as far as that is known."""
+        """Letters of the current keyboard layout by position, as far as known."""
         return self._letters
 
     def letter(self, position: str) -> str:
         return self._letters.get(position, position)
 
     def caps(self, spec: ActionSpec, keys: Sequence[str]) -> list[str]:
-        """Key caps of some keys of a row, as they read on this keyboard."""
+        """Key cap labels of some keys of a row, for this keyboard."""
         return [cap_text(key, self._letters if spec.by_position else None) for key in keys]
 
     def rebuild(self, scenario: Scenario) -> None:
-        """Take the scenario's rows; shortcuts of the former ones are gone."""
+        """Load the rows of a scenario and drop the shortcuts of the former one."""
         self._scenario = scenario
         self._standard = [spec for spec in rows_of(scenario) if self._groups is None or spec.group in self._groups] + [
             spec for spec, _handlers in self._brought.values()
@@ -310,7 +311,7 @@ class Actions(QObject):
         self.rebuilt.emit()
 
     def use_choices(self, choices: Choices) -> None:
-        """What this wizard chose in place of the table's keys holds from now on."""
+        """Apply the wizard's own key bindings in place of the defaults."""
         self._choices = dict(choices)
         self._settle()
         self.bind_driving_panels(self._driving_panels)
@@ -334,23 +335,23 @@ class Actions(QObject):
             action.deleteLater()
 
     def standard_row(self, action_id: str) -> ActionSpec:
-        """The row with the keys that the table, or the scenario, has for it."""
+        """The row with its default key binding, from the table or the scenario."""
         return next(spec for spec in self._standard if spec.id == action_id)
 
     def listening_in(self, part: str) -> list[ActionSpec]:
-        """The rows whose keys that part of the window listens for."""
+        """Rows whose keys this part of the window handles itself."""
         return [spec for spec in self._specs.values() if spec.within == part]
 
     def keep_only(self, groups: Iterable[str]) -> None:
-        """From the next ``rebuild`` on only rows of these groups are there, besides those that were brought along."""
+        """Restrict rows to these groups from the next ``rebuild`` on; rows added by ``add_rows`` remain."""
         self._groups = frozenset(groups)
 
     def answer_for(self, group: str, handlers: object) -> None:
-        """Rows of this group call methods of ``handlers``."""
+        """Route callbacks of this group to methods of ``handlers``."""
         self._answering[group] = handlers
 
     def add_rows(self, specs: Iterable[ActionSpec], handlers: object) -> None:
-        """Rows that a part of the window brings along, whatever the scenario; ``handlers`` has their callbacks."""
+        """Add rows of a part of the window, independent of the scenario; ``handlers`` has their callbacks."""
         app = QApplication.instance()
         if not self._brought and isinstance(app, QApplication):
             app.focusChanged.connect(self._on_focus_changed)
@@ -361,7 +362,9 @@ class Actions(QObject):
         self.rows_changed.emit()
 
     def _bind(self, spec: ActionSpec, action: QAction | None) -> None:
-        """Give the row its shortcuts; most stay what they were, as making all anew is seen when a scenario changes."""
+        """Set the row's shortcuts. QActions are reused: recreating all of them causes a visible stall on a scenario
+        change.
+        """
         if action is None:
             action = QAction(self)
             action.setAutoRepeat(False)
@@ -377,18 +380,18 @@ class Actions(QObject):
             self._bare.append(action)
 
     def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
-        """A key that types something belongs to what has the focus, where that knows what to do with it."""
+        """Disable bare-key actions while the focused widget handles those keys itself."""
         for action in self._bare:
             presses = isinstance(new, QAbstractButton) and QKeySequence(Qt.Key.Key_Space) in action.shortcuts()
             action.setEnabled(not presses and not isinstance(new, (QComboBox, QAbstractItemView)))
 
     def bind_driving_panels(self, panels: Sequence[QWidget]) -> None:
-        """Let the bare keys work inside these widgets."""
+        """Bind the bare keys within these widgets."""
         if tuple(panels) == self._driving_panels and self._bound is self._specs:
             return
         self._driving_panels, self._bound = tuple(panels), self._specs
         for shortcut in self._panel_shortcuts:
-            shortcut.setKey(QKeySequence())  # at once, not only when it goes
+            shortcut.setKey(QKeySequence())  # effective now, not only once the object is deleted
             shortcut.deleteLater()
         self._panel_shortcuts.clear()
         for panel in panels:
@@ -406,14 +409,14 @@ class Actions(QObject):
         return lambda: self.press(action_id, opens=opens)
 
     def press(self, action_id: str, *, opens: bool = False) -> None:
-        """A key asks for it. Where it cannot be done that is told, and ``opens`` says whether what is typed next may be
-        meant for what it would have opened: that holds for every chord, and for no single key.
+        """Run the action for a key press and report a refusal. ``opens``: following keystrokes may belong to what the
+        action would have opened; true for chords, false for single keys.
         """
         if why := self.run(action_id):
             self.not_done.emit(why, opens)
 
     def run(self, action_id: str) -> str:
-        """Do it, if the scenario has it and it is available now; gives why it is not done."""
+        """Run the action if the scenario has it and it is available; returns the reason if it was not run."""
         spec = self.spec(action_id)
         if spec is None:
             return tr(_NOT_NOW)
@@ -431,7 +434,7 @@ class Actions(QObject):
         return tr(why)
 
     def on_key(self, keys: QKeySequence, *, bare: bool) -> str | None:
-        """The command on these keys; ``bare``: on those that work in the driving panels."""
+        """Id of the command bound to these keys; ``bare``: keys that work in the driving panels."""
         rows = (spec for spec in self._specs.values() if spec.kind == "command" and not spec.within)
         return next(
             (
@@ -443,7 +446,7 @@ class Actions(QObject):
         )
 
     def absent(self, event_key: QKeySequence) -> str:
-        """What the table has on a key that this scenario leaves without a meaning, in words; else nothing."""
+        """Message about a key that is in the table but not in this scenario; empty otherwise."""
         if self._groups is not None:
             return ""
         rows = (row for row in ACTIONS if row.kind in ("command", "mark", "talk") and row.id not in self._specs)
@@ -451,25 +454,27 @@ class Actions(QObject):
         return "" if row is None else tr("This scenario has no “{act}”.").format(act=row.in_words().text)
 
     def ask(self, intent: Intent) -> None:
-        """Ask the console for it as a row does."""
+        """Send the intent to the console, with the signals of a row."""
         self.asking.emit(intent)
         self._console.do(intent)
         self.asked.emit(intent)
 
     def intent_of(self, spec: ActionSpec) -> Intent | None:
-        """What the row would ask the console for now."""
+        """Intent that the row would send now."""
         if spec.intent is None or isinstance(spec.intent, Intent):
             return spec.intent
         scenario = self._console.scenario
         if scenario != self._console.state.scenario.value:
-            return None  # the window shows the one before for a moment: what is read there is not what would be said
+            # During a scenario change the window still shows the former scenario, so the intent would not match what is
+            # read there.
+            return None
         intent = spec.intent(scenario, self._console.state, spec.argument)
         if intent is not None and type(intent) not in spec.kinds:
             raise TypeError(f"the row {spec.id} gives {type(intent).__name__}, which it does not say")
         return intent
 
     def _call(self, spec: ActionSpec) -> str:
-        """Gives why it is not done, as the method that does it says."""
+        """Call the handler; returns the reason if it refused."""
         if spec.id in self._brought:
             handlers = self._brought[spec.id][1]
         else:
@@ -486,7 +491,7 @@ class Actions(QObject):
         self.set_conditions({condition: holds})
 
     def set_conditions(self, holds: Mapping[Condition, bool]) -> None:
-        """Several that change together."""
+        """Set several conditions at once, with one signal."""
         before = dict(self._conditions)
         self._conditions.update(holds)
         if any(before.get(condition, False) != now for condition, now in holds.items()):
@@ -497,13 +502,13 @@ class Actions(QObject):
         return self._driving_focus
 
     def set_driving_focus(self, driving_focus: bool) -> None:
-        """Whether Drive, Video or Map has the focus, so that the bare keys work."""
+        """Set whether Drive, Video or Map has the focus, so that the bare keys work."""
         if driving_focus != self._driving_focus:
             self._driving_focus = driving_focus
             self.keys_changed.emit()
 
     def key_text(self, action_id: str) -> str:
-        """The cap of the binding that works now; empty where there is none."""
+        """Key cap of the binding that works now; empty if none."""
         spec = self.spec(action_id)
         if spec is None:
             return ""

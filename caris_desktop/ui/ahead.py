@@ -1,4 +1,4 @@
-"""What lies ahead of the robot's base, as far as the LIDAR looks, and whether the picture shows that direction."""
+"""Obstacle distance ahead of the base from the LIDAR scan, and whether the camera faces that direction."""
 
 import math
 
@@ -18,8 +18,8 @@ _NEXT_BEAM_RAD = math.radians(2.0)
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """Within 20 degrees of the base's forward direction: the nearest return, None where nothing returned, and the
-    share of that view which the LIDAR covers, 0 to 1.
+    """Clearance within 20 degrees of the base's forward direction: distance to the nearest return, None without one,
+    and the share of that sector that the LIDAR covers, 0 to 1.
     """
 
     distance_m: float | None
@@ -27,7 +27,7 @@ class Ahead:
 
 
 def ahead_of(scan: LaserScan) -> Ahead:
-    """What the scan tells of the way ahead; nothing where nobody told how the laser is mounted."""
+    """Clearance ahead from a scan; no distance and no coverage if the pose of the laser is unknown."""
     if scan.robot_from_laser is None:
         return Ahead(None, 0.0)
     ranges = scan.ranges_m
@@ -38,11 +38,11 @@ def ahead_of(scan: LaserScan) -> Ahead:
     )
     angles = np.remainder(angles + math.pi, 2 * math.pi) - math.pi
     with np.errstate(invalid="ignore"):
-        # A beam without an answer reads inf, 0 or beyond the range; one that never looks reads nan or less than 0.
+        # A beam without a return reads inf, 0 or out of range; a masked beam reads nan or a negative value.
         looks = ranges >= 0.0
         returned = scan.returned() & (np.abs(angles) <= _AHEAD_RAD)
     near = float(ranges[returned].min()) + scan.robot_from_laser.x_m if bool(returned.any()) else None
-    # Directions half a degree apart, each covered where a beam that looks is next to it.
+    # Directions half a degree apart, each covered if an active beam is next to it.
     directions = np.linspace(-_AHEAD_RAD, _AHEAD_RAD, 81)
     beams = np.sort(angles[looks])
     if not beams.size:
@@ -56,7 +56,7 @@ def ahead_of(scan: LaserScan) -> Ahead:
 
 
 def ahead_words(ahead: Ahead, looks_away: str = "") -> tuple[str, bool]:
-    """In words, and whether it is a warning. ``looks_away`` says where the picture looks instead."""
+    """Text for the clearance, and whether it is a warning. ``looks_away`` says where the camera faces instead."""
     close = False
     if ahead.distance_m is not None:
         close = ahead.distance_m < CLOSE_M
@@ -93,8 +93,8 @@ _SIDES = (
 
 
 def nearest_of(scan: LaserScan) -> tuple[float, float] | None:
-    """Distance in metres and bearing in radians, counter-clockwise from ahead, of what returned nearest to the middle
-    of the robot; None where nothing returned, or nobody told how the laser is mounted.
+    """Distance in metres and bearing in radians, counter-clockwise from forward, of the return nearest to the robot's
+    centre; None without a return, or if the pose of the laser is unknown.
     """
     if scan.robot_from_laser is None:
         return None
@@ -106,7 +106,7 @@ def nearest_of(scan: LaserScan) -> tuple[float, float] | None:
 
 
 def nearest_words(scan: LaserScan) -> str:
-    """The same in words, to a tenth of a metre and an eighth of a turn."""
+    """Nearest return as text, to a tenth of a metre and an eighth of a turn."""
     if scan.robot_from_laser is None:
         return tr("Where the LIDAR looks is not known")
     nearest = nearest_of(scan)
@@ -118,7 +118,7 @@ def nearest_words(scan: LaserScan) -> str:
 
 
 def looks_away(robot: RobotProfile | None, frame: FrameRef | None, head: HeadState | None) -> str:
-    """Where the picture looks in words, if not ahead; empty where it does or nothing is told of the camera."""
+    """Camera direction as text if it does not face ahead; empty if it does, or if the camera pose is unknown."""
     cameras = robot.cameras if robot is not None and frame is not None else ()
     model = next((camera.model for camera in cameras if frame is not None and camera.name == frame.camera), None)
     if model is None:

@@ -1,4 +1,4 @@
-"""What a screen reader says by itself, wherever the wizard is in the window: alarms, refusals, questions, stops."""
+"""Screen reader announcements: alarms, refusals, questions and stops, wherever the focus is."""
 
 import sys
 from functools import partial
@@ -14,12 +14,12 @@ from caris_desktop.ui.event_words import event_sentence
 from caris_desktop.ui.people.shown_people import name_of
 
 KEPT_MS = 10_000
-"""A screen reader on a busy machine asks late for what came up."""
+"""Lifetime in ms: a screen reader on a busy machine queries late."""
 
 
 class Announcement(QWidget):
-    """One sentence, as a notification that comes up: on Linux screen readers say those, and only newer ones hear of
-    Qt's announcements.
+    """One sentence as a notification widget: screen readers on Linux speak these, and only newer ones handle Qt's
+    announcement events.
     """
 
     accessible_role = QAccessible.Role.Notification
@@ -33,15 +33,15 @@ class Announcement(QWidget):
         self._goes.timeout.connect(self.deleteLater)
 
     def say(self) -> None:
-        """Once more where it is there already."""
+        """Announce it; again if it is already visible."""
         self.hide()
         self.show()
         self._goes.start()
 
 
 class Announcements(QObject):
-    """What happens without a word of its own on the screen: a goal is reached, the stop released, a recording begins,
-    another wizard does something. What comes up as a card or a band announces itself.
+    """Announces events without a widget of their own: goal reached, stop released, recording started, another wizard's
+    actions. Popups and banners announce themselves.
     """
 
     def __init__(self, window: QWidget, console: WizardConsole) -> None:
@@ -55,7 +55,7 @@ class Announcements(QObject):
             return
         match event:
             case events.EmergencyStopChanged(latched=latched):
-                own = not latched  # the band says that it is on
+                own = not latched  # the emergency banner announces the stop
             case events.LinkChanged(state=state):
                 own = state == "connected"
             case events.GoalChanged() | events.SessionStarted() | events.SessionEnded() | events.RecordingPaused():
@@ -68,7 +68,7 @@ class Announcements(QObject):
 
 
 def announce(widget: QWidget, text: str) -> None:
-    """Have it said now, in the window of ``widget``; nothing without a screen reader."""
+    """Announce ``text`` in the window of ``widget``; does nothing without a screen reader."""
     if not text or not QAccessible.isActive():
         return
     window = widget.window()

@@ -1,4 +1,4 @@
-"""How the window looks and speaks, as its user chose it: theme, size, language."""
+"""Appearance preferences: theme, size, language."""
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, languages
@@ -7,7 +7,9 @@ from caris_desktop.ui.window_place import Settings
 
 
 class Appearance:
-    """Size and language hold from the next start on: what stands in the window already is not drawn anew."""
+    """Appearance preferences of the user. Size and language take effect at the next start; existing widgets are not
+    rebuilt.
+    """
 
     def __init__(self, theme: Theme, settings: Settings | None) -> None:
         self.theme = theme
@@ -19,7 +21,7 @@ class Appearance:
 
     @property
     def scale(self) -> str:
-        """One of SCALES."""
+        """One of SCALES, or empty."""
         kept = str(self._settings.value(SCALE_KEY, "")) if self._settings is not None else ""
         return kept if kept in SCALES else ""
 

@@ -1,4 +1,4 @@
-"""Bands in the strip under the top bar: what holds until the wizard decides, each with the one button that ends it."""
+"""Banners under the top bar: states that last until the wizard decides, each with the one button that ends it."""
 
 from collections.abc import Callable
 
@@ -19,7 +19,7 @@ _BUTTON_PX = 28
 
 
 class Band(QWidget):
-    """One sentence and its buttons, in the colour of what it says."""
+    """Banner with one sentence and its buttons, in a colour for its severity."""
 
     accessible_role = QAccessible.Role.AlertMessage
 
@@ -61,9 +61,9 @@ class Band(QWidget):
 
 
 class EmergencyBand(Band):
-    """While the emergency stop is latched: says so, and holds the one way to release it.
+    """Banner while the emergency stop is latched, with the only button that releases it.
 
-    It is apart from the red button, so that a second, frightened press never sets the robot free.
+    It is apart from the red button, so that a frightened second press never releases the stop.
     """
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
@@ -89,7 +89,7 @@ class EmergencyBand(Band):
 
 
 class GuardBand(Band):
-    """While the wizard has switched the obstacle guard off: nobody may forget that."""
+    """Banner while the wizard has switched off the obstacle guard, so that it is not forgotten."""
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "guard_band", role="amber")
@@ -108,7 +108,7 @@ class GuardBand(Band):
 
 
 class QuestionBand(Band):
-    """Asks before something that cannot be taken back. Not a dialog: driving goes on, and Stop needs no detour."""
+    """Confirmation before something irreversible. Not a dialog: driving and Stop keep working."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "question_band", role="amber")
@@ -123,7 +123,7 @@ class QuestionBand(Band):
         self.row.addWidget(no)
 
     def ask(self, question: str, answer: str, do: Callable[[], object]) -> None:
-        """Show the question; ``answer`` is the button that runs ``do``. An earlier question goes away."""
+        """Show the question; ``answer`` labels the button that runs ``do``. Replaces an earlier question."""
         self._do = do
         self.say(question)
         self.yes.set_label(answer)

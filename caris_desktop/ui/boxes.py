@@ -1,15 +1,15 @@
-"""Columns and rows of widgets, with the room around and between them; None is what the style has."""
+"""QVBoxLayout and QHBoxLayout with margins and spacing in px; None keeps the style's default."""
 
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QVBoxLayout, QWidget
 
 Margins = int | tuple[int, int, int, int]
-"""The same on every side; or left, above, right, below."""
+"""Equal on all sides; or left, top, right, bottom."""
 
 
 def column(
     holder: QWidget | None = None, *, margins_px: Margins | None = None, spacing_px: int | None = None
 ) -> QVBoxLayout:
-    """That of ``holder``, or one to lie in another layout."""
+    """Vertical layout of ``holder``, or one without a parent."""
     layout = QVBoxLayout() if holder is None else QVBoxLayout(holder)
     _give_room(layout, margins_px, spacing_px)
     return layout
@@ -18,7 +18,7 @@ def column(
 def row(
     holder: QWidget | None = None, *, margins_px: Margins | None = None, spacing_px: int | None = None
 ) -> QHBoxLayout:
-    """That of ``holder``, or one to lie in another layout."""
+    """Horizontal layout of ``holder``, or one without a parent."""
     layout = QHBoxLayout() if holder is None else QHBoxLayout(holder)
     _give_room(layout, margins_px, spacing_px)
     return layout

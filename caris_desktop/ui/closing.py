@@ -1,4 +1,4 @@
-"""Closing the window: asks a person first where that ends something, and says why it stays open."""
+"""Quit guard: confirms before closing the window ends something, and reports why the window stays open."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from caris_desktop.ui.robot_choice import motion_that_ends
 
 
 class Closing(QObject):
-    """``overlays`` would cover the question."""
+    """Quit guard of the main window; closes ``overlays``, which would cover the question."""
 
     def __init__(
         self,
@@ -35,11 +35,11 @@ class Closing(QObject):
         self._replay = self._wished = self._agreed = False
 
     def use_replay(self) -> None:
-        """It was recorded and driven long ago: closing ends nothing."""
+        """Switch to a replay, where closing ends nothing."""
         self._replay = True
 
     def asks_first(self, event: QCloseEvent) -> bool:
-        """Whether a person, not the program itself, closes the window and is now asked about what ends with it."""
+        """Whether a person closes the window and is now asked to confirm what ends with it."""
         ends = self.what_ends() if self.by_a_person(event) and not self._agreed else []
         if ends:
             self._ask(ends)
@@ -49,7 +49,7 @@ class Closing(QObject):
         return event.spontaneous() or self._wished
 
     def close_window(self) -> None:
-        """The wizard chose to: the same is asked first as for the cross of the window."""
+        """Close by command, with the same confirmation as the window's close button."""
         self._wished = True
         self._window.close()
         self._wished = False
@@ -78,7 +78,7 @@ class Closing(QObject):
             self._ask(ends)
 
     def tell_refused(self) -> None:
-        """Something drives: the window was asked to close, and stays."""
+        """Report that the window stays open because the robot is being driven."""
         self._problems.show_problem(
             Problem(
                 self._console.state.present.now_ns(), "info", tr("The window stays open while you drive."), "",

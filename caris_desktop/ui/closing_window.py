@@ -1,4 +1,4 @@
-"""A small window that says what is being finished while the program ends."""
+"""Progress window for work that is completed while the program quits."""
 
 import time
 from collections.abc import Callable
@@ -16,7 +16,7 @@ _STEP_MS = 50
 
 
 class ClosingWindow(QWidget):
-    """Does what takes time in a thread, and is seen once that is more than a moment."""
+    """Runs slow work in a thread and becomes visible if it takes longer than a moment."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -38,7 +38,7 @@ class ClosingWindow(QWidget):
         self.setFixedWidth(420)
 
     def during(self, what: str, work: Callable[[], None]) -> None:
-        """Do ``work``, which knows nothing of Qt, and say ``what`` meanwhile. Returns when it is done."""
+        """Run ``work``, which must not use Qt, and show ``what`` meanwhile. Returns when it is done."""
         self._what.setText(what)
         do_beside(work, self._wait)
 
@@ -47,5 +47,5 @@ class ClosingWindow(QWidget):
         if elapsed_s > SHOWN_AFTER_S:
             self._since.setText(tr("For {time} s. Do not switch the computer off.").format(time=f"{elapsed_s:.0f}"))
             self.show()
-        # Nobody can do anything here; keys and clicks are not for a program that ends.
+        # No user input is processed: the program is quitting.
         QApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents, _STEP_MS)

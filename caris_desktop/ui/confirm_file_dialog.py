@@ -1,4 +1,4 @@
-"""What a scenario or robot profile names outside of its file: listed once, before anything of it is used."""
+"""Confirmation dialog for a scenario or robot profile that references other files, devices or servers."""
 
 from typing import Literal
 
@@ -15,7 +15,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 
 
 class ConfirmFileDialog(TabAsRead, QDialog):
-    """Not modal: the robot can be driven and stopped meanwhile. Cancel has the focus, so Enter is a no."""
+    """Non-modal dialog: the robot can be driven and stopped meanwhile. Cancel has the focus, so Enter means no."""
 
     def __init__(self, theme: Theme, parent: QWidget, question: FileQuestion) -> None:
         super().__init__(parent)
@@ -50,14 +50,14 @@ class ConfirmFileDialog(TabAsRead, QDialog):
         layout.addWidget(self._list(question), 1)
         layout.addLayout(buttons)
         cancel.setFocus()
-        self.resize(self.sizeHint())  # Qt would give it two thirds of the screen, and the list deserves more
+        self.resize(self.sizeHint())  # Qt limits a dialog to two thirds of the screen; the list needs more
 
     def sizeHint(self) -> QSize:
         screen = self.screen()
         return QSize(860, 720 if screen is None else min(720, screen.availableGeometry().height() - 80))
 
     def _list(self, question: FileQuestion) -> QScrollArea:
-        """What is new comes first: the rest was confirmed before."""
+        """List of references, unconfirmed ones first."""
         holder = QWidget()
         column = boxes.column(holder, margins_px=(0, 4, 8, 4), spacing_px=10)
         new = [one for one in question.named if one not in question.known]
@@ -111,7 +111,7 @@ class ConfirmFileDialog(TabAsRead, QDialog):
 
 
 def _broken(text: str) -> str:
-    """With places where a long address or path may go on in the next line, which changes nothing of how it reads."""
+    """Insert zero-width break opportunities into a long address or path."""
     text = printable(text)
     return "\u200b".join(text[start : start + 24] for start in range(0, len(text), 24))
 

@@ -1,4 +1,4 @@
-"""How the connection did in the last minute: round trip, age of video and of LIDAR, as curves."""
+"""Connection popup: round trip, video age and LIDAR age of the last minute as curves."""
 
 import html
 import time
@@ -29,7 +29,7 @@ _CURVES = (
 
 
 class ConnectionHistory(QWidget):
-    """Samples of the last minute, taken four times a second: (monotonic seconds, milliseconds or nan)."""
+    """Samples of the last minute at 4 Hz: (monotonic seconds, milliseconds or nan)."""
 
     def __init__(self, state: LiveState, parent: QWidget) -> None:
         super().__init__(parent)
@@ -54,7 +54,7 @@ class ConnectionHistory(QWidget):
 
 
 class ConnectionCard(Overlay):
-    """The curves over the window. The plotting library is loaded when it is first opened."""
+    """Popup with the curves. The plotting library is imported when it is first opened."""
 
     diagnostics_requested = Signal()
     robots_requested = Signal()
@@ -129,7 +129,7 @@ class ConnectionCard(Overlay):
         self._plot.setMenuEnabled(False)
         self._plot.hideButtons()
         self._plot.setXRange(-SPAN_S, 0, padding=0)
-        # pyqtgraph reads the words of an axis as HTML.
+        # pyqtgraph interprets axis labels as HTML.
         self._plot.setLabel("bottom", html.escape(tr("seconds ago")))
         self._plot.setLabel("left", html.escape(tr("milliseconds")))
         self._plot.showGrid(x=False, y=True, alpha=0.25)
@@ -154,7 +154,7 @@ class ConnectionCard(Overlay):
             self._curves[name].setPen(pyqtgraph.mkPen(self._theme.color(role), width=2, style=dash))
 
     def refresh(self) -> None:
-        """Draw what was sampled until now."""
+        """Redraw the samples so far."""
         self._facts.setText(
             words.link_facts(self._state.link.value, self._state.traffic.value, self._state.present.anchor)
         )
@@ -172,7 +172,7 @@ class ConnectionCard(Overlay):
 
 
 class _LegendEntry(QWidget):
-    """Line sample, words, the newest value."""
+    """Legend entry: line sample, label, latest value."""
 
     accessible_role = QAccessible.Role.StaticText
 

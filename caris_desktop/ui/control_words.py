@@ -1,10 +1,10 @@
-"""Values of the robot's controls in words, and the question before one that is to be confirmed."""
+"""Values of robot controls as text, and the confirmation question of a control."""
 
 from caris_desktop.domain.controls import ControlValue, RobotControl
 
 
 def value_words(control: RobotControl, value: ControlValue) -> str:
-    """The value as a wizard reads it: on, 62 %, Welcome."""
+    """The value as shown to the wizard: on, 62 %, Welcome."""
     for choice in control.choices:
         if choice.value == value and isinstance(choice.value, bool) == isinstance(value, bool):
             return choice.title

@@ -1,8 +1,8 @@
-"""The area of the panels: shows an arrangement, in the window and in windows of its own, and does what the wizard does.
+"""Dock area: shows the dock layout in the main window and in floating windows, and applies the wizard's edits.
 
-Panels are not QDockWidgets: a QMainWindow knows only where its docks lie, so that the tree had to be guessed from
-rectangles, sizes came back a little different each time, and a set of tabs was left by one panel or by all as Qt's
-version would have it. Here the arrangement is the one truth, and what is seen follows from it.
+Panels are not QDockWidgets: QMainWindow exposes dock positions only, so the layout tree had to be guessed from
+rectangles, sizes drifted with each save and restore, and Qt versions differed in whether one tab or all tabs were
+undocked. Here the layout value is the single source of truth, and the widgets follow from it.
 """
 
 from collections import deque
@@ -36,8 +36,8 @@ LOCKED = QT_TR_NOOP("The layout is locked, so nothing was moved. Unlock it in th
 
 
 class DockHost(DockArea):
-    """``edited`` tells of each thing that the wizard did, with the arrangement before it; ``layout_changed`` follows
-    each change, whoever made it; ``refused`` says why something was not done.
+    """Dock area of the main window. ``edited``: an edit by the wizard, with the layout before it; ``layout_changed``:
+    any change; ``refused``: the reason for a refused edit.
     """
 
     edited = Signal(str, object)
@@ -68,7 +68,7 @@ class DockHost(DockArea):
         if isinstance(app, QApplication):
             app.focusChanged.connect(self._on_focus_changed)
 
-    # ---- what is shown
+    # ---- display
 
     @property
     def arrangement(self) -> Arrangement | None:
@@ -76,7 +76,7 @@ class DockHost(DockArea):
 
     @property
     def tree(self) -> LayoutNode | None:
-        """The arrangement as a file would have it: closed panels are left out."""
+        """The layout as saved to a file, without closed panels."""
         return None if self._arrangement is None else self._arrangement.for_file
 
     def _delete_next(self) -> None:
@@ -88,12 +88,12 @@ class DockHost(DockArea):
         dock.deleteLater()
 
     def show_layout(self, panels: Mapping[PanelName, Panel], tree: LayoutNode) -> None:
-        """As :meth:`show_arrangement`, arranged as a file says."""
+        """Like :meth:`show_arrangement`, from the layout tree of a file."""
         self.show_arrangement(panels, arrangement_of(tree))
 
     def show_arrangement(self, panels: Mapping[PanelName, Panel], arrangement: Arrangement) -> None:
-        """Show ``panels`` like this. Those that are there already stay what they are, also if they have no place in it
-        and are not seen; others go away.
+        """Show ``panels`` in this layout. Existing panels are reused, even if the layout hides them; others are
+        deleted.
         """
         self.keep_only(panels)
         for name in arrangement.panels:
@@ -105,8 +105,8 @@ class DockHost(DockArea):
         self._leave.start()
 
     def leave_gaps(self, panels: Mapping[PanelName, Panel], seen: Container[PanelName]) -> None:
-        """As :meth:`keep_only`, and of what is kept only ``seen`` stays in sight: where others were nothing is seen, no
-        tab either, until all is arranged anew. What stays keeps its place until then.
+        """Like :meth:`keep_only`, and hide all panels but ``seen``. Hidden panels leave an empty area without a tab
+        until the next layout; visible ones do not move.
         """
         unseen = [name for name in self._docks if name not in seen]
         afloat = any(self._docks[name].isFloating() for name in unseen)
@@ -122,8 +122,8 @@ class DockHost(DockArea):
                 dock.set_shown(False)
 
     def keep_only(self, panels: Mapping[PanelName, Panel]) -> None:
-        """Delete every other panel; what stays is arranged anew afterwards. That is done with one in each turn of the
-        event loop, once others are arranged: a whole window is not taken apart in a moment, nor waited for.
+        """Delete all other panels; the layout follows afterwards. One panel is deleted per event loop turn, so that a
+        scenario change does not block the GUI thread.
         """
         gone = [name for name, dock in self._docks.items() if panels.get(name) is not dock.widget()]
         if self._arrangement is not None:
@@ -136,9 +136,7 @@ class DockHost(DockArea):
                 self._leaving.append(self._docks.pop(name))
 
     def make_room(self, name: PanelName, panel: Panel) -> None:
-        """Prepare a panel, unseen, for the arrangement that is shown next; or put it where another one has kept its
-        place so far.
-        """
+        """Create a hidden panel for the next layout, or put it in the area that a former panel of this name left."""
         old = self._docks.pop(name, None)
         dock = self._docks[name] = self._make_dock(name, panel)
         if old is None:
@@ -153,7 +151,7 @@ class DockHost(DockArea):
         self._leave.start()
 
     def add_panel(self, name: PanelName, panel: Panel, beside: Sequence[PanelName] = ()) -> None:
-        """Add one panel in a tab in front of the first of ``beside`` that is open, else of any open one."""
+        """Add a panel as the front tab next to the first open panel of ``beside``, else next to any open one."""
         if self._arrangement is None:
             self.show_arrangement({name: panel}, Arrangement(PanelLeaf(name)))
             return
@@ -163,7 +161,7 @@ class DockHost(DockArea):
         self._do(what, edits.add(self._arrangement, name, beside))
 
     def remove_panel(self, name: PanelName) -> bool:
-        """Take the panel away and delete it; whether that was done."""
+        """Remove and delete the panel; returns whether it was removed."""
         if self._arrangement is None or name not in self._arrangement.panels:
             return False
         what = tr("Close {panel}").format(panel=self._title(name))
@@ -175,7 +173,7 @@ class DockHost(DockArea):
 
     @contextmanager
     def _keys_in_place_of(self, name: PanelName) -> Iterator[None]:
-        """The panel goes: where it had the keys, the one that is seen in its place has them, unless bare keys would
+        """Move the focus of a removed panel to the panel that becomes visible in its place, unless bare keys would
         drive there.
         """
         focused, area = QApplication.focusWidget(), self._area_of(name)
@@ -187,7 +185,7 @@ class DockHost(DockArea):
             self._go_to(seen)
 
     def is_open(self, name: PanelName) -> bool:
-        """Whether the panel is there, be it behind another tab."""
+        """Whether the panel is open, even if behind another tab."""
         return self._arrangement is not None and self._arrangement.is_shown(name)
 
     def _forget(self, name: PanelName) -> None:
@@ -197,7 +195,7 @@ class DockHost(DockArea):
         dock.deleteLater()
 
     def _make_dock(self, name: PanelName, panel: Panel) -> Dock:
-        # With a parent from the first: else it is a window for a moment, and takes the activation from ours.
+        # Created with a parent: otherwise it briefly is a top-level window and takes the activation.
         dock = Dock(name, panel, self)
         dock.lower()
         dock.hide()
@@ -211,9 +209,7 @@ class DockHost(DockArea):
         return dock
 
     def show_everything(self) -> None:
-        """Lay out what the arrangement says, on the screens that are there now. What had the keys in a panel keeps them
-        wherever that comes to lie, as long as it is seen.
-        """
+        """Apply the layout on the current screens. A focused widget stays focused as long as it is visible."""
         focused = QApplication.focusWidget()
         kept = focused if any(_holds(dock, focused) for dock in self._docks.values()) else None
         self._show_arranged()
@@ -242,7 +238,7 @@ class DockHost(DockArea):
             if not arrangement.is_shown(name):
                 dock.set_shown(False)
         self.show_tree(arrangement.tree, arrangement.docked)
-        # What is kept stays as it is: the other screen may be back tomorrow.
+        # The stored layout stays unchanged: the other screen may be connected again later.
         for window, wanted in zip(self._windows, edits.clamped(arrangement, self.screens()).floating, strict=True):
             window.area.locked = self.locked
             shown = frozenset(panels_in(wanted.tree)) - arrangement.hidden
@@ -278,16 +274,16 @@ class DockHost(DockArea):
         super().showEvent(event)
         self.room_changed.emit()
 
-    # ---- what is done
+    # ---- editing
 
     def set_locked(self, locked: bool) -> None:
-        """Locked, nothing can be moved, closed or floated."""
+        """Lock or unlock the layout: locked panels cannot be moved, closed or floated."""
         if locked != self.locked:
             self.locked = locked
             self.show_everything()
 
     def edit(self, what: str, after: Arrangement | None) -> bool:
-        """The wizard did ``what``, in words; whether it was done."""
+        """Apply the wizard's edit ``what``; returns whether it was applied."""
         if after is None or after == self._arrangement:
             return False
         if self.locked:
@@ -297,13 +293,13 @@ class DockHost(DockArea):
         return True
 
     def panel_with_keys(self) -> PanelName | None:
-        """The panel with the focus of its window: of the one in front, else of the main window."""
+        """The focused panel of the active window, else of the main window."""
         windows = [QApplication.activeWindow(), self.window()]
         focused = [window.focusWidget() for window in windows if window is not None]
         return next((name for each in focused for name, dock in self._docks.items() if _holds(dock, each)), None)
 
     def _go_to(self, name: PanelName) -> None:
-        """The wizard went to this panel: it comes to the front of its tabs, and its main field has the keys."""
+        """Raise the panel's tab and focus its main field."""
         self._on_tab_chosen(name)
         if self._docks[name].isVisible():
             give_keys(self._docks[name].focus_target(), Qt.FocusReason.MouseFocusReason)
@@ -315,13 +311,13 @@ class DockHost(DockArea):
         self.layout_changed.emit()
 
     def close_panel(self, name: PanelName) -> None:
-        """Hide the panel; ``show_panel`` brings it back where it was."""
+        """Hide the panel; ``show_panel`` restores it at the same place."""
         if self._arrangement is not None and self.is_open(name):
             with self._keys_in_place_of(name):
                 self.edit(tr("Close {panel}").format(panel=self._title(name)), edits.hide(self._arrangement, name))
 
     def show_panel(self, name: PanelName) -> None:
-        """Open the panel if it is closed and bring it to the front of its tabs."""
+        """Open the panel if it is closed, and raise its tab."""
         arrangement = self._arrangement
         if arrangement is None or name not in arrangement.panels:
             return
@@ -331,7 +327,7 @@ class DockHost(DockArea):
             self._on_tab_chosen(name)
 
     def float_panel(self, name: PanelName, place: Rect | None = None) -> None:
-        """Give the panel a window of its own: at ``place``, or near where it is."""
+        """Float the panel in a window of its own: at ``place``, or near its current position."""
         if self._arrangement is None or name not in self._arrangement.panels:
             return
         if place is None:
@@ -344,7 +340,7 @@ class DockHost(DockArea):
             self._go_to(name)
 
     def dock_panel(self, name: PanelName) -> None:
-        """Put a floating panel back where it was."""
+        """Dock a floating panel where it was before."""
         if self._arrangement is not None and name in self._arrangement.panels:
             back = edits.dock(self._arrangement, name)
             if self.edit(tr("Put {panel} back").format(panel=self._title(name)), back):
@@ -357,7 +353,7 @@ class DockHost(DockArea):
             self.float_panel(name)
 
     def move_panel(self, name: PanelName, beside: PanelName, side: Side, at: int | None = None) -> None:
-        """Put the panel beside another one or into its tabs."""
+        """Move the panel next to another one or into its tab group."""
         if self._arrangement is not None:
             after = edits.move(self._arrangement, name, beside, side, at)
             if self.edit(tr("Move {panel}").format(panel=self._title(name)), after):
@@ -367,7 +363,7 @@ class DockHost(DockArea):
         return self._docks[name].widget().title
 
     def _on_tab_chosen(self, name: PanelName) -> None:
-        """Which tab is in front is part of the arrangement, but nothing that was rearranged."""
+        """Selecting a tab changes the layout but is not an edit that can be undone."""
         if self._arrangement is None:
             return
         after = edits.select(self._arrangement, name)
@@ -398,14 +394,14 @@ class DockHost(DockArea):
         if self._arrangement is None or index >= len(self._arrangement.floating):
             return
         if self.locked:
-            self.show_everything()  # back to where it was
+            self.show_everything()  # snap back
             self.refused.emit(tr(LOCKED))
             return
         self._arrangement = edits.place_window(self._arrangement, index, place)
         self.layout_changed.emit()
 
     def _dock_all_of(self, index: int) -> None:
-        """The window was closed by its own button: its panels are not lost by that."""
+        """Dock the panels of a floating window that was closed by its title bar."""
         if self._arrangement is None or index >= len(self._arrangement.floating):
             return
         after = self._arrangement
@@ -423,7 +419,7 @@ class DockHost(DockArea):
         self._area_of(name).open_drawer(name)
 
     def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
-        """Whoever goes on in another panel is done with the drawer."""
+        """Close the drawer when the focus moves to another panel."""
         for area in (self, *(window.area for window in self._windows)):
             drawer = area.drawer
             elsewhere = [dock for name, dock in self._docks.items() if name != drawer]
@@ -433,7 +429,7 @@ class DockHost(DockArea):
     # ---- dragging
 
     def _drop_at(self, name: PanelName, at: QPoint) -> tuple[DockArea, Drop | None] | None:
-        """The area under the pointer, a window of its own first, with what letting go there would do."""
+        """The dock area under the pointer, floating windows first, with the drop that releasing there would cause."""
         for area in (*(window.area for window in reversed(self._windows)), self):
             inside = area.mapFromGlobal(at)
             if not area.isVisible() or not area.rect().contains(inside):
@@ -498,7 +494,7 @@ class DockHost(DockArea):
                 self.move_panel(name, drop.beside, drop.side, drop.at)
 
     def give_up(self) -> None:
-        """Esc: what is dragged stays where it was, and a drawer closes."""
+        """Esc: cancel the drag and close a drawer."""
         if self._words is not None and self._words.isVisible():
             self._given_up = True
             self._words.hide()
@@ -517,7 +513,7 @@ class DockHost(DockArea):
         menu.popup(at)
 
     def fill_menu(self, menu: QMenu, name: PanelName) -> None:
-        """What can be done with one panel, by keys too."""
+        """Fill the panel's context menu; all entries work by keyboard."""
         arrangement = self._arrangement
         if arrangement is None:
             return
@@ -568,7 +564,7 @@ _BESIDE: Mapping[Side, str] = {
 
 
 def available_screens() -> Sequence[Rect]:
-    """What windows may use of each screen, the main one first."""
+    """Available geometry of each screen, primary screen first."""
     main = QGuiApplication.primaryScreen()
     screens = sorted(QGuiApplication.screens(), key=lambda screen: screen is not main)
     rects: list[QRect] = [screen.availableGeometry() for screen in screens]

@@ -1,4 +1,7 @@
-"""What moves or stops the robot by hand: keys, caught before any widget sees them, the screen and the gamepad."""
+"""Hold-to-drive: teleoperation input from keyboard, on-screen controls and gamepad, and the stop keys.
+
+Keys are handled by an application event filter, before any widget.
+"""
 
 import sys
 import time
@@ -47,7 +50,7 @@ from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, X11_LEVELS, Key
 
 DOUBLE_STOP_S = 0.6
 STOPS = "stops"
-"""Property of a button that stops the robot, which a key presses however the focus came there."""
+"""Property of a button that stops the robot; a key presses it however it got the focus."""
 _NEVER = float("-inf"), 0
 _OF_NO_CONCERN = frozenset(
     (QChildEvent, QDynamicPropertyChangeEvent, QMoveEvent, QResizeEvent, QPaintEvent, QTimerEvent, QActionEvent)
@@ -57,8 +60,9 @@ NOWHERE_MS = 3000
 HELD_TO_TALK_MS = 300
 
 KeyOwner = Literal["driving", "typing", "window", "nowhere", "dialog", "menu", "elsewhere", "off"]
-"""Who gets a key now: driving (bare keys drive), typing or another part of the window (Alt drives), nobody as an act
-could not be done, a dialog, a menu, another program, or, with a scenario that does not drive, nobody."""
+"""Recipient of a key press: driving (bare keys drive), typing or another part of the window (Alt drives), nobody
+because a command was refused, a dialog, a menu, another program, or nobody because the scenario does not drive.
+"""
 
 _MODIFIER_KEYS = (
     Qt.Key.Key_Shift, Qt.Key.Key_Control, Qt.Key.Key_Alt, Qt.Key.Key_Meta, Qt.Key.Key_AltGr, Qt.Key.Key_CapsLock,
@@ -68,32 +72,32 @@ _CTRL_SHIFT = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftMod
 _PRESSING_KEYS = (Qt.Key.Key_Space, Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Select)
 _BY_TAB = (Qt.FocusReason.TabFocusReason, Qt.FocusReason.BacktabFocusReason)
 _TEXT_INPUTS = (QLineEdit, QPlainTextEdit, QTextEdit, QAbstractSpinBox)
-# In a list or a drop-down letters look for lines and arrows move between them.
+# In a list or combo box, letters search for entries and arrows move the selection.
 _KEEPS_ITS_KEYS = (*_TEXT_INPUTS, QComboBox, QAbstractItemView)
 
 
 class HoldToDrive(QObject):
-    """Turns what is held into the intents Drive, ReleaseDrive and TurnHead, and Esc and Pause into stops.
+    """Turns held keys into the intents Drive, ReleaseDrive and TurnHead, and Esc and Pause into stops.
 
-    A drive key belongs to driving from its press to its physical release, whatever happens to modifiers or focus
-    in between; nothing else in the application sees it. Keys, screen and gamepad add up. Motion ends when nothing is
-    held any more, and at once when the application or its windows are deactivated, a dialog or menu opens, or the
-    driving focus is lost; then a key has to be pressed anew, and a stick to be let go first.
+    A drive key belongs to driving from its press to its physical release, whatever happens to modifiers or focus in
+    between; no other widget sees it. Keyboard, screen and gamepad add up. Motion ends when nothing is held any more,
+    and at once when the application or its windows are deactivated, a dialog or menu opens, or the driving focus is
+    lost; then a key must be pressed again, and a stick must return to centre first.
 
-    Whoever makes this installs it as an event filter of the application once the window stands: what a window goes
-    through while it is built is much, and concerns no key.
+    The owner installs it as an application event filter once the window is built: building a window produces many
+    events, none of them keys.
 
-    While something drives, or a finger is still on its key, no window closes: with Alt held to drive, F4 is a phrase.
+    While the robot is driven, or a drive key is still down, no window closes: with Alt held to drive, F4 is a phrase.
     """
 
     key_owner_changed = Signal(str)
     windows_changed = Signal()  # a window, dialog or menu opened or closed
     escape_pressed = Signal()
-    close_refused = Signal()  # a window was asked to close while something drives
+    close_refused = Signal()  # a close was refused because the robot is being driven
     nowhere_ended = Signal()
-    slipped = Signal(str)  # why a key does not do what it was probably pressed for
+    slipped = Signal(str)  # reason why a key press had no effect
     mark_pressed = Signal(str)  # a key of an action of kind "mark" went down
-    mark_released = Signal(str)  # and came up again, or can no longer be heard of
+    mark_released = Signal(str)  # released, or its release can no longer be received
 
     def __init__(self, console: WizardConsole, actions: Actions, window: QWidget) -> None:
         super().__init__(window)
@@ -137,7 +141,7 @@ class HoldToDrive(QObject):
         self._bindings.take(actions.all_specs)
 
     def close(self) -> None:
-        """Stop listening; anything held is released."""
+        """Stop listening; all held input is released."""
         for identity in (*self._marking, *self._about_to_talk):
             self._end_marking(identity)
         self._nowhere.stop()
@@ -149,28 +153,28 @@ class HoldToDrive(QObject):
     def ask_next_key(
         self, letters: str, answer: Callable[[str], None], *, after: Qt.KeyboardModifier = _CTRL_SHIFT
     ) -> None:
-        """Take the next key press before anything else sees it, if it is one of ``letters``, by their places.
+        """Capture the next key press, before any other handler, if its position is one of ``letters``.
 
-        ``answer`` gets the letter, or an empty text when another key came first, which does what it always does. Keys
-        that are held to drive do so meanwhile, and answer nothing. ``after`` are the modifiers of the chord that asked,
-        on which the fingers may still be.
+        ``answer`` receives the letter, or an empty text if another key was pressed, which keeps its usual effect. Held
+        drive keys keep driving and do not answer. ``after``: modifiers of the chord that asked, which may still be
+        held.
         """
         self._question = letters, answer, after
 
     def ask_no_key(self) -> None:
-        """The answer is no longer waited for."""
+        """Cancel ``ask_next_key``."""
         self._question = None
 
-    # ---- what is held
+    # ---- held input
 
     @property
     def held(self) -> frozenset[str]:
-        """The directions that keys and arrows on the screen ask for now."""
+        """Directions held on the keyboard and by on-screen arrows."""
         return self.motion.held
 
     @property
     def must_let_go(self) -> bool:
-        """Whether something is held that moves nothing: the motion was ended, and only a new press begins another."""
+        """Whether input is held that moves nothing because the motion was ended; only a new press moves again."""
         keys = any(
             hold is not None and hold.action_id in WISHES and not self.motion.moves_by(identity)
             for identity, hold in self._owned.items()
@@ -179,29 +183,31 @@ class HoldToDrive(QObject):
 
     @property
     def key_owner(self) -> KeyOwner:
-        """Who gets a key that is pressed now."""
+        """Recipient of a key that is pressed now."""
         return self._key_owner
 
     def set_driving_panels(self, panels: Sequence[QWidget]) -> None:
-        """The panels in which the bare keys drive."""
+        """Set the panels in which the bare keys drive."""
         self._driving_panels = tuple(panels)
         self._update_driving_focus(self._app.focusWidget())
 
     def set_emergency_button(self, button: QWidget) -> None:
-        """The red button, which works by the first press also while a menu or a drop-down is open."""
+        """Set the red button, whose first press works even while a menu or combo box is open."""
         self._always_pressable = button
 
     def use_gamepads(self, gamepads: Gamepads) -> None:
-        """Let the gamepad drive, stop and do what its buttons are set to."""
+        """Connect the gamepad: driving, stop and button bindings."""
         gamepads.moved.connect(self.motion.push_gamepad)
         gamepads.lost.connect(self.motion.lose_gamepad)
         gamepads.pressed.connect(self._on_gamepad_button)
 
     def release_all(self, reason: str) -> None:
-        """End direct driving now. What is still held drives again only after a new press, sticks after a rest."""
+        """End teleoperation now. Keys still held drive again only after a new press, sticks after
+        returning to centre.
+        """
         self.motion.release_all(reason)
 
-    # ---- which keys these are
+    # ---- key bindings
 
     def _on_rebound(self) -> None:
         self.release_all(QT_TR_NOOP("The keys were changed"))
@@ -213,7 +219,7 @@ class HoldToDrive(QObject):
         self._update_key_owner()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        # To ask each of ten thousand for its type costs more than all the rest.
+        # Querying the type of ten thousand events costs more than the rest of the filter.
         if type(event) in _OF_NO_CONCERN:
             return False
         kind = event.type()
@@ -228,7 +234,7 @@ class HoldToDrive(QObject):
         if kind == QEvent.Type.FocusIn and isinstance(event, QFocusEvent) and isinstance(watched, QWidget):
             return self._filter_focus(watched, event.reason())
         if kind == QEvent.Type.WindowDeactivate and self._is_ours(watched):
-            # Between the main window and a floating panel nothing is lost: both belong to this window.
+            # Focus moves between the main window and a floating panel, which belong together.
             if not self._is_ours(self._app.activeWindow()):
                 self.release_all(QT_TR_NOOP("The window lost the focus"))
             self._update_key_owner()
@@ -239,26 +245,26 @@ class HoldToDrive(QObject):
                 self._actions.use_letters(letters)
             self._update_key_owner()
         elif kind == QEvent.Type.Close and isinstance(event, QCloseEvent) and isinstance(watched, QWidget):
-            # What the program closes itself is not spontaneous for the widget, though it is for its window.
+            # A close by the program is not spontaneous for the widget, but is for its native window.
             return event.spontaneous() and self._filter_close(event)
         elif kind in (QEvent.Type.Show, QEvent.Type.Hide) and isinstance(watched, QWidget) and watched.isWindow():
             if kind == QEvent.Type.Show and _takes_over(watched):
                 self.release_all(QT_TR_NOOP("A dialog or menu opened"))
             elif kind == QEvent.Type.Hide and watched is not self._window and had_the_keys(watched):
-                # Closed by a button: an Esc that comes right behind it must find somebody as well.
+                # Closed by a button: an Esc that follows at once still needs a recipient.
                 self._kept_keys.keep_for_heir_of(watched, self._window)
-            # Qt takes note of popups and dialogs only after this event.
+            # Qt registers popups and dialogs only after this event.
             QTimer.singleShot(0, self, self._on_windows_changed)
         return False
 
     def _filter_press(self, watched: QObject, event: QMouseEvent) -> bool:
         self._end_nowhere()
-        # Who is asked first lies there: a press goes up from part to part until somebody wants it.
+        # A press propagates through the parents until one accepts it; only the first receiver counts.
         goes_up = bool(event.timestamp()) and event.timestamp() == self._followed_ms
         if not goes_up and isinstance(watched, QWidget) and self._is_ours(window := window_of(watched)):
             self._followed_ms = int(event.timestamp())
             follow_click(watched, drives=self._drives_with(window.focusWidget()))
-        # Qt spends the first press beside a menu or drop-down on closing it; a stop must not wait for a second one.
+        # Qt uses the first press outside a menu or combo box to close it; a stop must not need a second press.
         button, popup = self._always_pressable, self._app.activePopupWidget()
         if button is None or popup is None or not button.isVisible():
             return False
@@ -271,7 +277,7 @@ class HoldToDrive(QObject):
         return True
 
     def _filter_focus(self, watched: QWidget, reason: Qt.FocusReason) -> bool:
-        """A window that comes to the front without anybody having the keys in it gives them to its first button."""
+        """Handle a focus change: a window that comes to the front without focus would focus its first button."""
         bar = bar_of(watched)
         if bar is None:
             if key_place_of(watched) is not None:
@@ -284,7 +290,9 @@ class HoldToDrive(QObject):
         return False
 
     def _is_kept_from_bar(self, watched: QObject, event: QKeyEvent) -> bool:
-        """Space and Enter press what stands in a bar only for who went there by Tab; the red button for everybody."""
+        """Whether to block Space and Enter on a bar's widget: they press it only if it got the focus by Tab. The red
+        button always works.
+        """
         if event.key() not in _PRESSING_KEYS or event.modifiers() & CHORD_MODIFIERS:
             return False
         target = watched if isinstance(watched, QWidget) else self._app.focusWidget()
@@ -293,7 +301,7 @@ class HoldToDrive(QObject):
         return target is not self._reached_by_tab and not target.property(STOPS)
 
     def _filter_close(self, event: QCloseEvent) -> bool:
-        """A window manager asks to close a window: not while the wizard drives, who meant another key."""
+        """Refuse a window manager's close request while the wizard drives: another key was meant."""
         if not self._fingers_drive():
             return False
         event.ignore()
@@ -302,7 +310,7 @@ class HoldToDrive(QObject):
         self._last_refused_s = now_s
         if repeats:
             return True
-        # The key itself went to the window manager.
+        # The window manager received the key itself.
         down = self._keys.function_key_down()
         action_id = None if down is None or down[1] in self._owned else self._bindings.function_key(down[0])
         if action_id is not None:
@@ -312,7 +320,7 @@ class HoldToDrive(QObject):
         return True
 
     def _fingers_drive(self) -> bool:
-        """Whether something moves the robot, or a key that did is still down, or Alt from driving."""
+        """Whether the robot is driven, a drive key is still down, or the Alt key that drove."""
         down = {identity for identity, hold in self._owned.items() if hold is not None}
         if self._keys.exact:
             down = self._keys.still_down(down)
@@ -380,7 +388,7 @@ class HoldToDrive(QObject):
         hold = self._hold_for(code, event)
         if hold is None:
             if repeated and event.type() == QEvent.Type.ShortcutOverride and not event.isAutoRepeat():
-                # Qt takes this repeat for a press; a held F1 would say its phrase again and again.
+                # Qt treats this auto-repeat as a press; a held F1 would repeat its phrase.
                 event.accept()
                 return True
             return event.type() == QEvent.Type.KeyPress and self._is_in_vain(identity, code, event, repeated=repeated)
@@ -391,7 +399,7 @@ class HoldToDrive(QObject):
         return True
 
     def _answers(self, code: int | None, event: QKeyEvent) -> bool:
-        """Whether this key is the answer that was asked for; any other one ends the question."""
+        """Whether this key answers ``ask_next_key``; any other key ends the question."""
         if self._question is None or event.key() in _MODIFIER_KEYS or not self._takes_keys():
             return False
         hold = self._hold_for(code, event)
@@ -412,7 +420,7 @@ class HoldToDrive(QObject):
         return False
 
     def _mark_for(self, event: QKeyEvent) -> Hold | None:
-        """The action of kind "mark" or "talk" that this key means now."""
+        """Action of kind "mark" or "talk" on this key now."""
         if not self._takes_keys():
             return None
         mark = self._bindings.mark(event, self._without_driving_alt(event), bare=self._actions.driving_focus)
@@ -423,7 +431,7 @@ class HoldToDrive(QObject):
         if not self._actions.available(action_id):
             self._actions.press(action_id, opens=not mark.bare)
         elif mark.bare and spec is not None and spec.kind == "talk":
-            # Somebody who types where they thought to type opens no microphone.
+            # A delay: typing in the wrong place must not open the microphone.
             timer = self._about_to_talk[identity] = QTimer(self, singleShot=True, interval=HELD_TO_TALK_MS)
             timer.timeout.connect(lambda: self._begin_talking(identity, action_id))
             timer.start()
@@ -437,24 +445,22 @@ class HoldToDrive(QObject):
         self.mark_pressed.emit(action_id)
 
     def _function_key_for(self, event: QKeyEvent) -> str | None:
-        """The command of a function key that is pressed beside an Alt that drives; Qt would take it for another key."""
+        """Command of a function key pressed while Alt drives; Qt would read it as Alt+F-key."""
         if not event.modifiers() & Qt.KeyboardModifier.AltModifier or not self._takes_keys():
             return None
         alone = self._without_driving_alt(event) == Qt.KeyboardModifier.NoModifier
         return self._bindings.function_key(int(event.key())) if alone else None
 
     def _without_driving_alt(self, event: QKeyEvent) -> Qt.KeyboardModifier:
-        """The modifiers of a key, less an Alt that is down because the wizard drives with it."""
+        """Modifiers of a key event without an Alt that is held to drive."""
         modifiers = event.modifiers()
-        # Also where the motion has ended meanwhile: the fingers are still where they were.
+        # Also after the motion has ended: the fingers are still on the keys.
         if self._alt_drove or any(hold is not None and not hold.bare for hold in self._owned.values()):
             modifiers &= ~Qt.KeyboardModifier.AltModifier
         return modifiers
 
     def _is_in_vain(self, identity: int, code: int | None, event: QKeyEvent, *, repeated: bool) -> bool:
-        """A press that nothing is bound to, and that was probably meant for something: that is told. Whether nobody
-        else gets it.
-        """
+        """Report a press without a binding that was probably meant for a command; returns whether to consume it."""
         if not self._takes_keys():
             return False
         typing = isinstance(self._app.focusWidget(), _TEXT_INPUTS)
@@ -489,9 +495,10 @@ class HoldToDrive(QObject):
         return how.format(why=why_not, key=caps[0], back=caps[-1]) if len(caps) > 1 else why_not
 
     def _is_slip(self, event: QKeyEvent) -> bool:
-        """Alt with a character that nothing is bound to: beside the drive key, or a direction the robot lacks.
+        """Whether Alt was pressed with an unbound character: next to the drive key, or a direction that the robot
+        lacks.
 
-        Qt would type it. A Mac types other characters in this way, so there it is left alone.
+        Qt would type the character. On a Mac, Alt types other characters, so it is left alone.
         """
         return (
             sys.platform != "darwin"
@@ -500,11 +507,11 @@ class HoldToDrive(QObject):
             and bool(event.text())
         )
 
-    # ---- keys that go nowhere
+    # ---- discarded keys
 
     @property
     def keys_go_nowhere(self) -> bool:
-        """Whether what is typed is meant for something that could not be opened, so that nobody gets it."""
+        """Whether keystrokes are discarded because they were meant for something that could not be opened."""
         return self._nowhere.isActive()
 
     def _on_not_done(self, _why: str, opens: bool) -> None:
@@ -513,7 +520,7 @@ class HoldToDrive(QObject):
             self._update_key_owner()
 
     def _goes_nowhere(self, code: int | None, event: QKeyEvent) -> bool:
-        """What types or drives by itself goes nowhere until the hands rest; another chord is another act."""
+        """Discard typing and bare drive keys until the hands rest; a new chord is a new command."""
         if not self._nowhere.isActive() or event.key() in _MODIFIER_KEYS or not self._takes_keys():
             return False
         pad = event.modifiers() & Qt.KeyboardModifier.KeypadModifier and not event.text()
@@ -547,9 +554,9 @@ class HoldToDrive(QObject):
         return None if hold is None or self._actions.spec(hold.action_id) is None else hold
 
     def _learn_letter(self, code: int | None, event: QKeyEvent) -> None:
-        """Keep the key caps true when the keyboard layout changes, on systems that do not tell of it too.
+        """Update the key caps when the keyboard layout changes, also on systems that send no notification.
 
-        A cap has what its key types alone: what AltGr, the option key, or Ctrl with Alt make of it is no other layout.
+        Only unmodified keys count: AltGr, Option or Ctrl+Alt do not mean another layout.
         """
         position, key = position_of(sys.platform, code), int(event.key())
         if position is None or not 0x20 < key < 0x2000 or self._actions.letter(position) == chr(key):
@@ -566,8 +573,8 @@ class HoldToDrive(QObject):
         self._actions.use_letters({**self._actions.letters, position: chr(key)})
 
     def _did_by_position(self, identity: int, code: int | None, event: QKeyEvent) -> bool:
-        """A layout without Latin letters has no key for Ctrl+K: there the key counts that lies where K does. Qt looks
-        into the other layouts of the keyboard, and comes here where there is none.
+        """Run a command by key position, for layouts without Latin letters where no key gives Ctrl+K. Qt tries the
+        other installed layouts first; this is reached only if none matches.
         """
         position, key = position_of(sys.platform, code), int(event.key())
         chord = event.modifiers() & CHORD_MODIFIERS == Qt.KeyboardModifier.ControlModifier
@@ -582,7 +589,7 @@ class HoldToDrive(QObject):
             event.nativeModifiers(), "" if chord else position, event.isAutoRepeat(),
         )  # fmt: skip
         if bare and self._hold_for(code, meant) is not None:
-            return False  # driving goes by position already
+            return False  # driving already goes by position
         self._owned[identity] = None
         if (mark := self._mark_for(meant)) is not None:
             self._end_marking(identity)
@@ -590,7 +597,7 @@ class HoldToDrive(QObject):
             return True
         keys = QKeySequence(meant.keyCombination())
         window, focused = self._app.activeWindow(), self._app.focusWidget()
-        # Beside the console stand editors and lists with keys of their own.
+        # Editors and lists in other windows have their own key bindings.
         in_console = window is self._window or (window is not None and window.windowType() == Qt.WindowType.Tool)
         action_id = self._actions.on_key(keys, bare=bare) if in_console and self._takes_keys() else None
         if action_id is not None:
@@ -601,7 +608,7 @@ class HoldToDrive(QObject):
                 shortcut.activated.emit()
                 return True
         if chord and focused is not None:
-            QApplication.sendEvent(focused, meant)  # copying and pasting
+            QApplication.sendEvent(focused, meant)  # copy and paste
             return True
         del self._owned[identity]
         return False
@@ -633,7 +640,9 @@ class HoldToDrive(QObject):
     # ---- stops
 
     def _on_stop_key(self, key: Qt.Key, *, pressed_ms: int = 0) -> None:
-        """``pressed_ms``: by the system's clock, 0 where it does not tell. This thread may be late between two."""
+        """Stop, or emergency stop on a double press. ``pressed_ms``: system timestamp, 0 if unknown; it is exact even
+        when this thread runs late.
+        """
         self._end_nowhere()
         now_s, (last_s, last_ms) = time.monotonic(), self._last_escape
         twice = now_s - last_s <= DOUBLE_STOP_S
@@ -650,12 +659,12 @@ class HoldToDrive(QObject):
 
     def _on_keyboard_taken(self) -> None:
         if self._app.activePopupWidget() is not None or not self._is_ours(self._app.activeWindow()):
-            return  # our own menus take it too
+            return  # our own menus grab the keyboard too
         if self._kept_keys.just_taken:
             return
         key = self._keys.stop_key_down()
         if key is not None:
-            # A stop is a stop, also where the window manager keeps Alt+Escape for itself.
+            # A stop must work even where the window manager grabs Alt+Escape.
             self._on_stop_key(Qt.Key(key))
         else:
             self.release_all(QT_TR_NOOP("The window manager took the keyboard"))
@@ -670,10 +679,10 @@ class HoldToDrive(QObject):
 
     def _close_what_escape_closes(self) -> None:
         popup = self._app.activePopupWidget()
-        # A dialog that is not modal closes while it is in front: who stops from the main window keeps it.
+        # A non-modal dialog closes only while it is in front; a stop from the main window leaves it open.
         front = self._app.activeModalWidget() or self._app.activeWindow()
         if popup is not None:
-            popup.hide()  # closed, its native window would be gone, and with it the next Esc that was on its way there
+            popup.hide()  # closing would destroy its native window, and a following Esc sent to it would be lost
             return
         if front is not None and front is not self._window:
             self._kept_keys.keep_for_heir_of(front, self._window)
@@ -682,7 +691,7 @@ class HoldToDrive(QObject):
         else:
             self.escape_pressed.emit()
         if front is not None and front is not self._window and front.isVisible():
-            self._kept_keys.give_back()  # it stays, and the keys stay with it
+            self._kept_keys.give_back()  # the window stays open and keeps the focus
 
     def _on_gamepad_button(self, action_id: str) -> None:
         if action_id == "stop":
@@ -698,13 +707,13 @@ class HoldToDrive(QObject):
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, DriveEnded):
-            # The link ended it: what is still held must not move the robot on the next change.
+            # The link ended it: held keys must not move the robot at the next change.
             self.motion.end_held()
 
-    # ---- who has the keys
+    # ---- keyboard focus
 
     def _is_ours(self, window: object) -> bool:
-        """Whether a window is the main one or one of its floating panels."""
+        """Whether a window is the main window or one of its floating panels."""
         if not isinstance(window, QWidget) or not window.isWindow():
             return False
         if window is self._window:
@@ -717,7 +726,7 @@ class HoldToDrive(QObject):
         return parent is self._window
 
     def _takes_keys(self) -> bool:
-        """Whether keys and sticks reach driving: one of our windows is in front and nothing has taken over."""
+        """Whether keys and sticks reach driving: one of our windows is active, and no popup or modal dialog is open."""
         popup = self._app.activePopupWidget()
         if popup is not None and not _is_completion(popup):
             return False
@@ -727,7 +736,7 @@ class HoldToDrive(QObject):
         self._update_driving_focus(new)
 
     def _drives_with(self, focused: QWidget | None) -> bool:
-        """Whether bare keys drive while ``focused`` has them."""
+        """Whether bare keys drive while ``focused`` has the focus."""
         return (
             focused is not None
             and not isinstance(focused, _KEEPS_ITS_KEYS)
@@ -774,25 +783,25 @@ class HoldToDrive(QObject):
     def _on_application_state_changed(self, state: Qt.ApplicationState) -> None:
         if state != Qt.ApplicationState.ApplicationActive:
             self.release_all(QT_TR_NOOP("Another program came to the front"))
-            # The release of a held mark key goes to that program.
+            # The release of a held mark key goes to the other program.
             for identity in (*self._marking, *self._about_to_talk):
                 self._end_marking(identity)
         self._update_key_owner()
 
 
 def _come_first(events: QObject, app: QApplication) -> None:
-    """Once more: who was installed last sees an event first.
+    """Reinstall the event filter: the filter installed last runs first.
 
-    For a screen reader Qt takes each key away, asks it, and posts the key when it has answered or a tenth of a second
-    has passed; and it goes to the front whenever one begins to listen. A release must not wait for that. We are called
-    before a press, when Qt asks who overrides a shortcut, and where a key was posted after all.
+    With a screen reader, Qt intercepts each key, queries the reader, and posts the key after its answer or 100 ms; its
+    filter moves to the front whenever a reader connects. A key release must not be delayed by that. Called before a
+    press, when Qt sends ShortcutOverride, and whenever a posted key arrives.
     """
     app.removeEventFilter(events)
     app.installEventFilter(events)
 
 
 def _is_completion(popup: QWidget) -> bool:
-    """Whether a popup only proposes words for the field that is typed into."""
+    """Whether a popup is a completer of the focused text field."""
     return isinstance(popup.focusProxy(), _TEXT_INPUTS)
 
 

@@ -1,4 +1,4 @@
-"""The red button stays within reach while a modal dialog locks the window that it is in."""
+"""Emergency stop button over modal dialogs, which block the window that holds the red button."""
 
 from PySide6.QtCore import QObject, QPoint, Qt, Signal
 from PySide6.QtWidgets import QApplication, QWidget
@@ -10,10 +10,10 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 
 
 class EmergencyOverDialogs(QObject):
-    """Puts a copy of the red button over the locked one, as a small window that belongs to the dialog.
+    """Shows a copy of the red button in a small window owned by the dialog, over the blocked one.
 
-    A window of the dialog's own is the one thing that a modal dialog does not lock. Where the system does not let a
-    program place its windows (Wayland) it comes up where the system puts it.
+    A modal dialog blocks every window except its own children. Where the system does not let a program position its
+    windows (Wayland), it appears where the compositor puts it.
     """
 
     pressed = Signal()
@@ -53,5 +53,5 @@ class EmergencyOverDialogs(QObject):
         return window
 
     def _on_copy_destroyed(self) -> None:
-        # With its dialog.
+        # Destroyed together with its dialog.
         self._copy = None

@@ -1,4 +1,4 @@
-"""What happened, as a sentence of the log."""
+"""Events as sentences of the log."""
 
 from collections.abc import Mapping
 
@@ -25,7 +25,7 @@ CATEGORIES = (SAID, MOVED, PEOPLE, SESSION, PROBLEMS)
 
 
 def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | None:
-    """Category and sentence for the log; None for what only the recording needs."""
+    """Category and sentence of an event; None for events that only the recording needs."""
     told = _event_sentence(event, name_of)
     by = _by_whom(event)
     return told if told is None or not by else (told[0], tr("{what} · by {whom}").format(what=told[1], whom=by))
@@ -49,7 +49,7 @@ def _assistant_sentence(setting: str, name: str) -> str:
 
 
 def _by_whom(event: object) -> str:
-    """Who did it, where that is not this wizard, and no sentence about the console says why already."""
+    """The actor if it is not this wizard, unless the sentence already names the console's reason."""
     actor: Actor = getattr(event, "actor", "")
     if actor.startswith(OTHER_WIZARD):
         return tr("wizard {name}").format(name=actor.removeprefix(OTHER_WIZARD))
@@ -116,7 +116,7 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
         case events.UtteranceCorrected(text=str(text)):
             return SAID, tr("Corrected: “{text}”").format(text=shortened(with_names(text, name_of), 120))
         case events.LlmExchange(purpose="replies" | "actions"):
-            return None  # what it came to is told of each suggestion and proposal
+            return None  # reported with each suggestion and proposal instead
         case events.AssistantChanged(setting=setting, name=name):
             return SESSION, _assistant_sentence(setting, name)
         case events.LlmExchange(outcome="answered", model=model):
@@ -167,7 +167,7 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
         case events.ScenarioOpened(title=title):
             return SESSION, tr("Scenario: {title}").format(title=title)
         case events.Gap(reason=events.OVERTAKEN | events.LOST_ON_THE_WAY):
-            return None  # every second on a crowded machine
+            return None  # occurs every second on a busy machine
         case events.Gap(stream=stream, count=count, reason=reason):
             return PROBLEMS, with_detail(missing(stream, count), read_reason(reason))
         case events.Problem(severity=severity, what=what, meaning=meaning):
@@ -217,7 +217,7 @@ LEVELS: dict[events.AssistanceLevel, str] = {
 
 
 def _proposed(intent: str, arguments: Mapping[str, float | str | bool]) -> str:
-    """What is to be done, as the record has it."""
+    """Proposed action as text, from the recorded intent and arguments."""
     match intent:
         case "GoToPlace":
             return tr("go to {place}").format(place=arguments.get("place", ""))
@@ -275,7 +275,7 @@ DECISIONS_ABOUT_PEOPLE = (
     events.PersonRenamed, events.PersonIdentified, events.PersonRejected, events.PersonDescribed, events.PeopleMerged,
     events.PersonSplit, events.ConsentNoted,
 )  # fmt: skip
-"""What can be taken back."""
+"""Decisions that can be undone."""
 
 
 def _about_people(event: object, name_of: NameOf) -> str:
@@ -345,7 +345,7 @@ def _navigation_sentence(
 
 
 def _control_sentence(event: events.ControlUsed) -> tuple[Category, str] | None:
-    """What a control did; of a slider, which is dragged, only what went wrong."""
+    """Sentence about a control; for a slider, which is dragged, only failures."""
     title = event.control.replace("_", " ")
     if event.state == "failed":
         return PROBLEMS, with_detail(tr("Robot: {control} did not work").format(control=title), event.detail)

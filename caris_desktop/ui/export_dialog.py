@@ -1,4 +1,4 @@
-"""Writes sessions in the formats that researchers use: which, where to, under which licence, and how far it is."""
+"""Export dialog: formats, destination, licence and progress."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,7 +39,7 @@ _FIRST_CHOICE = ("csv", "html")
 
 
 class ExportDialog(TabAsRead, QWidget):
-    """A window of its own that belongs to the main one: driving, talking and stopping go on beside it."""
+    """Window owned by the main window: driving, talking and stopping continue meanwhile."""
 
     closed = Signal()
 
@@ -104,13 +104,13 @@ class ExportDialog(TabAsRead, QWidget):
         library.export.changed.connect(self._on_export_changed)
         theme.keep_styled(self._style)
         self.show_sessions(sessions)
-        self.resize(self.sizeHint())  # Qt would give a first window two thirds of the screen at most
+        self.resize(self.sizeHint())  # Qt limits a first window to two thirds of the screen
 
     def sizeHint(self) -> QSize:
         return QSize(640, 800)
 
     def show_sessions(self, sessions: Sequence[Path]) -> None:
-        """Offer to export these instead, unless something is being written now."""
+        """Offer these sessions for export, unless an export is running."""
         if self._library.export.value.state != "running":
             self._sessions = tuple(sessions)
             self._mine = False
@@ -126,7 +126,7 @@ class ExportDialog(TabAsRead, QWidget):
         self._show_state()
 
     def _propose_folder(self, chosen: Path | None = None) -> None:
-        """What is typed before the disk tells is meant, and stays."""
+        """Propose a destination folder; text typed before the disk responds is kept."""
         sessions, before = self._sessions, self._folder.text()
 
         def told(folder: Path) -> None:
@@ -137,7 +137,7 @@ class ExportDialog(TabAsRead, QWidget):
 
     @property
     def formats(self) -> tuple[str, ...]:
-        """The chosen formats, in the order of the list."""
+        """Selected formats, in list order."""
         return tuple(name for name, box in self._boxes.items() if box.isChecked())
 
     @property
@@ -145,7 +145,7 @@ class ExportDialog(TabAsRead, QWidget):
         chosen = self._licence.currentData()
         return " ".join(self._other.text().split()) if chosen is None else str(chosen)
 
-    # ---- parts
+    # ---- layout
 
     def _lay_out(self) -> None:
         content = QWidget()
@@ -212,10 +212,10 @@ class ExportDialog(TabAsRead, QWidget):
         area.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         return area
 
-    # ---- what it does
+    # ---- behaviour
 
     def _choose_folder(self) -> None:
-        # Our own and not modal: a system's file dialog would take the keys that stop the robot.
+        # Qt's non-modal dialog: a system file dialog would take the keys that stop the robot.
         wanted = Path(self._folder.text().strip()).expanduser()
         there = next((path for path in (wanted, *wanted.parents) if path.is_dir()), Path.home())
         dialog = QFileDialog(self, tr("Where to export to"), str(there))
@@ -228,14 +228,14 @@ class ExportDialog(TabAsRead, QWidget):
         dialog.show()
 
     def _on_folder_chosen(self, text: str) -> None:
-        """A folder that holds something already gets one of our own inside: nothing is ever mixed or overwritten."""
+        """Propose a new subfolder in a folder that is not empty, so that nothing is mixed or overwritten."""
         self._propose_folder(Path(text))
 
     def _on_start(self) -> None:
         out = Path(self._folder.text().strip()).expanduser()
         self._mine = True
         self._out = out
-        # The focus leaves what is switched off now, or it would wander through the list.
+        # Move the focus off the widgets that are disabled now, or it would wander through the list.
         self._cancel.show()
         self._cancel.setFocus(Qt.FocusReason.OtherFocusReason)
         self._library.start_export(
@@ -252,7 +252,7 @@ class ExportDialog(TabAsRead, QWidget):
 
     def _on_export_changed(self, status: ExportStatus) -> None:
         if status.state == "done" and self._mine:
-            self._propose_folder()  # for the next one
+            self._propose_folder()  # for the next export
         self._show_state()
 
     def _show_state(self, _value: object = None) -> None:
@@ -299,7 +299,7 @@ class ExportDialog(TabAsRead, QWidget):
                 why = status.detail or tr("The export failed; the program’s log tells why.")
                 return f"{why} {kept}".strip(), "red"
 
-    # ---- look
+    # ---- style
 
     def _style(self) -> None:
         for label in self._dim:
@@ -316,7 +316,7 @@ class ExportDialog(TabAsRead, QWidget):
         next(iter(self._boxes.values())).setFocus(Qt.FocusReason.OtherFocusReason)
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        # What is being written goes on, and is told again when this opens.
+        # A running export continues and is shown again when the window reopens.
         super().closeEvent(event)
         self.closed.emit()
 
@@ -325,7 +325,7 @@ class ExportDialog(TabAsRead, QWidget):
 
 
 class _Description(QLabel):
-    """The line below a check box; a click on it is a click on the box."""
+    """Description below a check box; clicking it toggles the box."""
 
     def __init__(self, text: str, box: CheckBox) -> None:
         super().__init__(text)

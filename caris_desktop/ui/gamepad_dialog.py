@@ -1,4 +1,4 @@
-"""The gamepad: what it does live, what each of its parts is for, and how to change that."""
+"""Gamepad dialog: live axes and buttons, and their bindings."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -62,7 +62,7 @@ _BUTTON_TEXTS: dict[ButtonAction, str] = {
 
 
 class GamepadDialog(TabAsRead, QDialog):
-    """Not modal, so that everything else, the red button first, works beside it; its own gamepad does not drive."""
+    """Non-modal, so that the red button and all else keep working; the gamepad being configured does not drive."""
 
     def __init__(self, theme: Theme, state: LiveState, gamepads: Gamepads, parent: QWidget) -> None:
         super().__init__(parent)
@@ -149,16 +149,16 @@ class GamepadDialog(TabAsRead, QDialog):
         gamepads.sampled.connect(self._on_sampled)
         theme.keep_styled(self._style)
         self._refresh()
-        # Qt would take two thirds of the screen at most, which cuts the rows on a small laptop.
+        # Qt limits a dialog to two thirds of the screen, which cuts off rows on a small laptop.
         self.resize(QSize(860, 760).boundedTo(self.screen().availableSize() - QSize(40, 60)))
 
     @property
     def learned_action(self) -> str:
-        """The action whose new input is awaited; empty when none is."""
+        """Action whose new binding is awaited; empty if none."""
         return self._learned or ""
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """The rows stand in two columns where both have room."""
+        """Arrange the rows in two columns if both fit."""
         super().resizeEvent(event)
         room_px = self.width() - _BESIDE_ROWS_PX
         beside = sum(side.minimumSizeHint().width() for side in self._sides) + _BETWEEN_PX <= room_px
@@ -189,7 +189,7 @@ class GamepadDialog(TabAsRead, QDialog):
     def _learner(self, action: AxisAction | ButtonAction) -> Callable[[], None]:
         return lambda: self._learn(action)
 
-    # ---- learning a binding
+    # ---- changing a binding
 
     def _learn(self, action: AxisAction | ButtonAction) -> None:
         if self._gamepads.device is None:
@@ -224,7 +224,7 @@ class GamepadDialog(TabAsRead, QDialog):
             self._refresh()
 
     def _found(self, raw: RawInputs) -> str:
-        """The whole new binding, once everything that it needs has been pressed."""
+        """The complete new binding, once all inputs that it needs were pressed."""
         button = moved_input(self._before, raw, buttons=True)
         if self._learned not in AXIS_ACTIONS:
             return button
@@ -237,7 +237,7 @@ class GamepadDialog(TabAsRead, QDialog):
             self._show_hint()
         return f"{self._first_way}|{button}" if button != self._first_way else ""
 
-    # ---- what is on show
+    # ---- display
 
     def _on_status_changed(self, _status: GamepadStatus) -> None:
         self._end_learning()
@@ -291,7 +291,7 @@ class GamepadDialog(TabAsRead, QDialog):
 
 
 class BindingRow(QWidget):
-    """What one action is on, and a button to change it."""
+    """Binding of one action, and a button to change it."""
 
     def __init__(self, theme: Theme, action: str, title: str) -> None:
         super().__init__()
@@ -321,7 +321,7 @@ class BindingRow(QWidget):
 
 
 class GamepadView(QWidget):
-    """Each axis as a bar with its dead zone, each button as a lamp."""
+    """Bar with dead zone per axis, lamp per button."""
 
     accessible_role = QAccessible.Role.Graphic
 
@@ -402,7 +402,7 @@ class GamepadView(QWidget):
 
 
 def _short_names() -> dict[str, str]:
-    """What is written of a part in little room, by the words for it."""
+    """Short labels of gamepad inputs, by their full names."""
     return {
         tr("Left stick sideways"): tr("Left ↔"), tr("Left stick up and down"): tr("Left ↕"),
         tr("Right stick sideways"): tr("Right ↔"), tr("Right stick up and down"): tr("Right ↕"),

@@ -1,4 +1,4 @@
-"""The gamepad of the window: it drives, and its own window shows it and what its parts do."""
+"""Gamepad of the window: connects it to driving and opens its dialog."""
 
 from typing import TYPE_CHECKING
 
@@ -9,12 +9,12 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.drive_keys import HoldToDrive
 from caris_desktop.ui.theme import Theme
 
-if TYPE_CHECKING:  # imported when it is first opened
+if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.gamepad_dialog import GamepadDialog
 
 
 class GamepadWindow:
-    """Lets the gamepad drive once there is one, and opens its window where the scenario drives."""
+    """Connects a gamepad to driving, and opens the dialog in scenarios that drive."""
 
     def __init__(self, theme: Theme, console: WizardConsole, hold: HoldToDrive, window: QWidget) -> None:
         self._theme = theme
@@ -29,13 +29,13 @@ class GamepadWindow:
         return self._gamepads is not None and self._console.scenario.permissions.driving
 
     def use_gamepads(self, gamepads: Gamepads) -> None:
-        """Let the gamepad drive, stop and do what its buttons are set to, and its window be opened."""
+        """Connect the gamepad: driving, stop and button bindings, and its dialog."""
         if gamepads is not self._gamepads:
             self._gamepads = gamepads
             self._hold.use_gamepads(gamepads)
 
     def open(self) -> None:
-        """Show the gamepad, live, and what its parts do. Not modal: the robot can be stopped meanwhile."""
+        """Show the gamepad dialog. Non-modal: the robot can be stopped meanwhile."""
         if self._gamepads is None:
             return
         from caris_desktop.ui.gamepad_dialog import GamepadDialog

@@ -1,4 +1,4 @@
-"""Who gets the keys: the part that the wizard went to by a key, a click or a tab; never one that Qt chose."""
+"""Keyboard focus: moves to the part that the wizard chose by key, click or tab, never by Qt's default."""
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
@@ -6,37 +6,37 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 
 class Bar:
-    """Comes before the Qt class of a bar. Nothing in it takes the keys but by Tab, and a click in it sends them nowhere
-    else; bare keys no longer drive after it.
+    """Mixin for a bar, before the Qt class. Its widgets get the focus by Tab only, and a click in it does not move the
+    focus elsewhere; bare keys no longer drive afterwards.
     """
 
 
 class KeyPlace(QWidget):
-    """A part that has a main field: a click on the part gives the keys to that."""
+    """Part of the window with a main field, which a click on the part focuses."""
 
     def focus_target(self) -> QWidget:
-        """What gets the focus when the wizard goes to this part."""
+        """Widget to focus when the wizard goes to this part."""
         raise NotImplementedError
 
 
 def give_keys(widget: QWidget, reason: Qt.FocusReason = Qt.FocusReason.ShortcutFocusReason) -> None:
-    """Give the focus to ``widget`` and the keys to its window.
+    """Focus ``widget`` and activate its window.
 
-    Panels have windows of their own, and a focus in a window without the keys gets nothing of what is typed.
+    Floating panels are windows of their own, and a focused widget in an inactive window receives no keys.
     """
     widget.setFocus(reason)
     bring_keys_to(window_of(widget))
 
 
 def bring_keys_to(window: QWidget) -> None:
-    """Only between the main window and the panels in windows of their own: no other program loses the keys, no dialog
-    that has to be answered, and no editor or list beside the console, in which somebody types.
+    """Activate a window, only between the main window and its floating panels: never away from another program, a modal
+    dialog, or an editor or list in which the user types.
     """
     active = QApplication.activeWindow()
     if active is window or QApplication.activeModalWidget() is not None:
         return
     if active is None:
-        # A panel's own window has just gone, and the window manager has not given the keys to another one yet.
+        # A floating panel has just closed, and the window manager has not activated another window yet.
         ours = QGuiApplication.applicationState() == Qt.ApplicationState.ApplicationActive
     else:
         ours = _main_of(active) is _main_of(window)
@@ -45,25 +45,25 @@ def bring_keys_to(window: QWidget) -> None:
 
 
 def _main_of(window: QWidget) -> QWidget:
-    """The main window of a panel's own window; any other window is its own."""
+    """The main window of a floating panel; any other window is its own."""
     parent = window.parentWidget()
     return window_of(parent) if window.windowType() == Qt.WindowType.Tool and parent is not None else window
 
 
 def window_of(widget: QWidget) -> QWidget:
-    """As ``widget.window()``, after which PySide would take the widget for gone once a panel's own window is."""
+    """Like ``widget.window()``, after which PySide would treat the widget as deleted once a floating panel is gone."""
     parent = None if widget.isWindow() else widget.parentWidget()
     return widget if parent is None else window_of(parent)
 
 
 def key_place_of(widget: QWidget) -> KeyPlace | None:
-    """The part with a main field that ``widget`` is, or lies in."""
+    """The part with a main field that ``widget`` is or belongs to."""
     found = _first(widget, KeyPlace)
     return found if isinstance(found, KeyPlace) else None
 
 
 def bar_of(widget: QWidget) -> QWidget | None:
-    """The bar that ``widget`` is, or lies in."""
+    """The bar that ``widget`` is or belongs to."""
     return _first(widget, Bar)
 
 
@@ -74,8 +74,8 @@ def _first(widget: QWidget | None, kind: type) -> QWidget | None:
 
 
 def pass_keys_on(window: QWidget, gone: QWidget) -> None:
-    """``gone`` had the keys and can be seen or used no longer: its part keeps them, else nobody has them, which is to
-    say ``window`` itself. Qt would give them to whatever stands first in the window.
+    """Move the focus from ``gone``, which was hidden or disabled, to its part, else to ``window`` itself, where no
+    field has it. Qt would focus the first widget of the window.
     """
     place = key_place_of(gone)
     target = place.focus_target() if place is not None and place.isVisible() else window
@@ -84,8 +84,8 @@ def pass_keys_on(window: QWidget, gone: QWidget) -> None:
 
 
 def follow_click(pressed: QWidget, *, drives: bool) -> None:
-    """Give the keys to the main field of the part that was clicked, unless something in it has them already. Beside all
-    parts a click takes them from nobody but from driving: ``drives`` says whether bare keys drive in that window.
+    """Focus the main field of the clicked part, unless the focus is already inside it. A click outside all parts clears
+    the focus only if bare keys drive in that window (``drives``).
     """
     window, place = window_of(pressed), key_place_of(pressed)
     focused = window.focusWidget()
