@@ -1,4 +1,4 @@
-"""What a glance tells from two metres: whether the robot moves and speaks, and whether it is recorded and listened."""
+"""Status indicators readable from two metres: motion, speech, recording, listening."""
 
 import math
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ _SIDE_PX, _GAP_PX, _BETWEEN_PX = 12, 8, 8
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """A filled sign is on, an outlined one off; a dashed outline is neither, or nobody knows."""
+    """Filled icon for on, outline for off; a dashed outline for in between or unknown."""
 
     lit: Lit
     icon: str
@@ -54,7 +54,7 @@ _COLORS: Mapping[SignName, str] = {"moving": "blue", "speaking": "blue", "record
 
 
 def signs_of(state: LiveState, *, moves: bool | None) -> dict[SignName, Sign]:
-    """The four signs as things are; ``moves``: the robot's own wheels say so, None where nobody knows."""
+    """The four indicators; ``moves``: from odometry, None if unknown."""
     movement = state.drive.value.movement
     if state.link.value.state not in ("connected", "trouble"):
         moving = "unlinked"
@@ -75,7 +75,7 @@ def signs_of(state: LiveState, *, moves: bool | None) -> dict[SignName, Sign]:
 
 
 class GlanceSigns(QWidget):
-    """Icon and word each, always in the same place; painted when one of them changes and not before."""
+    """Status indicators with icon and word at fixed positions; repainted only on a change."""
 
     accessible_role = QAccessible.Role.StaticText
 
@@ -106,8 +106,8 @@ class GlanceSigns(QWidget):
         return self._signs
 
     def use_room(self, room_px: int, *, compact: bool) -> None:
-        """Smaller words, for whoever sits near, where something else needs the room too, and none where those have no
-        room either: the tip and a screen reader have them. The icons stay as large.
+        """Shrink the words, or hide them where there is still no room: tooltip and accessible name have them. Icon size
+        stays.
         """
         named = not compact or sum(self._widths_with(tokens.BODY_PX)) + _BETWEEN_PX * (len(_COLORS) - 1) <= room_px
         if (compact, named) != (self._compact, self._named):
@@ -134,7 +134,7 @@ class GlanceSigns(QWidget):
         self._on_changed()
 
     def _moves_now(self) -> bool | None:
-        """As its wheels say; None where they do not. Without any it moves where it was asked to, and never stands."""
+        """Motion from odometry; None if stale. Without odometry a commanded robot counts as moving, else as unknown."""
         if self._state.odometry.freshness in ("fresh", "stale"):
             return self._moves
         drive: DriveStatus = self._state.drive.value
@@ -161,7 +161,7 @@ class GlanceSigns(QWidget):
         self.update()
 
     def _widths_with(self, font_px: int) -> list[int]:
-        """As wide as the longest word of each, so that nothing moves when one changes."""
+        """Widths for the longest word of each indicator, so that nothing shifts on a change."""
         metrics = QFontMetricsF(self._theme.font(font_px, tokens.WEIGHT_SEMIBOLD))
         around_px = 2 * _SIDE_PX + tokens.GLANCE_ICON_PX + _GAP_PX
         return [

@@ -1,4 +1,4 @@
-"""After an end that nobody wanted: offers the trial, then asks about everything that may not be as before."""
+"""Popup to resume a trial after a crash: offers the trial, then confirms each condition that may have changed."""
 
 from collections.abc import Callable
 
@@ -19,7 +19,7 @@ from caris_desktop.ui.widgets.check_box import CheckBox
 
 _WIDTH_PX, _FROM_EDGE_PX = 520, 20
 _FROM_TOP_PX = 82
-"""Below the tabs and titles of the uppermost panels, so that what they say and do stays at hand."""
+"""Below the tabs and title bars of the top panels, so that these stay usable."""
 _ASKED: dict[AsBefore, str] = {
     "map": QT_TR_NOOP("The robot stands where the map shows it"),
     "people": QT_TR_NOOP("People are who the list says"),
@@ -31,14 +31,14 @@ _ASKED: dict[AsBefore, str] = {
 
 
 def trial_in_words(details: TrialDetails) -> str:
-    """Of whom the trial is, as a wizard calls it."""
+    """Trial name as shown to the wizard."""
     if details.participant and details.trial:
         return tr("{participant}, trial {trial}").format(participant=details.participant, trial=details.trial)
     return details.participant or (tr("trial {trial}").format(trial=details.trial) if details.trial else tr("a trial"))
 
 
 def permissions_in_words(console: WizardConsole) -> str:
-    """What a recording will hold and what not, and what a language model may do, as it is set now."""
+    """Sentences on what a recording will contain and what the language model may do, with the current settings."""
     from caris_desktop.ui.start_dialog import kept_words
 
     scenario = console.scenario
@@ -62,9 +62,9 @@ def permissions_in_words(console: WizardConsole) -> str:
 
 
 class GoingOnCard(QWidget):
-    """Over the upper middle of the docks, and no dialog: the stop and everything else can be reached meanwhile.
+    """Popup over the upper middle of the docks. Not a dialog: the stop and everything else stay usable.
 
-    ``start_recording`` is where the next part of the trial begins.
+    ``start_recording`` starts the next part of the trial.
     """
 
     accessible_role = QAccessible.Role.Dialog
@@ -121,7 +121,7 @@ class GoingOnCard(QWidget):
     def _confirmer(self, what: AsBefore) -> Callable[[bool], None]:
         def confirm(_checked: bool) -> None:
             self._console.do(intents.ConfirmAsBefore(what))
-            self._show(self._console.state.going_on.value)  # it cannot be taken back
+            self._show(self._console.state.going_on.value)  # a confirmation cannot be withdrawn
 
         return confirm
 

@@ -1,4 +1,4 @@
-"""What hands ask of the robot now: held keys, arrows and sticks on the screen, and the gamepad, added up."""
+"""Teleoperation input: held keys, on-screen arrows and sticks, and the gamepad, summed to one command."""
 
 from collections.abc import Callable, Iterable
 
@@ -22,23 +22,23 @@ WISHES: dict[str, MotionWish] = {
 
 
 def wish_of(action_ids: Iterable[str]) -> MotionWish:
-    """What the held directions ask for together; opposite ones cancel."""
+    """Sum of the held directions; opposite ones cancel."""
     return merged(WISHES[action_id] for action_id in set(action_ids))
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """A key that is down, and what it is held for."""
+    """A pressed key and its action."""
 
     action_id: str
-    bare: bool  # pressed without a modifier, so it lives only while a driving panel has the focus
+    bare: bool  # pressed without a modifier, so it counts only while a driving panel has the focus
 
 
 class HeldMotion(QObject):
-    """Asks the console to drive and to turn the head, on each change only; ends all of it at once.
+    """Sends drive and head commands on each change, and releases all of them at once.
 
-    After a forced end a key has to be pressed anew, and a stick to be let go first. ``takes_keys`` says whether keys
-    and sticks reach driving now.
+    After a forced release a key must be pressed again, and a stick must return to centre. ``takes_keys`` says whether
+    keys and sticks reach driving now.
     """
 
     held_changed = Signal(object)  # frozenset of action ids
@@ -60,22 +60,22 @@ class HeldMotion(QObject):
 
     @property
     def held(self) -> frozenset[str]:
-        """The directions that keys and arrows on the screen ask for now."""
+        """Directions held on the keyboard and by on-screen arrows."""
         return frozenset(hold.action_id for hold in self._keys.values()) | self._arrows
 
     @property
     def must_rest(self) -> bool:
-        """Whether an arrow or a stick is held that moves nothing, because the motion was ended."""
+        """Whether an arrow or stick is held that moves nothing because the motion was ended."""
         return self._pad_must_rest or bool(self._resting_arrows or self._resting_sticks)
 
     @property
     def moving(self) -> bool:
-        """Whether the console was asked to move something, and not yet to stop it."""
+        """Whether the last command sent moves something."""
         return self._sent.moving
 
     @property
     def wish(self) -> MotionWish:
-        """Everything that is asked for now, from all sources."""
+        """Sum of all input sources."""
         robot = self._console.state.robot.value
         total = merged((wish_of(self.held), *self._sticks.values(), self._pad))
         return total.limited_to(
@@ -85,7 +85,7 @@ class HeldMotion(QObject):
     # ---- keys
 
     def moves_by(self, key: int) -> bool:
-        """Whether this key is one of those that move the robot now."""
+        """Whether this key moves the robot now."""
         return key in self._keys
 
     def press(self, key: int, hold: Hold) -> None:
@@ -100,7 +100,7 @@ class HeldMotion(QObject):
             self._tell()
 
     def end_bare_keys(self, reason: str) -> None:
-        """The driving panels lost the focus, without which bare keys do not drive."""
+        """Release bare keys: the driving panels lost the focus."""
         if not any(hold.bare for hold in self._keys.values()):
             return
         kept = {key: hold for key, hold in self._keys.items() if not hold.bare}
@@ -110,10 +110,10 @@ class HeldMotion(QObject):
         else:
             self.release_all(reason)
 
-    # ---- the screen and the gamepad
+    # ---- on-screen controls and gamepad
 
     def hold_onscreen(self, action_id: str) -> None:
-        """An on-screen arrow is pressed."""
+        """Press an on-screen arrow."""
         if self._actions.spec(action_id) is not None and self._may_drive():
             self._arrows.add(action_id)
             self._send("onscreen")
@@ -129,7 +129,7 @@ class HeldMotion(QObject):
             self._tell()
 
     def push_onscreen(self, stick: str, wish: MotionWish) -> None:
-        """An on-screen stick is there now. After a forced end it has to come to rest first."""
+        """Set an on-screen stick. After a forced release it must return to centre first."""
         if not wish.moving:
             self._resting_sticks.discard(stick)
             self._sticks.pop(stick, None)
@@ -141,7 +141,7 @@ class HeldMotion(QObject):
         self._send("onscreen")
 
     def push_gamepad(self, wish: MotionWish) -> None:
-        """The gamepad's sticks are there now. After a forced end they have to come to rest first."""
+        """Set the gamepad's sticks. After a forced release they must return to centre first."""
         free = self._may_drive() and self._takes_keys()
         self._pad_must_rest = wish.moving and (self._pad_must_rest or not free)
         self._pad = AT_REST if self._pad_must_rest else wish
@@ -149,14 +149,14 @@ class HeldMotion(QObject):
 
     def lose_gamepad(self, reason: str) -> None:
         if self._pad.moving and not (self._keys or self._arrows or self._sticks):
-            self.release_all(reason)  # so that the record says why it ended
+            self.release_all(reason)  # for the reason in the record
         self._pad, self._pad_must_rest = AT_REST, False
         self._send("gamepad")
 
-    # ---- the end of it
+    # ---- release
 
     def release_all(self, reason: str) -> None:
-        """End direct driving now. What is still held drives again only after a new press, sticks after a rest."""
+        """End teleoperation now. Keys still held drive again only after a new press, sticks after they were centred."""
         if self._forget_held():
             sent, self._sent = self._sent, AT_REST
             if sent.base != AT_REST.base:
@@ -166,7 +166,7 @@ class HeldMotion(QObject):
             self._tell()
 
     def end_held(self) -> None:
-        """The console's stop ends the motion of the base; what is still held must not start it again."""
+        """Clear held input after the console stopped the base, so that it does not move again."""
         if self._forget_held():
             if self._sent.head != AT_REST.head:
                 self._console.do(intents.TurnHead(0.0, 0.0))
@@ -174,7 +174,7 @@ class HeldMotion(QObject):
             self._tell()
 
     def _forget_held(self) -> bool:
-        """Nothing is held any more; False where nothing was."""
+        """Clear all held input; False if there was none."""
         was_held = bool(self._keys or self._arrows or self._sticks) or self._pad.moving
         self._keys.clear()
         self._resting_arrows.update(self._arrows)
@@ -186,7 +186,7 @@ class HeldMotion(QObject):
         return was_held
 
     def _may_drive(self) -> bool:
-        # What is pressed in vain must not move the robot later, when driving is possible again.
+        # Input that is refused now must not move the robot later, when driving is allowed again.
         drive: DriveStatus = self._console.state.drive.value
         return drive.allowed and not drive.emergency_stop and self._actions.spec("drive_forward") is not None
 
@@ -204,7 +204,7 @@ class HeldMotion(QObject):
         self._tell()
 
     def _moving_source(self, changed: CommandSource) -> CommandSource:
-        """Who drives: the one that has just changed, or what is left when it was let go."""
+        """Source of the motion: the one that changed, or another one that is still active after its release."""
         moving: dict[CommandSource, bool] = {
             "keyboard": wish_of(hold.action_id for hold in self._keys.values()).base != AT_REST.base,
             "gamepad": self._pad.base != AT_REST.base,

@@ -1,4 +1,4 @@
-"""A sentence for a moment beside what has the keys, where the wizard looks: why a key did not do what it should."""
+"""Hint next to the focused widget: a short-lived sentence on why a key had no effect."""
 
 import shiboken6
 from PySide6.QtCore import QObject, QPoint, QRect, Qt, QTimer
@@ -14,12 +14,12 @@ from caris_desktop.ui.give_keys import window_of
 from caris_desktop.ui.theme import Theme
 
 _FIELD_PX = 120
-"""What is no higher is a field, which the hint stands beside; in a picture or a list it stands inside."""
+"""A focused widget up to this height is a field, with the hint next to it; in a larger one the hint is inside."""
 _GAP_PX, _MOST_PX = 6, 460
 
 
 class Hints(QObject):
-    """One at a time, as long as keys go nowhere by it. ``middle`` is where it stands while no part has the keys."""
+    """One hint at a time, shown as long as keys are discarded. ``middle``: its anchor while nothing has the focus."""
 
     def __init__(self, theme: Theme, middle: QWidget, actions: Actions, hold: HoldToDrive) -> None:
         super().__init__(middle)
@@ -43,7 +43,7 @@ class Hints(QObject):
         self.take_away()
         focused = QApplication.focusWidget()
         beside = self._middle if focused is None or focused.isWindow() else focused
-        # Anew each time: it is gone with a panel's own window.
+        # A new widget each time: the former one is deleted with its floating panel.
         self._hint = Hint(self._theme, beside, text)
         self._goes.start()
 
@@ -66,7 +66,7 @@ class Hints(QObject):
 
 
 class Hint(QLabel):
-    """Takes no click and no key."""
+    """Label that ignores mouse and keyboard."""
 
     accessible_role = QAccessible.Role.AlertMessage
 

@@ -1,7 +1,7 @@
 """Phosphor icons, drawn in any colour.
 
-The glyphs are qtawesome's own font file; its Python code is not imported, because that costs a quarter of a
-second on the way to the first window.
+The glyphs come from qtawesome's font file; its Python code is not imported, which would delay the first window by 0.25
+s.
 """
 
 import json
@@ -54,7 +54,7 @@ def icon_names() -> frozenset[str]:
 
 
 def draw_icon(painter: QPainter, rect: QRectF, name: str, color: QColor | str) -> None:
-    """Draw the icon ``name`` centred in ``rect``; nothing where the font is missing."""
+    """Draw the icon ``name`` centred in ``rect``; nothing if the font is missing."""
     family, code = _family(), _charmap().get(name)
     if family is None or code is None:
         return

@@ -1,4 +1,4 @@
-"""What a wizard chose comes back with the next start, all of it in one way: per wizard, and most of it per scenario."""
+"""Preferences saved per wizard, most of them per scenario, and restored at the next start."""
 
 import hashlib
 import json
@@ -28,11 +28,11 @@ _LEAST_SPEED = 0.1
 
 @dataclass(frozen=True, slots=True)
 class _Choice:
-    """``read`` gives what is chosen now, as JSON has it, None where nothing is; it changes with one of ``values``.
-    ``file`` gives what of a scenario's file it is chosen instead of, or among.
+    """One preference. ``read`` returns the current value as JSON data, or None; it changes with one of ``values``.
+    ``file`` returns the part of the scenario file that the preference overrides or selects from.
 
-    ``use`` asks for what was chosen last time, and says nothing where that cannot be any more. It gives False as long
-    as what it takes is not there yet: then it is tried again.
+    ``use`` restores the saved value, silently if that is no longer possible. It returns False while its prerequisites
+    are missing, and is then retried.
     """
 
     name: str
@@ -43,11 +43,11 @@ class _Choice:
 
 
 class KeptChoices(QObject):
-    """Keeps them from ``begin`` on, after it has used those of last time.
+    """Restores preferences at ``begin`` and saves them from then on.
 
-    What a scenario's file says counts until the wizard has chosen otherwise in it; then that counts, as long as the
-    scenario permits it and has it, and until the file says something else about it than it did then. What the console
-    sets by itself as another scenario opens is no choice.
+    The scenario file applies until the wizard chooses otherwise; then the wizard's choice applies, as long as the
+    scenario permits and contains it, and until that part of the file changes. Values set by the console when another
+    scenario opens are not preferences.
     """
 
     def __init__(self, console: WizardConsole, wizards: WizardProfiles, board: PanelBoard, parent: QObject) -> None:
@@ -108,15 +108,15 @@ class KeptChoices(QObject):
 
     @property
     def robot_of_last_time(self) -> str:
-        """The name of the profile that this wizard last used with this scenario; empty where there was none."""
+        """Profile name that this wizard last used with this scenario; empty if none."""
         kept = _from_json(self._wizards.value(self._place("robot")))
         return kept if isinstance(kept, str) else ""
 
-    # Keeping
+    # Saving
 
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
         if self._console.state.practice.value.state in ("preparing", "running"):
-            return  # the robot to practise on was not chosen
+            return  # the wizard did not choose the practice robot
         if robot is not None and robot.name:
             self._wizards.set_value(self._place("robot"), json.dumps(robot.name))
 
@@ -125,7 +125,7 @@ class KeptChoices(QObject):
             return
         chosen = choice.read()
         if chosen is not None and chosen != self._last.get(choice.name):
-            # Later, as this may be what the next scenario says, which is told only then.
+            # Deferred: this may come from the next scenario, whose change signal follows.
             self._last[choice.name] = self._changed[choice.name] = chosen
             self._waiting.pop(choice.name, None)
             self._soon.start()
@@ -148,7 +148,7 @@ class KeptChoices(QObject):
     def _place(self, name: str) -> str:
         return f"choices/{_stem(self._scenario)}/{name}"
 
-    # Using it again
+    # Restoring
 
     def _use_kept(self) -> None:
         self._scenario = self._console.scenario
@@ -212,7 +212,7 @@ class KeptChoices(QObject):
         return {function: getattr(levels, function) for function in get_args(AssistedFunction)}
 
     def _use_levels(self, kept: Any) -> bool:
-        """They were lowered, and stay so; nothing is raised by it."""
+        """Restore lowered levels; a level is never raised."""
         now = self._levels()
         for function in get_args(AssistedFunction):
             wanted = kept.get(function) if isinstance(kept, dict) else None
@@ -270,15 +270,15 @@ def _kept_text(chosen: Any, file: Any) -> str:
 
 
 def _kept_value(text: Any, file: Any) -> Any:
-    """None where nothing was chosen, or where the file says something else about it by now."""
+    """The saved value; None if there is none, or if the file has changed since."""
     kept = _from_json(text)
     if not (isinstance(kept, dict) and kept.keys() == {"chosen", "file"}):
-        return kept  # of a version that did not note what the file said
+        return kept  # saved by a version without the file's hash
     return kept["chosen"] if kept["file"] == _mark_of(file) else None
 
 
 def _mark_of(file: Any) -> str:
-    """Tells whether a part of a file says something else; the same for a program that knows more keys."""
+    """Hash of a part of the file, to detect changes; independent of keys added by newer program versions."""
     return hashlib.sha256(repr(_said(file)).encode()).hexdigest()[:12]
 
 

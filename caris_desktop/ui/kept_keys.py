@@ -1,4 +1,4 @@
-"""Keys that are pressed while the window manager hands them from a window that closes to the one behind it."""
+"""Keyboard grab while focus passes from a closing window to the one behind it."""
 
 import time
 from collections.abc import Callable
@@ -8,13 +8,13 @@ from PySide6.QtGui import QGuiApplication, QWindow
 from PySide6.QtWidgets import QApplication, QWidget
 
 KEPT_S = 0.6
-"""A window manager that is busy may need this long."""
+"""Longest grab in seconds; a busy window manager may need this long."""
 _LOOK_EVERY_MS, _TOLD_MS = 20, 50
 _GETS_NO_KEYS = (Qt.WindowType.Popup, Qt.WindowType.ToolTip, Qt.WindowType.SplashScreen)
 
 
 def had_the_keys(hidden: QWidget) -> bool:
-    """Whether it was the window in front; Qt knows of no active one by now, though our program is in front."""
+    """Whether the hidden window was the active one: Qt has no active window now, yet the application is active."""
     return (
         QApplication.activeWindow() is None
         and QGuiApplication.applicationState() == Qt.ApplicationState.ApplicationActive
@@ -24,11 +24,11 @@ def had_the_keys(hidden: QWidget) -> bool:
 
 
 class KeptKeys(QObject):
-    """Takes the keyboard while a window closes, so that no key goes to nobody until another one has the keys.
+    """Grabs the keyboard while a window closes, so that no key is lost until another window is focused.
 
-    On X11 a window that closes leaves the keys to nobody until the window manager has chosen another one: an Esc that
-    is pressed then, the second one of an emergency stop, reaches no program at all. Elsewhere the system hands the
-    keys on by itself, at once. ``focused_window`` gives the number of the window that has the keys by the X server.
+    On X11 a closing window leaves no focus until the window manager assigns it: an Esc pressed then, perhaps the second
+    of an emergency stop, reaches no program. Other systems move the focus at once. ``focused_window`` returns the X
+    server's focused window id.
     """
 
     def __init__(self, focused_window: Callable[[], int], parent: QObject) -> None:
@@ -42,11 +42,11 @@ class KeptKeys(QObject):
 
     @property
     def just_taken(self) -> bool:
-        """Whether it is ourselves of whom the X server tells that somebody has taken the keyboard."""
+        """Whether a keyboard grab reported by the X server is our own."""
         return self._holder is not None or self._told.isActive()
 
     def keep_for_heir_of(self, closing: QWidget, main: QWidget) -> None:
-        """Let the window behind ``closing``, that it belongs to or else ``main``, have all keys for a moment."""
+        """Grab the keyboard for the window behind ``closing``: its parent, else ``main``."""
         heir: QWidget | None = closing.parentWidget()
         while heir is not None and not heir.window().isVisible():
             heir = heir.window().parentWidget()
@@ -62,7 +62,7 @@ class KeptKeys(QObject):
             self._look.start()
 
     def _on_look(self) -> None:
-        """A window manager's own keys, as Alt+Tab, wait no longer than they must."""
+        """Release the grab as soon as the focus has moved, so that the window manager's own keys (Alt+Tab) work."""
         focused = self._focused_window()
         handed_on = focused and any(
             window.isVisible() and int(window.winId()) == focused for window in QGuiApplication.topLevelWindows()
@@ -71,7 +71,7 @@ class KeptKeys(QObject):
             self.give_back()
 
     def give_back(self) -> None:
-        """They go to whichever window has the focus, as always."""
+        """Release the grab; keys go to the focused window again."""
         self._look.stop()
         if self._holder is not None:
             holder, self._holder = self._holder, None

@@ -1,4 +1,4 @@
-"""Which action of the table a key means: by where it lies on the keyboard, or by what it is."""
+"""Key bindings of teleoperation: maps a key event to an action, by key position or by key symbol."""
 
 import sys
 from collections.abc import Iterable, Mapping
@@ -25,7 +25,7 @@ LETTERS: Mapping[int, str] = {ord(name): name for name in position_codes("linux"
 
 
 class KeyBindings:
-    """The keys that are caught before any widget sees them: of driving, of marks, and function keys beside Alt."""
+    """Bindings of keys that the event filter handles before any widget: driving, marks, and function keys with Alt."""
 
     def __init__(self) -> None:
         self._bare: dict[int | str, str] = {}
@@ -35,7 +35,7 @@ class KeyBindings:
         self._function_keys: dict[int, str] = {}
 
     def take(self, specs: Iterable[ActionSpec]) -> None:
-        """Begin anew with these rows of the table."""
+        """Replace all bindings by these rows of the table."""
         for keys in (self._bare, self._chords, self._marks, self._bare_marks, self._function_keys):
             keys.clear()
         for spec in specs:
@@ -58,7 +58,7 @@ class KeyBindings:
         return self._function_keys.get(key)
 
     def mark(self, event: QKeyEvent, modifiers: Qt.KeyboardModifier, *, bare: bool) -> Hold | None:
-        """What the key of an action of kind "mark" or "talk" means; ``bare``: a driving panel has the focus."""
+        """Action of kind "mark" or "talk" on this key; ``bare``: a driving panel has the focus."""
         where = int(event.key()), (modifiers & ~Qt.KeyboardModifier.KeypadModifier).value
         if (mark := self._marks.get(where)) is not None:
             return Hold(mark, bare=False)
@@ -66,23 +66,23 @@ class KeyBindings:
         return None if bare_mark is None else Hold(bare_mark, bare=True)
 
     def drives_bare(self, code: int | None) -> bool:
-        """Whether the letter at this place drives where bare keys drive."""
+        """Whether the key at this position is a bare drive key."""
         return position_of(sys.platform, code) in self._bare
 
     def hold(self, code: int | None, event: QKeyEvent, *, bare: bool) -> Hold | None:
-        """What the key is held for; ``bare``: a driving panel has the focus."""
+        """Action that holding this key triggers; ``bare``: a driving panel has the focus."""
         modifiers = event.modifiers()
-        # A letter or digit is known by where it is; every other key, and what comes without a code, by what it is.
+        # Letters and digits are matched by position; all other keys, and events without a code, by symbol.
         where: int | str | None = position_of(sys.platform, code)
         if where is None:
             where = int(event.key())
             if code is None and not modifiers & Qt.KeyboardModifier.KeypadModifier:
                 where = LETTERS.get(where, where)
         if not modifiers & CHORD_MODIFIERS:
-            # The number pad with NumLock off drives from anywhere; on a Mac every arrow key says it is on the pad.
+            # The number pad with NumLock off drives from anywhere; on a Mac all arrow keys carry the keypad flag.
             on_pad = bool(modifiers & Qt.KeyboardModifier.KeypadModifier) and sys.platform != "darwin"
             if on_pad and modifiers & Qt.KeyboardModifier.ShiftModifier:
-                # While a capital letter is typed some keyboard layouts turn an unlocked pad's arrows into digits.
+                # With Shift down, some keyboard layouts turn the arrows of an unlocked number pad into digits.
                 where = _ARROW_OF_DIGIT.get(int(event.key()), where)
             if not (bare or on_pad):
                 return None
@@ -96,33 +96,33 @@ class KeyBindings:
 
 @dataclass(frozen=True, slots=True)
 class PressedKey:
-    """``key`` as it is written in the table, empty for one that has no name; ``position`` is where it lies."""
+    """``key`` as written in the table, empty for a key without a name; ``position`` on the keyboard."""
 
     key: str
     position: str
 
 
 def pressed_key(code: int | None, event: QKeyEvent) -> PressedKey:
-    """What somebody pressed to say which key they mean."""
+    """The key that a user pressed to choose a binding."""
     key, modifiers = int(event.key()), event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier
     position = position_of(sys.platform, code) or (LETTERS.get(key, "") if code is None else "")
     if position.isdecimal():
-        key = ord(position)  # with Shift it types another character
+        key = ord(position)  # with Shift the key types another character
     elif modifiers & Qt.KeyboardModifier.ShiftModifier and 0x20 < key < 0x7F and not chr(key).isalpha():
-        modifiers &= ~Qt.KeyboardModifier.ShiftModifier  # "?" says already that Shift was held
+        modifiers &= ~Qt.KeyboardModifier.ShiftModifier  # "?" already implies Shift
     named = 0 < key != int(Qt.Key.Key_unknown)
     sequence = QKeySequence(QKeyCombination(modifiers, Qt.Key(key))) if named else QKeySequence()
     return PressedKey(sequence.toString(QKeySequence.SequenceFormat.PortableText), position)
 
 
 def _where(spec: ActionSpec, text: str) -> int | str:
-    """A key's position on the keyboard, or which key it is wherever it lies."""
+    """Key position, or key symbol for rows that are not bound by position."""
     key = int(_chord(text).key())
     return LETTERS.get(key, key) if spec.by_position else key
 
 
 def _chord(text: str) -> QKeyCombination:
-    # PySide's stubs do not know that a sequence can be indexed.
+    # PySide's stubs lack indexing of QKeySequence.
     chord: QKeyCombination = QKeySequence(text)[0]  # type: ignore[index]
     return chord
 

@@ -1,7 +1,7 @@
-"""The keys that a wizard chose in place of those of the table: what stands in the way of one, and what becomes of all.
+"""Key bindings chosen by the wizard: validation, conflicts, storage.
 
-No safety key can be chosen for anything else, nor changed. Where two rows would answer to one key, what was chosen
-gives way to what the table says, and somebody is told.
+Safety keys can be neither reassigned nor changed. Where two rows would share a key, the wizard's choice yields to the
+table, with a report.
 """
 
 import json
@@ -28,22 +28,21 @@ _EDITS_TEXT = frozenset(f"Ctrl+{key}" for key in ("A", "C", "V", "X", "Z", "Y", 
 
 @dataclass(frozen=True, slots=True)
 class Keys:
-    """Of one row: those that work anywhere, and those while Drive, Video or Map has the focus."""
+    """Keys of a row: those that work anywhere, and those while Drive, Video or Map has the focus."""
 
     keys: tuple[str, ...] = ()
     driving_keys: tuple[str, ...] = ()
 
 
 Choices = Mapping[str, Keys]
-"""By ``name_of_row``."""
+"""Keyed by ``name_of_row``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """``rows`` with the chosen keys. Of ``fallen_back`` the chosen keys could not be used; each says why.
+    """Resolved bindings: ``rows`` with the chosen keys. ``fallen_back``: reasons for rejected choices.
 
-    ``clashes`` are phrases and gestures whose own key, as the scenario has it, is that of another row: it does not
-    work.
+    ``clashes``: phrases and gestures whose key in the scenario belongs to another row and therefore does not work.
     """
 
     rows: tuple[ActionSpec, ...] = ()
@@ -52,24 +51,24 @@ class Settled:
 
 
 def name_of_row(spec: ActionSpec) -> str:
-    """A phrase with a key of its own is known by its sentence: its number changes with the file."""
+    """Stable name of a row. A phrase with its own key is identified by its text: its index changes with the file."""
     return f"phrase: {spec.argument.say}" if spec.intent is say_keyed_phrase else spec.id
 
 
 @cache
 def normalized(key: str) -> str:
-    """One spelling for a key sequence. Raises ValueError for one that Qt does not know."""
+    """Canonical spelling of a key sequence. Raises ValueError for one that Qt does not know."""
     sequence = QKeySequence(key, QKeySequence.SequenceFormat.PortableText)
     text = sequence.toString(QKeySequence.SequenceFormat.PortableText)
-    # Qt makes a key without a code of a word that it does not know.
+    # Qt turns an unknown word into a key without a code.
     if not text or any(sequence[place].key() == Qt.Key.Key_unknown for place in range(sequence.count())):  # type: ignore[index]
         raise ValueError(f"no such key: {key!r}")
     return text
 
 
 def conflicts(specs: Iterable[ActionSpec]) -> list[tuple[str, tuple[str, ...]]]:
-    """Keys that more than one action would answer to while a driving panel has the focus (where all keys of the window
-    work), or a part of the window that some rows belong to: only one part has the focus at a time.
+    """Keys bound to more than one action while a driving panel has the focus (where all keys of the window work), or
+    within a part of the window: only one part has the focus at a time.
     """
     rows = tuple(specs)
     found: dict[str, dict[str, None]] = {}
@@ -87,7 +86,7 @@ def conflicts(specs: Iterable[ActionSpec]) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def types_something(key: str) -> bool:
-    """Whether it writes or moves in a text field: it comes without Ctrl and Alt, and is no function key."""
+    """Whether a key types or moves in a text field: no Ctrl or Alt, and not a function key."""
     last = normalized(key).removeprefix("Shift+")
     return not last.startswith(("Ctrl+", "Alt+", "Meta+")) and not (last[:1] == "F" and last[1:].isdecimal())
 
@@ -97,7 +96,7 @@ def with_keys(spec: ActionSpec, keys: Keys | None) -> ActionSpec:
 
 
 def changed(spec: ActionSpec, column: Column, key: str) -> Keys:
-    """The keys of the row once ``key`` was chosen for it. A drive key keeps its arrow where a letter is chosen."""
+    """Keys of the row after choosing ``key``. A drive key keeps its arrow when a letter is chosen."""
     if not spec.by_position:
         return replace(Keys(spec.keys, spec.driving_keys), **{column: (key,)})
     arrow = key in _ARROWS
@@ -107,7 +106,7 @@ def changed(spec: ActionSpec, column: Column, key: str) -> Keys:
 
 
 def without(spec: ActionSpec, key: str) -> Keys:
-    """The keys of the row once ``key`` was taken from it; a drive key goes with its chord."""
+    """Keys of the row after removing ``key``; a drive key is removed with its chord."""
     gone = {key, f"Alt+{key}", key.removeprefix("Alt+")} if spec.by_position else {key}
     return Keys(
         *(tuple(each for each in keys if normalized(each) not in gone) for keys in (spec.keys, spec.driving_keys))
@@ -115,7 +114,7 @@ def without(spec: ActionSpec, key: str) -> Keys:
 
 
 def owners(rows: Iterable[ActionSpec], spec: ActionSpec, keys: Keys) -> list[tuple[str, ActionSpec]]:
-    """Which other rows have those of ``keys`` now, by key."""
+    """Other rows that currently have one of ``keys``, by key."""
     others = {row.id: row for row in rows if row.id != spec.id}
     changed_row = with_keys(spec, keys)
     found = conflicts((*others.values(), changed_row))
@@ -123,7 +122,7 @@ def owners(rows: Iterable[ActionSpec], spec: ActionSpec, keys: Keys) -> list[tup
 
 
 def refusal(spec: ActionSpec, column: Column, key: str, rows: Iterable[ActionSpec], *, position: str = "") -> str:
-    """Why ``key`` can never be that of the row; empty where it can. ``position`` is where on the keyboard it lies."""
+    """Reason why ``key`` can never be bound to the row; empty if it can. ``position``: its position on the keyboard."""
     modifiers, _plus, last = key.rpartition("+") if not key.endswith("+") else (key[:-2], "", "+")
     if spec.kind == "safety":
         return tr("This key stops the robot, always. It stays as it is.")
@@ -153,7 +152,7 @@ def refusal(spec: ActionSpec, column: Column, key: str, rows: Iterable[ActionSpe
 
 
 def settle(specs: Iterable[ActionSpec], choices: Choices) -> Settled:
-    """The rows with the keys that were chosen, as far as that goes; a wizard's choice goes before a scenario's."""
+    """Resolve the bindings: the wizard's choices where possible, which take precedence over the scenario's keys."""
     standard = list(specs)
     told: list[str] = []
     chosen: dict[str, Keys] = {}
@@ -196,13 +195,13 @@ def _with_own_keys(standard: Sequence[ActionSpec], firm: Sequence[ActionSpec], t
             settled[spec.id] = taken[normalized(spec.keys[0])] = spec
         else:
             clashes.append((spec, other))
-            # Without a key it stays a row: on the sheet it can be given another one.
+            # The row stays without a key, so that the shortcut sheet can assign another one.
             settled[spec.id] = replace(spec, keys=())
     return Settled(tuple(settled[spec.id] for spec in standard if spec.id in settled), told, tuple(clashes))
 
 
 def _broken(spec: ActionSpec, keys: Keys, rows: Iterable[ActionSpec]) -> str:
-    """Why these cannot be the keys of the row, whatever other rows have; empty where they can."""
+    """Reason why these keys are invalid for the row, regardless of other rows; empty if valid."""
     if spec.kind == "safety":
         return refusal(spec, "keys", "", rows)
     if spec.by_position and keys.keys != tuple(f"Alt+{key}" for key in keys.driving_keys):
@@ -223,14 +222,14 @@ def _broken(spec: ActionSpec, keys: Keys, rows: Iterable[ActionSpec]) -> str:
 
 
 def as_text(choices: Choices) -> str:
-    """For the settings."""
+    """JSON text for the settings."""
     return json.dumps(
         {name: {"keys": list(keys.keys), "driving_keys": list(keys.driving_keys)} for name, keys in choices.items()}
     )
 
 
 def from_text(text: str) -> dict[str, Keys]:
-    """Raises ValueError where it is not what ``as_text`` writes."""
+    """Parse ``as_text``. Raises ValueError for anything else."""
     try:
         kept: Any = json.loads(text)
     except RecursionError as error:

@@ -1,4 +1,4 @@
-"""Which language the window speaks: English, one of the translations beside the program, or a trial one."""
+"""Language of the window: English, an installed translation, or the pseudo-language for testing."""
 
 import logging
 import re
@@ -12,8 +12,9 @@ from caris_desktop.domain.translation import use_translator
 _log = logging.getLogger(__name__)
 LANGUAGE_KEY = "appearance/language"
 ENGLISH, TRIAL = "en", "trial"
-"""The trial language is English that can be read and is 40 % longer: whoever draws a window sees with it what is not
-translated, and what has no room for it."""
+"""The pseudo-language is readable English, 40 % longer: it reveals untranslated texts and layouts that
+are too narrow.
+"""
 _LONGER = 0.4
 _ACCENTS = str.maketrans("aceginorsuyzACEGINORSUYZ", "àçéğîñöŕšûýžÀÇÉĞÎÑÖŔŠÛÝŽ")
 _KEPT = re.compile(r"(\{[^{}]*\}|%n|<[^<>]*>)")
@@ -25,19 +26,19 @@ def translations_dir() -> Path:
 
 
 def languages() -> tuple[str, ...]:
-    """English, and each that a translation is here of, as in ``de`` or ``pt_BR``."""
+    """English, and each installed translation, such as ``de`` or ``pt_BR``."""
     found = sorted(path.stem.removeprefix("caris_desktop_") for path in translations_dir().glob("caris_desktop_*.qm"))
     return (ENGLISH, *found)
 
 
 class Language:
-    """Has texts translated from now on; texts that stand already stay as they are."""
+    """Installs a translator; texts already on screen do not change."""
 
     def __init__(self) -> None:
         self._translator: QTranslator | None = None
 
     def use(self, name: str) -> None:
-        """What is not there is English, and the log says so."""
+        """Switch to a language. A missing translation falls back to English, with a log entry."""
         self._forget()
         if name == TRIAL:
             use_translator(in_trial_language)
@@ -61,8 +62,8 @@ class Language:
 
 
 def in_trial_language(text: str, _meant: str = "", number: int = -1) -> str:
-    """``text`` with accents, 40 % longer, in brackets: ``[Šàvé ēx]``. What is filled in later stays as it is, and so
-    does what was translated already.
+    """``text`` with accents, 40 % longer, in brackets: ``[Šàvé ēx]``. Placeholders and already translated texts stay
+    unchanged.
     """
     if not text.strip() or (text.startswith("[") and text.endswith("]")):
         return text

@@ -1,4 +1,6 @@
-"""What the first window did without is imported or read piece by piece while nobody drives: later it stalls nothing."""
+"""Deferred imports: modules not needed by the first window are imported piece by piece while nobody drives, so that
+they cause no stall later.
+"""
 
 import importlib
 from collections import deque
@@ -17,7 +19,7 @@ MODULES: tuple[str, ...] = (
     "caris_desktop.ui.first_use.set_up_page",
     "caris_desktop.ui.gamepad_dialog",
     *(f"caris_desktop.ui.panels.{spec.module}" for spec in PANELS.values()),
-    # What the dialogs below stand on, in pieces that are each soon imported.
+    # Dependencies of the dialogs below, in pieces that import quickly.
     "caris_desktop.recording.session.recovery",
     "caris_desktop.recording.annotation.store",
     "caris_desktop.recording.names",
@@ -34,7 +36,9 @@ MODULES: tuple[str, ...] = (
 
 
 class LateImports(QObject):
-    """``busy`` says whether a stall would be felt now: a window's thread that hangs ends direct driving."""
+    """Imports modules in idle turns of the event loop. ``busy`` says whether a stall would be felt now: a blocked GUI
+    thread ends teleoperation.
+    """
 
     def __init__(
         self,
@@ -44,9 +48,7 @@ class LateImports(QObject):
         *,
         first: Sequence[Callable[[], object]] = (),
     ) -> None:
-        """``first`` are called before anything is imported: they have read what menus will show, and open what was open
-        beside the window.
-        """
+        """``first`` are called before the imports: they load menus and reopen windows."""
         super().__init__(parent)
         self._first = tuple(first)
         self._busy = busy
@@ -58,7 +60,7 @@ class LateImports(QObject):
         self._begin.timeout.connect(self._next.start)
 
     def begin(self) -> None:
-        """The window stands; once it has settled the rest is imported."""
+        """Start after the window is shown and idle."""
         imports = (partial(importlib.import_module, module) for module in self._modules)
         self._left = deque((*self._first, *imports))
         self._begin.start()

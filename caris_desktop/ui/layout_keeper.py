@@ -1,4 +1,6 @@
-"""The wizard's working copy of how the panels are arranged: kept, saved, reverted, undone, locked, recorded."""
+"""Layout store of the window: the wizard's working copy of the dock layout, with save, revert, undo,
+lock and record.
+"""
 
 from collections.abc import Callable
 from dataclasses import field
@@ -25,14 +27,14 @@ from caris_desktop.ui.panel_board import PanelBoard
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 LAYOUT_AT_REST_MS = 1000
-_SAME_WEIGHT = 0.01  # a pixel here or there is no other arrangement
+_SAME_WEIGHT = 0.01  # a difference of a pixel is not another layout
 _NARROW_REPLAY_PX, _LOW_REPLAY_PX = 860, 300
 
 
 @dataclass(frozen=True, slots=True)
 class LayoutCommand:
-    """What can be asked for, and whether it can be done now. ``action`` is the row of the table that does it too;
-    ``id`` is the same in every language, and whatever it would undo.
+    """Layout command with its availability. ``action``: the row of the action table that does the same; ``id`` does not
+    depend on language or on what would be undone.
     """
 
     text: str
@@ -44,15 +46,15 @@ class LayoutCommand:
 
 
 class LayoutKeeper(QObject):
-    """The wizard's working copy of an arrangement, apart from what the scenario's file says.
+    """The wizard's working copy of the dock layout, apart from the scenario file.
 
-    There is one for each size of screen. It is kept with every change and comes back with the scenario; only saving
-    puts it into the file. ``show_scenario`` shows the panels of a scenario as they are to be now.
+    One per screen size class. Each change is persisted and restored with the scenario; only saving writes it to the
+    scenario file. ``show_scenario`` shows the panels of a scenario in their current layout.
     """
 
-    title_wanted = Signal()  # whoever asks the wizard for one calls ``save_as`` with it
-    noticed = Signal(object)  # Problem, to be told to the wizard
-    changed = Signal()  # what can be saved, undone, ... is another thing now
+    title_wanted = Signal()  # the receiver asks the wizard for a title and calls ``save_as``
+    noticed = Signal(object)  # Problem, for a notification
+    changed = Signal()  # availability of the commands changed
 
     def __init__(
         self,
@@ -88,28 +90,28 @@ class LayoutKeeper(QObject):
         wizards.changed.connect(self._on_wizard_changed)
 
     def lend_room_to(self, *strips: QWidget) -> None:
-        """These come and go above the panels, which give way for them but are not arranged anew."""
+        """Set the banners above the panels, whose appearance does not count as another window size."""
         self._borrowers = strips
 
     @property
     def _height(self) -> int:
-        """What the panels have of the screen, whatever stands above them for a while."""
+        """Height available to the panels, without counting banners."""
         borrowed, width = 0, self._docks.window().width()
         for strip in self._borrowers:
-            if not strip.isHidden():  # one that just comes has its size after the panels have theirs
+            if not strip.isHidden():  # a banner that just appears gets its size after the panels
                 wraps = strip.hasHeightForWidth()
                 borrowed += strip.heightForWidth(width) if wraps else strip.sizeHint().height()
         return self._docks.height() + borrowed
 
     def use_replay(self) -> None:
-        """What is arranged in a replay is of no study, and its room is no screen's."""
+        """Switch to a replay: its layout belongs to no study and its height to no screen size class."""
         self._in_replay = True
         self._docks.set_locked(False)
 
     # ---- the working copy
 
     def begin(self, tree: LayoutNode) -> Arrangement:
-        """The scenario's file says ``tree``; gives how the panels are to be arranged: as the wizard had them."""
+        """Start with the layout ``tree`` of the scenario file; returns the wizard's layout."""
         scenario = self._console.scenario
         name = scenario.path.name if scenario.path is not None else scenario.title
         trees = self._trees_of(scenario, tree)
@@ -120,7 +122,7 @@ class LayoutKeeper(QObject):
         return self._load(self._kind_now())
 
     def _trees_of(self, scenario: Scenario, tree: LayoutNode) -> dict[SizeClass, LayoutNode]:
-        """What the file says for each size of screen, of the same panels as its usual layout."""
+        """The file's layout for each screen size class, all with the panels of the usual layout."""
         trees: dict[SizeClass, LayoutNode] = {"usual": tree}
         for kind in ("compact", "large"):
             own = own_layout(scenario, kind)
@@ -136,10 +138,10 @@ class LayoutKeeper(QObject):
         return size_class(self._docks.width(), self._height)
 
     def _baseline_of(self, kind: SizeClass) -> LayoutNode:
-        """What the file says, as it is shown where the wizard has changed nothing."""
+        """The layout from the file as shown before any change by the wizard."""
         if kind in self._trees:
             return tidy(self._trees[kind])
-        # The panels of a replay are as high as the picture in them asks for, which depends on how they are arranged.
+        # In a replay, panel height follows from the video in it, which depends on the layout.
         height = _LOW_REPLAY_PX if self._in_replay and kind == "compact" else self._height
         return fitted(self._trees["usual"], self._docks.width(), height)
 
@@ -173,7 +175,7 @@ class LayoutKeeper(QObject):
         return mine
 
     def _possible(self, arrangement: Arrangement) -> Arrangement | None:
-        """Without panels that the scenario does not offer; those that it shows and that are missing come along."""
+        """The layout without panels that the scenario does not offer, and with missing panels that it shows."""
         possible = self._board.possible()
         left = edits.remove(arrangement, [name for name in arrangement.panels if name not in possible])
         for name in panels_in(self._trees["usual"]):
@@ -182,9 +184,9 @@ class LayoutKeeper(QObject):
         return left
 
     def _fit(self) -> None:
-        """The room is another one: so may be the arrangement, as long as the wizard made none for it."""
+        """Switch the layout to the current window size, unless the wizard has changed it for that size."""
         if not self._trees or not self._docks.isVisible() or self._board.building:
-            return  # once they stand, what is told of begins with another look
+            return  # completion triggers another check
         kind = self._kind_now()
         if kind != self._kind:
             self._board.show(self._load(kind))
@@ -205,7 +207,7 @@ class LayoutKeeper(QObject):
         self.changed.emit()
 
     def _keep(self) -> None:
-        """With each change, so that no crash and no power cut takes it away."""
+        """Persist each change, in case of a crash or power cut."""
         arrangement = self._docks.arrangement
         if self._in_replay or not self._touched or arrangement is None or self._board.building:
             return
@@ -214,7 +216,7 @@ class LayoutKeeper(QObject):
         self._touched = own
 
     def follow(self, scenario: Scenario) -> None:
-        """The scenario's file says something else now, and the panels stay as they are."""
+        """Adopt a changed layout of the scenario file without moving the panels."""
         self._of_scenario = scenario.layout
         if self._trees:
             self._trees = self._trees_of(scenario, permitted(scenario.layout, self._board.possible()))
@@ -229,7 +231,7 @@ class LayoutKeeper(QObject):
             self._docks.set_locked(self._kept.is_locked(self._name))
             self._board.show(self._load(self._kind_now()))
 
-    # ---- what the menu offers
+    # ---- menu commands
 
     @property
     def is_unsaved(self) -> bool:
@@ -241,7 +243,7 @@ class LayoutKeeper(QObject):
 
     @property
     def is_own(self) -> bool:
-        """Whether the wizard arranged anything, be it for the file or not."""
+        """Whether the wizard has changed the layout in any way, saved or not."""
         arrangement = self._docks.arrangement
         return self.is_unsaved or (arrangement is not None and bool(arrangement.floating or arrangement.hidden))
 
@@ -250,7 +252,7 @@ class LayoutKeeper(QObject):
         return self._docks.locked
 
     def set_locked(self, locked: bool) -> None:
-        """For a study: nothing is moved, closed or floated until it is unlocked."""
+        """Lock the layout for a study: no panel can be moved, closed or floated."""
         self._kept.set_locked(self._name, locked)
         self._docks.set_locked(locked)
         self.changed.emit()
@@ -260,7 +262,7 @@ class LayoutKeeper(QObject):
         return self._kept.adapts
 
     def set_adapts(self, adapts: bool) -> None:
-        """Whether a small or a large screen gets an arrangement of its own."""
+        """Set whether small and large screens get a layout of their own."""
         self._kept.set_adapts(adapts)
         self._fit()
 
@@ -273,7 +275,7 @@ class LayoutKeeper(QObject):
         return self._histories.setdefault(self._kind, History())
 
     def commands(self) -> tuple[LayoutCommand, ...]:
-        """For menu and palette alike."""
+        """Commands for menu and palette."""
         undo = tr("Undo: {what}").format(what=self._history.undoes) if self._history.undoes else tr("Undo")
         redo = tr("Redo: {what}").format(what=self._history.redoes) if self._history.redoes else tr("Redo")
         free, live = not self.locked, not self._in_replay
@@ -313,19 +315,19 @@ class LayoutKeeper(QObject):
             self._board.show(self._possible(before) or before)
 
     def save(self) -> None:
-        """Ask for the present arrangement to be saved as the scenario's."""
+        """Request saving the current layout to the scenario file."""
         tree = self._docks.tree
         if tree is not None:
             self._console.do(intents.SaveLayout(layout_text(tree), self._kind))
 
     def save_as(self, title: str) -> None:
-        """Ask for another scenario, which has the present arrangement."""
+        """Request a new scenario with the current layout."""
         tree = self._docks.tree
         if tree is not None:
             self._console.do(intents.SaveLayout(layout_text(tree), self._kind, title))
 
     def revert(self) -> None:
-        """The panels lie as the scenario's file says. This can be undone."""
+        """Restore the layout of the scenario file. Can be undone."""
         present = self._docks.arrangement
         if present is None or self._baseline is None:
             return
@@ -335,7 +337,7 @@ class LayoutKeeper(QObject):
         self._board.show(arrangement_of(self._baseline_of(self._kind)))
 
     def put_back(self) -> None:
-        """The scenario gets its own arrangement back, where another one was saved in its place."""
+        """Restore the scenario's original layout, after another one was saved over it."""
         present = self._docks.arrangement
         if present is not None:
             self._history.note(tr("Reset"), present)
@@ -345,18 +347,18 @@ class LayoutKeeper(QObject):
         self._console.do(intents.KeepLayout(layout_text(self._console.scenario.layout)))
 
     def soon(self, do: Callable[[], None]) -> Callable[[], None]:
-        """After the menu has closed: its own actions belong to what goes away."""
+        """Defer until the menu has closed: its actions belong to widgets that may be deleted."""
         return lambda: QTimer.singleShot(0, self, do)
 
     def _notice(self, what: str, meaning: str) -> None:
         self.noticed.emit(Problem(self._console.state.present.now_ns(), "info", what, meaning, ""))
 
-    # ---- for the record
+    # ---- recording
 
     def begin_with(self, tree: LayoutNode) -> None:
-        """The scenario's file arranges the panels like this.
+        """Start recording from the layout of the scenario file.
 
-        How much room each panel really gets is seen once they are at rest; that is not the wizard's doing.
+        Actual panel sizes settle later and are not the wizard's edits.
         """
         self._of_scenario = tree
         self._begin_telling()
@@ -367,7 +369,7 @@ class LayoutKeeper(QObject):
         self.rest.start()
 
     def tell(self) -> None:
-        """For the record: how the wizard has arranged the panels, once they are at rest."""
+        """Record the wizard's layout once it is idle."""
         if not self._docks.isVisible():
             self.rest.start()
             return

@@ -1,4 +1,4 @@
-"""The menu Layout: undo, save, revert, reset, lock, in one place."""
+"""Layout menu: undo, save, revert, reset, lock."""
 
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QMenu, QVBoxLayout, QWidget
 
@@ -40,7 +40,7 @@ class LayoutMenu:
     def fill(self, menu: QMenu) -> None:
         keeper = self._keeper
         menu.setObjectName("layout_menu")
-        # Some styles show no title of a section.
+        # Some styles do not show section titles.
         menu.addAction(tr(_SIZES[keeper.kind])).setEnabled(False)
         menu.addSeparator()
         for number, command in enumerate(keeper.commands()):
@@ -73,7 +73,7 @@ class LayoutMenu:
 
 
 class TitleDialog(TabAsRead, QDialog):
-    """Asks how the new scenario is called. Not modal: the robot can be driven and stopped meanwhile."""
+    """Title dialog of a new scenario. Non-modal: the robot can be driven and stopped meanwhile."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
         super().__init__(parent)

@@ -1,4 +1,4 @@
-"""The console's window: top bar, dock panels, status bar, and what belongs to none of them alone."""
+"""Main window of the console: top bar, dock area, status bar, and their connections."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -75,32 +75,25 @@ from caris_desktop.ui.window_parts import WindowParts
 from caris_desktop.ui.window_place import Settings, WindowPlace
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
-if TYPE_CHECKING:  # imported when they are first needed
+if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.replay.replay_parts import ReplayWidgets
     from caris_desktop.ui.robot_dialog import RobotExplorer
 
 
 class MainWindow(PanelWindow, QWidget):
-    """The wizard's window. Draws what ``console.state`` holds and turns input into intents.
+    """The wizard's main window. Displays ``console.state`` and turns input into intents.
 
-    Parameters
-    ----------
-    console
-        What the wizard can ask for; its ``state`` and ``scenario`` are read only.
-    settings
-        Where the theme and the window's place are kept; nothing is kept without.
-    scenarios
-        Gives the lines of the scenario menu each time it opens; by default those of the library.
-    explorer
-        Looks at robots that have no profile yet. It can also be given later, with ``use_explorer``.
-    gamepads
-        The gamepad that drives too. It can also be given later, with ``use_gamepads``.
-    all_panels
-        Whether those behind other tabs are made now too, or once the window has been painted.
+    Parameters ---------- console
+        Receives the intents; its ``state`` and ``scenario`` are only read. settings
+        Store of theme and window geometry; nothing is saved without it. scenarios
+        Returns the entries of the scenario menu each time it opens; by default those of the library. explorer
+        Discovers robots without a profile. Can be set later with ``use_explorer``. gamepads
+        Gamepad input. Can be set later with ``use_gamepads``. all_panels
+        Whether panels behind other tabs are created now, or after the first paint.
     """
 
     closed = Signal()
-    painted = Signal()  # for the first time
+    painted = Signal()  # first paint
 
     def __init__(
         self,
@@ -134,7 +127,7 @@ class MainWindow(PanelWindow, QWidget):
         self.hold = HoldToDrive(console, self.actions_table, self)
         self.marking = Marking(self.theme, console, self.actions_table, self.hold, self)
         self.talking = Talking(console, self.actions_table, self.hold, self)
-        # What is always there
+        # Permanent parts
         self._top_bar = TopBar(self.theme, console, self.actions_table)
         self._question = QuestionBand(self.theme)
         bands = {EmergencyBand(self.theme, console): 3, GuardBand(self.theme, console): 2, self._question: 4}
@@ -159,7 +152,7 @@ class MainWindow(PanelWindow, QWidget):
         self._preflight = PreflightCard(self.theme, self, console)
         self._alarms = AlarmList(self.theme, self, console, self.actions_table)
         alarms_button.clicked.connect(self._alarms.show_alarms)
-        # What comes and goes
+        # Popups and panels
         self.board = PanelBoard(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
         self.layout_keeper = LayoutKeeper(self.dock_host, self.board, console, self.wizards, self.show_scenario)
         self.kept_choices = KeptChoices(console, self.wizards, self.board, self)
@@ -254,24 +247,24 @@ class MainWindow(PanelWindow, QWidget):
         self._palette_latched = state.drive.value.emergency_stop
         state.drive.changed.connect(self._on_drive_changed)
 
-    # ---- what comes later
+    # ---- late wiring
 
     def use_gamepads(self, gamepads: Gamepads) -> None:
-        """Let the gamepad drive, stop and do what its buttons are set to, and its window be opened."""
+        """Connect the gamepad: driving, stop and button bindings, and its dialog."""
         self.gamepad.use_gamepads(gamepads)
         self.talking.use_gamepads(gamepads)
 
     def use_explorer(self, explorer: "RobotExplorer") -> None:
-        """Let the wizard look for robots and save profiles of them."""
+        """Enable robot discovery and saving profiles."""
         self.robots.use_explorer(explorer)
 
     def use_library(self, library: SessionLibrary) -> None:
-        """Let the wizard find, replay and export the sessions of the study."""
+        """Enable the session library: find, replay and export sessions."""
         self.sessions.use_library(library)
         self.board.use_library()
 
     def use_replay(self, replay: ReplayControls) -> None:
-        """Show a recorded session: the timeline below the panels, the bar that moves through it below that."""
+        """Show a recorded session, with the timeline and the replay bar below the panels."""
         from caris_desktop.ui.replay.replay_parts import ReplayWidgets
 
         self._replay = replay
@@ -285,7 +278,7 @@ class MainWindow(PanelWindow, QWidget):
         self.closing.use_replay()
         self.layout_keeper.use_replay()
         parts = ReplayWidgets(self.theme, replay, self._console.state, self.actions_table)
-        # Built anew with what a replay can do: no Photo, for one.
+        # Rebuilt for a replay, without Photo for example.
         self.show_scenario(self._console.scenario)
         parts.arrange(self.dock_host, self._middle, self._column, self._status_bar)
         self._replay_parts = parts
@@ -297,11 +290,11 @@ class MainWindow(PanelWindow, QWidget):
         self._focus_first()
         self.setWindowTitle(self._title(self._console.scenario))
 
-    # ---- what is on show
+    # ---- display
 
     @property
     def panels(self) -> dict[PanelName, Panel]:
-        """The panels of the current scenario."""
+        """Panels of the current scenario."""
         return self.board.panels
 
     @property
@@ -319,7 +312,9 @@ class MainWindow(PanelWindow, QWidget):
         self.observers.complete()
 
     def _begin_scenario(self, scenario: Scenario) -> None:
-        """The same in a few turns of the event loop; what it does not allow is gone at once."""
+        """Like :meth:`show_scenario`, over several turns of the event loop; what is not permitted
+        disappears at once.
+        """
         self._shown_scenario = scenario
         self.board.begin(scenario, self._on_arranged, self.layout_keeper.begin)
         self._top_bar.show_scenario()
@@ -341,15 +336,15 @@ class MainWindow(PanelWindow, QWidget):
         return " · ".join(part for part in (replay, scenario.title, "CARIS Desktop") if part)
 
     def open_panel(self, name: PanelName) -> None:
-        """Bring the panel to the front; one that the scenario does not have is added in a tab."""
+        """Raise the panel; one that the scenario does not have is added in a tab."""
         self.board.open(name)
 
     def close_panel(self, name: PanelName) -> None:
-        """Close the panel; one that was added goes away altogether."""
+        """Close the panel; an added one is removed."""
         self.board.close(name)
 
     def _open_scenario(self, path: Path) -> None:
-        """Another scenario; asks first where that would end the video or the sound of a running recording."""
+        """Open another scenario; confirms first if that would end the video or sound of a running recording."""
 
         def switch() -> None:
             self._console.do(intents.OpenScenario(path))
@@ -385,10 +380,10 @@ class MainWindow(PanelWindow, QWidget):
         elif not self.focus_driving():
             self.focus_speak()
 
-    # ---- what the table's actions do
+    # ---- callbacks of the action table
 
     def focus_driving(self) -> bool:
-        """Put the focus where the bare keys drive; False where the scenario has no such panel."""
+        """Focus a panel where the bare keys drive; False if the scenario has none."""
         return self.board.focus_driving()
 
     def focus_speak(self) -> None:
@@ -401,7 +396,7 @@ class MainWindow(PanelWindow, QWidget):
             panel.focus_list()
 
     def edit_suggestion(self, rank: int) -> str:
-        """Let the wizard change a suggested reply in the Speak field before it is said."""
+        """Edit a suggested reply in the Speak field before it is said."""
         console, panel = self._console, self.board.panels.get("speak")
         card = next((card for card in console.state.suggestions.value.cards if card.rank == rank), None)
         if card is None or panel is None:
@@ -423,7 +418,7 @@ class MainWindow(PanelWindow, QWidget):
         self.sessions.look_for_recent()
 
     def search_said(self) -> None:
-        """Bring the conversation into view, and the keys into its line to search."""
+        """Raise the conversation panel and focus its search field."""
         self.open_panel("conversation")
         self.panels["conversation"].open_search()
 
@@ -440,7 +435,7 @@ class MainWindow(PanelWindow, QWidget):
         self._preflight.open()
 
     def palette_entries(self) -> list[Entry]:
-        """Everything that can be found and done now."""
+        """Commands and items of the command palette now."""
         return self._entries.now() if self._replay is None else self._entries.of_replay(self._replay)
 
     def _open_diagnostics(self) -> None:
@@ -455,10 +450,10 @@ class MainWindow(PanelWindow, QWidget):
         self._connection.close_overlay()
         self.menus.open_robot_menu()
 
-    # ---- what happens
+    # ---- events
 
     def _tell(self, what: str, meaning: str, advice: str) -> None:
-        """Of the window itself, and no matter of the session."""
+        """Notification about the window, not the session."""
         self._problems.show_problem(Problem(self._console.state.present.now_ns(), "warning", what, meaning, advice))
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
@@ -471,7 +466,7 @@ class MainWindow(PanelWindow, QWidget):
             self._palette_overlay.renew(self.palette_entries())
 
     def _on_event(self, event: object) -> None:
-        # In a replay the problems of the session are history; there is nothing to do about them.
+        # In a replay, recorded problems are history.
         if isinstance(event, Problem) and self._replay is None:
             self._problems.take(event)
 
@@ -481,7 +476,7 @@ class MainWindow(PanelWindow, QWidget):
             self.hold.release_all(QT_TR_NOOP("The window was minimised"))
 
     def show_in_place(self) -> None:
-        """Show it where it was last time. The first time it fills a small screen, where every pixel is needed."""
+        """Show the window at its last position. The first time it is maximised on a small screen."""
         self._place.show()
         if self._replay is None:
             self._late.begin()
@@ -510,7 +505,7 @@ class MainWindow(PanelWindow, QWidget):
 
 
 def _read_scenario(path: Path) -> Scenario | None:
-    """None for a file that cannot be read: who opens it tells why."""
+    """The scenario; None for an unreadable file, whose error is reported when it is opened."""
     try:
         return load_scenario(path)
     except ScenarioError:
@@ -518,7 +513,7 @@ def _read_scenario(path: Path) -> Scenario | None:
 
 
 def _ends_of_recording(before: Scenario, after: Scenario) -> list[str]:
-    """What is recorded now and would be no longer; nothing unless that is video or sound."""
+    """What is recorded now and would not be afterwards; empty unless video or sound ends."""
     was, will_be = before.permissions, after.permissions
     ends = [tr("video")] if was.video_recording and not will_be.video_recording else []
     ends += [tr("sound")] if was.audio_recording and not will_be.audio_recording else []

@@ -1,4 +1,4 @@
-"""What the keys of marks ask for, from what is so now."""
+"""Intents of the mark keys, from the current state."""
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
@@ -28,7 +28,7 @@ def mark_wizard_error(_scenario: Scenario, _state: LiveState, _argument: None) -
 
 @gives(intents.BeginMark, intents.EndMark)
 def begin_or_end_stretch(_scenario: Scenario, state: LiveState, _argument: None) -> Intent:
-    """End the newest stretch that no key holds open, or begin one."""
+    """End the newest open interval that no key holds, or begin one."""
     going_on: tuple[Marked, ...] = state.marks.value.open
     held = state.held_marks.value
     stretch = next((mark for mark in reversed(going_on) if mark.mark_id not in held), None)

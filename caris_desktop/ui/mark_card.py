@@ -1,4 +1,4 @@
-"""The card that shows a mark for a few seconds: when, what, and how to correct it without a look at the keyboard."""
+"""Mark popup: shows a mark for a few seconds with time, label and single-key corrections."""
 
 import time
 
@@ -27,8 +27,8 @@ _LEFT_PX, _BELOW_TOP_BAR_PX = 16, 64
 
 
 class MarkCard(QWidget):
-    """Lies over the window under the top bar and the signs that a glance reads, which a mark must not hide. Takes the
-    focus only to write a note, and gives it back.
+    """Popup below the top bar and the status indicators, which a mark must not cover. Takes the focus only for writing
+    a note, and returns it.
     """
 
     accessible_role = QAccessible.Role.Dialog
@@ -43,7 +43,7 @@ class MarkCard(QWidget):
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, window: QWidget) -> None:
         super().__init__(window)
         self.setObjectName("mark_card")
-        # A click on the card is not a click on what lies below.
+        # A click on the popup must not reach the widgets below.
         self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
         self._theme = theme
         self._console = console
@@ -129,14 +129,14 @@ class MarkCard(QWidget):
         return button
 
     def lie_below(self, strip: QWidget) -> None:
-        """Keep that of the window in sight."""
+        """Place the popup below that strip."""
         self._below = strip
 
-    # ---- what is on show
+    # ---- display
 
     @property
     def mark_id(self) -> str:
-        """The mark on show; empty where there is none."""
+        """Id of the mark on display; empty if none."""
         return "" if self._mark is None else self._mark.mark_id
 
     @property
@@ -145,11 +145,11 @@ class MarkCard(QWidget):
 
     @property
     def text(self) -> str:
-        """What the card says."""
+        """Text of the popup."""
         return f"{self._title.text()}. {self._line.text()}".strip()
 
     def show_mark(self, mark_id: str, *, earlier_s: float = 0.0, held: bool = False, asks: bool = False) -> None:
-        """Show this mark for a while; ``asks``: the next key says which wizard error it was."""
+        """Show this mark for a while; ``asks``: the next key selects the kind of wizard error."""
         status = self._console.state.marks.value
         known = (each for each in (status.last, *status.open) if each is not None)
         mark = next((each for each in known if each.mark_id == mark_id), None)
@@ -162,14 +162,14 @@ class MarkCard(QWidget):
         self._open(_SHOWN_MS)
 
     def show_taken_back(self, mark: Marked) -> None:
-        """The mark is gone."""
+        """Confirm that the mark was withdrawn."""
         if not self.writes_note:
             title = tr("Note taken back") if mark.kind == "note" else tr("Mark taken back")
             line = tr("{label} does not count.") if mark.label else tr("It does not count.")
             self.say(title, line.format(label=mark.label))
 
     def say(self, title: str, line: str) -> None:
-        """Show a sentence for a moment, with nothing to press."""
+        """Show a sentence for a moment, without buttons."""
         self._mark = None
         self._earlier_s = 0.0
         self._asks = False
@@ -182,7 +182,7 @@ class MarkCard(QWidget):
         self._open(_SAID_MS)
 
     def stop_asking(self) -> None:
-        """The next key is no longer an answer."""
+        """Stop waiting for an answer key."""
         if self._asks:
             self._asks = False
             self._show_words()
@@ -217,7 +217,7 @@ class MarkCard(QWidget):
         return self.isVisible() and not self._note_row.isHidden()
 
     def close_card(self) -> None:
-        """Hide; a note that was not kept is left."""
+        """Hide; an unsaved note is discarded."""
         if self.isHidden():
             return
         had_focus = self.field.hasFocus()
@@ -231,7 +231,7 @@ class MarkCard(QWidget):
         if had_focus and self._focus_before is not None and self._focus_before.isVisible():
             self._focus_before.setFocus(Qt.FocusReason.OtherFocusReason)
 
-    # ---- parts
+    # ---- layout
 
     def _fill(self) -> None:
         mark = self._mark
@@ -252,7 +252,7 @@ class MarkCard(QWidget):
             self._second.stop()
 
     def _fill_kinds(self) -> None:
-        """A button for each kind of wizard error that the scenario has."""
+        """Create a button per kind of wizard error in the scenario."""
         kinds = self._console.scenario.recording.error_kinds
         if kinds == self._kinds_shown:
             return
@@ -358,7 +358,7 @@ class MarkCard(QWidget):
         if text or mark_id:
             self.note_kept.emit(text, mark_id, ago_s)
 
-    # ---- place and look
+    # ---- placement and style
 
     def _open(self, for_ms: int | None) -> None:
         self._place()

@@ -1,4 +1,4 @@
-"""Marks by hand: a tap is a moment, a held key a stretch; wizard errors, notes, and the card that shows them."""
+"""Manual marks: a tap marks a moment, a held key an interval; wizard errors, notes and the mark popup."""
 
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QWidget
@@ -31,7 +31,7 @@ class _Held:
 
 
 class Marking(QObject):
-    """Does what the mark actions of the table say, and shows each mark on the card for a while."""
+    """Runs the mark actions of the table and shows each mark in the popup for a while."""
 
     def __init__(
         self, theme: Theme, console: WizardConsole, actions: Actions, hold: HoldToDrive, window: QWidget
@@ -80,7 +80,7 @@ class Marking(QObject):
         self._console.state.held_marks.set(frozenset(held.mark_id for held in self._held.values()))
 
     def _on_held(self, action_id: str) -> None:
-        """The key is down for long: the moment becomes a stretch that began with it."""
+        """Turn the moment into an interval from the key press on, after a long hold."""
         held = self._held.get(action_id)
         if held is None or held.stretched:
             return
@@ -99,7 +99,7 @@ class Marking(QObject):
             self._console.do(intents.EndMark(held.mark_id))
             self.card.show_mark(held.mark_id)
 
-    # ---- what the rows ask for
+    # ---- intents
 
     def _ask(self, find: IntentNow) -> None:
         intent = find(self._console.scenario, self._console.state, None)
@@ -112,7 +112,7 @@ class Marking(QObject):
             self._taken_back = self._console.state.marks.value.last
 
     def _on_asked(self, intent: Intent) -> None:
-        """Show what becomes of it on the card."""
+        """Show the outcome in the popup."""
         match intent:
             case intents.Mark(kind="wizard_error"):
                 self._ask_what_error(intent.mark_id)
@@ -124,13 +124,13 @@ class Marking(QObject):
                 self.card.show_taken_back(self._taken_back)
 
     def _ask_what_error(self, mark_id: str) -> None:
-        """The next key is an answer to what kind of error it was."""
+        """Ask for the kind of error with the next key."""
         self._hold.ask_next_key("".join(self._error_keys()), self._on_answer)
         self._answer_time.start()
         self.card.show_mark(mark_id, asks=True)
 
     def write_note(self) -> None:
-        """A note about this moment; what is marked is the press of the key, however long the writing takes."""
+        """Open a note on this moment: the key press is the time stamp, however long the writing takes."""
         self._no_question()
         self.card.write_note()
 
@@ -171,7 +171,7 @@ class Marking(QObject):
             self.card.show_mark(mark_id)
 
     def _on_note_kept(self, text: str, mark_id: str, ago_s: float) -> None:
-        """``mark_id`` is empty for a note of its own, ``ago_s`` how long ago its moment was."""
+        """Save the note; empty ``mark_id`` for a separate note, ``ago_s``: seconds since its moment."""
         if self._console.state.recording.value.state != "recording":
             self.card.say(tr("The note was not kept"), tr("Nothing is being recorded now."))
             return
@@ -185,7 +185,7 @@ class Marking(QObject):
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if status.state != "recording" and not self.card.writes_note:
-            # What the card offers would no longer be recorded.
+            # Corrections would no longer be recorded.
             self._no_question()
             self.card.close_card()
 

@@ -1,4 +1,6 @@
-"""The strip under the top bar: four large signs, and what holds until the wizard decides. It moves nothing."""
+"""Strip under the top bar: four status indicators, and banners that last until the wizard decides. Of
+constant height.
+"""
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QResizeEvent
@@ -19,10 +21,10 @@ _ROOM_FOR_WORDS_PX, _ROOM_FOR_BANDS_PX = 1200, 1850
 
 
 class NoticeStrip(Bar, QWidget):
-    """Always of the same height. The bands share its width; while there is none it says what the robot does now."""
+    """Strip of fixed height. Banners share its width; without any it shows the robot's current activity."""
 
     def __init__(self, theme: Theme, console: WizardConsole, bands: dict[Band, int]) -> None:
-        """``bands`` from left to right, each with its share of the width."""
+        """``bands`` from left to right, with their share of the width."""
         super().__init__()
         self.setObjectName("notice_strip")
         self.setFixedHeight(HEIGHT_PX)

@@ -1,4 +1,4 @@
-"""A card over the window, which is not a dialog: the robot can be driven and stopped meanwhile."""
+"""Popup over the window. Not a dialog: the robot can be driven and stopped meanwhile."""
 
 from PySide6.QtCore import QEvent, QObject, QRect, Qt
 from PySide6.QtGui import QAccessible, QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
@@ -12,13 +12,12 @@ _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
 class Overlay(QWidget):
-    """A card in the upper middle of the window over a dimmed ground; a click beside it closes it.
+    """Popup in the upper middle of the window over a dimmed background; a click outside closes it.
 
-    Enter presses the button that has the focus, as Space does: whoever sees one chosen tries that first. A tick wants
-    Space, so that nobody confirms one by going on.
+    Enter presses the focused button, as Space does: users try Enter first. A check box needs Space, so that Enter does
+    not confirm it by accident.
 
-    Panels in windows of their own lie above this window: the card keeps clear of them, and where it cannot, those that
-    would cover it step back as long as it is open.
+    Floating panels lie above this window: the popup avoids them, and lowers those that would cover it while it is open.
     """
 
     accessible_role = QAccessible.Role.Dialog
@@ -46,7 +45,7 @@ class Overlay(QWidget):
         bring_keys_to(self._window)
 
     def close_overlay(self) -> None:
-        """Hide, and give the focus back to where it was."""
+        """Hide and restore the former focus."""
         if self.isHidden():
             return
         self.hide()
@@ -63,7 +62,7 @@ class Overlay(QWidget):
         return self.card.sizeHint().height()
 
     def _place(self) -> None:
-        # The top bar stays free, so that the red button can always be reached.
+        # The top bar stays uncovered, so that the red button can always be reached.
         self.setGeometry(QRect(0, 56, self._window.width(), self._window.height() - 56))
         width = min(self._width_px, self.width() - 32)
         height = min(self.card_height_px(), self.height() - 48)

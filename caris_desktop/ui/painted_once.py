@@ -1,7 +1,7 @@
-"""Small things that are painted again and again look the same each time: they are painted once, and then copied.
+"""Pixmap cache for small items that are painted repeatedly.
 
-Text and round corners are what a frame of a video over which boxes, names and chips lie would cost most: with each
-frame of the robot's camera they are painted anew.
+Text and round corners are the most expensive part of a video frame with boxes, names and labels, and would be repainted
+with each frame of the robot's camera.
 """
 
 from collections import OrderedDict
@@ -11,18 +11,18 @@ from PySide6.QtCore import QPointF, QSize, QSizeF, Qt
 from PySide6.QtGui import QPaintEngine, QPainter, QPixmap
 
 AT_MOST = 96
-"""Pictures kept, the ones used last; a label is a few kilobytes."""
+"""Maximum number of cached pixmaps, least recently used first out; a label takes a few kilobytes."""
 
 
 class PaintedOnce:
-    """Pictures by key, for one widget or for all of a kind. GUI thread only."""
+    """Pixmap cache by key, for one widget or a class of widgets. GUI thread only."""
 
     def __init__(self, at_most: int = AT_MOST) -> None:
         self._at_most = at_most
         self._kept: OrderedDict[Hashable, QPixmap] = OrderedDict()
 
     def clear(self) -> None:
-        """What they were painted with, as the theme, is another one now."""
+        """Clear the cache, for example after a change of theme."""
         self._kept.clear()
 
     def draw(
@@ -33,12 +33,12 @@ class PaintedOnce:
         key: Hashable,
         paint: Callable[[QPainter], None],
     ) -> None:
-        """Copy the picture to ``at``; the rest as for :meth:`picture`."""
+        """Paint the cached pixmap at ``at``; other parameters as for :meth:`picture`."""
         if size.isEmpty():
             return
         engine = painter.paintEngine()
         if engine is not None and engine.type() is not QPaintEngine.Type.Raster:
-            # A drawing that keeps its texts, as a test looks at one, keeps these too.
+            # A vector paint device, such as one that tests inspect, gets the drawing itself.
             painter.save()
             painter.translate(at)
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
@@ -46,14 +46,14 @@ class PaintedOnce:
             painter.restore()
             return
         ratio = _ratio_of(painter)
-        # On whole pixels a copy stays sharp.
+        # Aligned to whole pixels, the copy stays sharp.
         where = QPointF(round(at.x() * ratio) / ratio, round(at.y() * ratio) / ratio)
         painter.drawPixmap(where, self.picture(painter, size, key, paint))
 
     def picture(self, painter: QPainter, size: QSizeF, key: Hashable, paint: Callable[[QPainter], None]) -> QPixmap:
-        """The picture of this ``key``; if there is none yet ``paint`` makes it, from (0, 0) to ``size``.
+        """Pixmap of this ``key``; on a cache miss ``paint`` draws it, from (0, 0) to ``size``.
 
-        ``key`` holds whatever the picture depends on but its size and the scale of the screen of ``painter``.
+        ``key`` must hold everything the pixmap depends on except its size and the screen scale of ``painter``.
         """
         ratio = _ratio_of(painter)
         whole = (key, size.width(), size.height(), ratio)

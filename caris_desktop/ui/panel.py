@@ -1,4 +1,4 @@
-"""What a dock panel is: a title, one live fact, a few controls in its title bar, and a card to draw on."""
+"""Base class of dock panels: title, status text, title bar controls, card painting."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,28 +22,28 @@ from caris_desktop.ui.theme import Theme
 
 TITLE_HEIGHT_PX = 38
 PAUSE_MS = 1
-"""From one turn of longer work to the next. A timer that repeats without any interval comes first again and again."""
+"""Interval in ms between steps of longer work. A repeating timer with interval 0 would starve other events."""
 WindowName = Literal["start", "export", "sessions", "face"]
-"""Windows that a panel can ask for: start recording, export the last session, all sessions, edit the face."""
+"""Windows that a panel can request: start recording, export the last session, all sessions, edit the face."""
 
 
 @dataclass(frozen=True, slots=True)
 class PanelContext:
-    """What every panel gets to work with."""
+    """Dependencies shared by all panels."""
 
     console: WizardConsole
     theme: Theme
     actions: Actions
     hold: HoldToDrive
     discreet: bool = False
-    """Whether a participant may look on: what a wizard noted of people and turns is not shown."""
+    """Whether a participant may see the screen: the wizard's notes on people and turns are hidden."""
 
 
 class Panel(QWidget):
-    """Lower part of a panel's card. Subclasses fill it and say their live fact.
+    """Content of a panel below its title bar. Subclasses add widgets and a status text.
 
-    A panel that nobody sees (closed, or behind another tab) costs nothing: what comes meanwhile is left out by asking
-    ``in_view`` first, and ``catch_up`` shows it once the panel is seen again.
+    A hidden panel (closed, or behind another tab) does no work: handlers check ``in_view`` first, and ``catch_up``
+    refreshes the panel once it is visible again.
     """
 
     accessible_role = QAccessible.Role.Grouping
@@ -51,14 +51,16 @@ class Panel(QWidget):
     title = ""
     drives = False  # bare drive keys work while this panel has the focus
     reads: tuple[str, ...] | None = None
-    """Of the scenario, by dotted names, what it is built from and ``show_scenario`` cannot change; None: built anew."""
+    """Scenario fields (dotted names) that require a rebuild, because ``show_scenario`` cannot apply their change; None:
+    always rebuild.
+    """
     fact_changed = Signal(str, str)  # text, colour role
     active_changed = Signal(bool)
     title_changed = Signal(str)
-    controls_changed = Signal()  # title_widgets gives others now; who shows them deletes those that it gives no more
+    controls_changed = Signal()  # title_widgets returns others now; the receiver deletes dropped ones
     window_wanted = Signal(str)  # WindowName
-    choices_changed = Signal()  # ``choices`` are others, as the wizard wanted it
-    moment_wanted = Signal(object)  # nanoseconds of the session clock: a replay goes there
+    choices_changed = Signal()  # the wizard changed ``choices``
+    moment_wanted = Signal(object)  # session clock in nanoseconds: seek a replay there
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__()
@@ -85,7 +87,7 @@ class Panel(QWidget):
 
     @property
     def shown_title(self) -> str:
-        """What the title bar says now; ``title`` is what menus call the panel."""
+        """Current text of the title bar; menus use ``title``."""
         return self._shown_title
 
     def show_title(self, text: str) -> None:
@@ -96,7 +98,7 @@ class Panel(QWidget):
 
     @property
     def in_view(self) -> bool:
-        """Whether the panel can be seen, as far as whoever arranges the panels has told."""
+        """Whether the panel is visible, as set by the panel manager."""
         return self._in_view
 
     def set_in_view(self, in_view: bool) -> None:
@@ -112,13 +114,13 @@ class Panel(QWidget):
             self.catch_up()
 
     def catch_up(self) -> None:
-        """The panel is seen again: show everything as it is now."""
+        """Refresh everything after the panel becomes visible again."""
 
     def follow(self, scenario: Scenario) -> bool:
-        """Whether it goes on with another scenario, as that says the same of all that it was built from: then
-        ``show_scenario`` comes next.
+        """Whether the panel can be reused for another scenario, whose ``reads`` are unchanged; ``show_scenario``
+        follows.
 
-        The same scenario once more means that something else has changed: the panel is built anew.
+        The same scenario again means that something else has changed: rebuild.
         """
         before, self._scenario = self._scenario, scenario
         if self.reads is None or scenario == before:
@@ -126,37 +128,37 @@ class Panel(QWidget):
         return all(attrgetter(name)(scenario) == attrgetter(name)(before) for name in self.reads)
 
     def complete(self) -> None:
-        """Make now what it makes in several turns of the event loop."""
+        """Create now what is otherwise created over several turns of the event loop."""
 
     def show_scenario(self) -> None:
-        """It goes on with another scenario, whose rows the table has by now: show what that says of it, and nothing of
-        the one before.
+        """Show a new scenario in a reused panel, after the action table was rebuilt; drop the contents of the former
+        one.
         """
         if self.in_view:
             self.catch_up()
 
     def use_settings(self, settings: PanelSettings) -> None:
-        """Be as these have it, whatever it was like before; nothing in a panel of which they say nothing."""
+        """Apply these panel settings in full; panels without settings ignore them."""
 
     def what_lasts(self) -> Any:
-        """What the next panel of this kind takes over, when all are built anew; None for nothing."""
+        """State to pass to the next panel of this kind after a rebuild; None for none."""
         return None
 
     def take_over(self, lasting: Any) -> None:
-        """Go on from ``what_lasts`` of the panel before."""
+        """Restore ``what_lasts`` of the former panel."""
 
     def choices(self) -> dict[str, Any]:
-        """How the wizard wants to see it, as JSON has it: kept from one run to the next. ``choices_changed`` tells."""
+        """View preferences as JSON data, persisted between runs. ``choices_changed`` reports changes."""
         return {}
 
     def tell_choices(self) -> None:
-        """Something of them has changed."""
+        """Report changed preferences."""
         if not self._goes_by_itself:
             self.choices_changed.emit()
 
     @contextmanager
     def by_itself(self) -> Iterator[None]:
-        """What changes meanwhile is not what the wizard chose."""
+        """Context in which changes are not saved as preferences."""
         self._goes_by_itself += 1
         try:
             yield
@@ -164,25 +166,25 @@ class Panel(QWidget):
             self._goes_by_itself -= 1
 
     def use_choices(self, kept: Mapping[str, Any]) -> None:
-        """As ``choices`` were last time. Whatever is in it may be missing, or of another type."""
+        """Restore ``choices``. Entries may be missing or of another type."""
 
     def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
-        """Let the wizard change ``text`` before ``say`` takes it; nothing in a panel without such a field."""
+        """Let the wizard edit ``text`` before ``say`` receives it; does nothing in a panel without such a field."""
 
     def focus_list(self) -> None:
-        """Put the focus into the list beside what usually has it."""
+        """Focus the panel's list instead of its main field."""
 
     def show_person(self, person_id: str, *, rename: bool = False, card: bool = False) -> None:
-        """Bring somebody into view where people are listed; open the field for the name, or the card."""
+        """Reveal a person in a list of people; open the name field or the person's popup."""
 
     def open_search(self) -> None:
-        """Put the keys where it is searched in what the panel shows."""
+        """Focus the search field."""
 
     def use_library(self, *, present: bool) -> None:
-        """Whether there is a list of all sessions to open."""
+        """Set whether a session library is available."""
 
     def every(self, interval_ms: int, slot: Callable[[], None]) -> QTimer:
-        """Call ``slot`` again and again while the panel is in view."""
+        """Call ``slot`` periodically while the panel is in view."""
         timer = QTimer(self, interval=interval_ms)
         timer.timeout.connect(slot)
         self._ticking.append(timer)
@@ -196,11 +198,11 @@ class Panel(QWidget):
 
     @property
     def fact_lead(self) -> int:
-        """How many characters of the fact have its colour; what follows them is dim."""
+        """Number of leading characters of the status text in its colour; the rest is dimmed."""
         return self._fact_lead
 
     def set_fact(self, text: str, role: str = "dim", *, rest: str = "") -> None:
-        """The one live fact on the right of the title bar; ``rest`` of it is said less loudly."""
+        """Set the status text on the right of the title bar; ``rest`` is dimmed."""
         whole, self._fact_lead = f"{text} {rest}".strip(), len(text)
         if (whole, role) != self._fact:
             self._fact = (whole, role)
@@ -211,14 +213,14 @@ class Panel(QWidget):
         return self._active
 
     def set_active(self, active: bool) -> None:
-        """Whether the keyboard focus is inside."""
+        """Set whether the keyboard focus is inside."""
         if active != self._active:
             self._active = active
             self.active_changed.emit(active)
             self.update()
 
     def focus_target(self) -> QWidget:
-        """What gets the focus when the wizard goes to this panel."""
+        """Widget to focus when the wizard goes to this panel."""
         return self
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -227,8 +229,8 @@ class Panel(QWidget):
 
 
 def show_part(part: QWidget, shown: bool) -> None:
-    """Show or hide a part that may have no parent yet: shown then, it would be a window of its own for a moment, and
-    take the keys from driving. It appears with its parent.
+    """Show or hide a widget that may have no parent yet: shown without one, it would briefly be a window and take the
+    focus from driving. It appears with its parent.
     """
     if not shown:
         part.hide()
@@ -237,7 +239,7 @@ def show_part(part: QWidget, shown: bool) -> None:
 
 
 def draw_card(painter: QPainter, theme: Theme, rect: QRectF, *, top: bool, active: bool) -> None:
-    """Half a card: rounded above (``top``) or below, with a line all round that is blue where the focus is."""
+    """Half a card: rounded at the top (``top``) or bottom, with an outline that is blue while focused."""
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     painter.setPen(QPen(theme.color("blue" if active else "line"), 1))
     painter.setBrush(theme.color("panel"))
@@ -248,9 +250,9 @@ def draw_card(painter: QPainter, theme: Theme, rect: QRectF, *, top: bool, activ
 
 
 def draw_card_edge(painter: QPainter, theme: Theme, rect: QRectF, painted: PaintedOnce, *, active: bool) -> None:
-    """The round corners and the line of the lower half of a card, over what reaches its edge.
+    """Round corners and outline of the lower half of a card, over content that reaches its edge.
 
-    Clipping that to the corners would cost a hundred times as much. ``painted`` is cleared when the theme changes.
+    Clipping the content would cost a hundred times as much. ``painted`` is cleared when the theme changes.
     """
     radius = float(tokens.PANEL_RADIUS_PX)
     line = theme.color("blue" if active else "line")
@@ -296,6 +298,6 @@ def _card_path(rect: QRectF, *, top: bool) -> QPainterPath:
 
 
 def card_margins(layout: QBoxLayout) -> None:
-    """The room between a card's edge and what is in it."""
+    """Set the margins between a card's edge and its content."""
     layout.setContentsMargins(14, 12, 14, 12)
     layout.setSpacing(tokens.GRID_PX)

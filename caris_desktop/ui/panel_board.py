@@ -1,8 +1,8 @@
-"""The panels on show: made from the table for each scenario, opened, closed and given the focus.
+"""Panel manager: creates the panels of a scenario, opens, closes and focuses them.
 
-Another scenario's panels are made one at a time, and keys, the stop among them, and pictures get their turns in
-between: those that are seen first, then their arrangement, and then those behind other tabs, whose places are kept so
-far. Whoever asks for a panel meanwhile gets it: then the rest is made at once.
+Panels are created one at a time, so that keys (the stop among them) and video are handled in between: visible panels
+first, then the layout, then those behind other tabs, for which placeholders stand in. A request for a panel creates all
+remaining ones at once.
 """
 
 import time
@@ -27,21 +27,21 @@ from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 
 TURN_S = 0.012
-"""No further piece of work is begun in a turn after that: one that began with the last of it, a key still waits for no
-longer than a picture takes to be painted.
+"""Time budget in seconds of a turn; no further step begins after it. A step begun just before it delays a key by no
+more than one repaint.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class _Building:
-    """How the panels are arranged once they are made, and who is told then."""
+    """Layout to apply once all panels are created, and the callback for completion."""
 
     arrangement: Arrangement
     arranged: Callable[[], None]
 
 
 class _KeptPlace(Panel):
-    """Stands behind a tab until its panel is made, and needs the room that the last one of its kind did."""
+    """Placeholder behind a tab until its panel is created, with the minimum size of its predecessor."""
 
     def __init__(self, context: PanelContext, name: PanelName, least: QSize) -> None:
         super().__init__(context)
@@ -54,13 +54,13 @@ class _KeptPlace(Panel):
 
 
 class PanelBoard(QObject):
-    """Knows every panel by its name and none by its class."""
+    """Manages all panels by name, without knowing their classes."""
 
-    window_wanted = Signal(str)  # WindowName: a panel asks for a window of its own
-    moment_wanted = Signal(object)  # as of a panel
+    window_wanted = Signal(str)  # WindowName: a panel requests a window
+    moment_wanted = Signal(object)  # forwarded from a panel
     made = Signal(str, object)  # PanelName, Panel
-    completed = Signal()  # every panel of the scenario is there
-    opened = Signal(str, object)  # PanelName, Panel: it is as the file of the scenario has it
+    completed = Signal()  # all panels of the scenario exist
+    opened = Signal(str, object)  # PanelName, Panel, in the state given by the scenario file
 
     def __init__(self, context: PanelContext, docks: DockHost) -> None:
         super().__init__(docks)
@@ -68,7 +68,7 @@ class PanelBoard(QObject):
         self._context = context
         self._docks = docks
         self._panels: dict[PanelName, Panel] = {}
-        # Permitted, but without a place in the arrangement: not seen, and there when the next scenario wants them.
+        # Permitted but not in the layout: hidden, and reused when a later scenario shows them.
         self._aside: dict[PanelName, Panel] = {}
         self._lasting: dict[PanelName, Any] = {}
         self._least: dict[PanelName, QSize] = {}
@@ -77,7 +77,7 @@ class PanelBoard(QObject):
         self._has_library = False
         self._building: _Building | None = None
         self._had_keys: PanelName | None = None
-        self._outdated: deque[PanelName] = deque()  # they go on, and show what the scenario before said
+        self._outdated: deque[PanelName] = deque()  # reused, but still showing the former scenario
         self._missing: deque[PanelName] = deque()
         self._behind: deque[PanelName] = deque()
         self._without_room: PanelName | None = None
@@ -89,17 +89,17 @@ class PanelBoard(QObject):
 
     @property
     def panels(self) -> dict[PanelName, Panel]:
-        """The panels of the current scenario."""
+        """Panels of the current scenario; creates missing ones."""
         self.complete()
         return self._panels
 
     @property
     def made_so_far(self) -> dict[PanelName, Panel]:
-        """Those of them that are there; of each that follows ``made`` and ``opened`` tell."""
+        """Panels created so far; ``made`` and ``opened`` report the others."""
         return dict(self._panels)
 
     def possible(self) -> tuple[PanelName, ...]:
-        """Every panel that this scenario offers, whether its layout has it or not."""
+        """All panels that this scenario offers, in its layout or not."""
         return possible_panels(self._context.console.scenario)
 
     def is_open(self, name: PanelName) -> bool:
@@ -111,10 +111,10 @@ class PanelBoard(QObject):
         arranged: Callable[[LayoutNode], None],
         arrange: Callable[[LayoutNode], Arrangement] = arrangement_of,
     ) -> None:
-        """Show the panels of ``scenario`` with its actions and shortcuts, in a few turns of the event loop.
+        """Show the panels of ``scenario`` with its actions and shortcuts, over several turns of the event loop.
 
-        ``arrange`` makes the arrangement of the tree of its file, without what it does not allow; ``arranged`` gets
-        that tree when all stands. Panels that go on with the scenario stay.
+        ``arrange`` computes the layout from the permitted tree of its file; ``arranged`` receives that tree on
+        completion. Reusable panels stay.
         """
         self._stop_building()
         self._had_keys = self._docks.panel_with_keys()
@@ -142,16 +142,16 @@ class PanelBoard(QObject):
 
     @property
     def building(self) -> bool:
-        """Whether panels that will be seen are still to come."""
+        """Whether visible panels are still missing."""
         return self._building is not None
 
     @property
     def whole(self) -> bool:
-        """Whether every panel is there, also those behind other tabs."""
+        """Whether all panels exist, also those behind other tabs."""
         return self._building is None and not (self._outdated or self._behind or self._without_room)
 
     def complete(self) -> None:
-        """Make what is still missing, now."""
+        """Create all missing panels now."""
         missing = not self.whole
         while not self.whole:
             self._build_next()
@@ -161,18 +161,18 @@ class PanelBoard(QObject):
             self.completed.emit()
 
     def complete_seen(self) -> None:
-        """Make what will be seen, now; those behind other tabs are made from :meth:`go_on` on."""
+        """Create all visible panels now; :meth:`go_on` creates those behind other tabs."""
         while self.building:
             self._build_next()
         self._turn.stop()
 
     def go_on(self) -> None:
-        """Make what is still missing, in a few turns of the event loop."""
+        """Create missing panels over several turns of the event loop."""
         self._turn.start()
 
     def _build_next(self) -> None:
-        """One panel that goes on, or one that is seen, or its room, or the arrangement of all, or at last one of the
-        others.
+        """Run one step: refresh a reused panel, create a visible one, place it, apply the layout, or create a hidden
+        one.
         """
         if self._without_room is not None:
             self._give_room()
@@ -193,7 +193,7 @@ class PanelBoard(QObject):
             self._make_next(self._behind)
 
     def _keep_keys(self) -> None:
-        """Where another scenario has the panel too, it goes on having the keys; else nobody has them."""
+        """Restore the focus to a panel that the new scenario also has; otherwise nothing is focused."""
         had, self._had_keys = self._had_keys, None
         panel = None if had is None else self._panels.get(had)
         if panel is not None and panel.isVisible() and self._docks.panel_with_keys() is None:
@@ -201,14 +201,14 @@ class PanelBoard(QObject):
 
     @property
     def _arranges_next(self) -> bool:
-        """Whether the next step is the arrangement of all: the dearest, as the whole window is painted after it."""
+        """Whether the next step applies the layout: the slowest step, as it repaints the whole window."""
         return self.building and not (self._without_room or self._outdated or self._missing)
 
     def _kept_places(self) -> dict[PanelName, Panel]:
         return {name: _KeptPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind}
 
     def _build_for_a_turn(self) -> None:
-        """Several that are quickly done, or a single one: between any two the window would paint itself."""
+        """Run several short steps or a single long one; the window repaints between turns."""
         until_s = time.perf_counter() + TURN_S
         while not self.whole:
             arranging = self._arranges_next
@@ -216,8 +216,8 @@ class PanelBoard(QObject):
             if time.perf_counter() >= until_s or arranging or self._arranges_next:
                 break
         if self._without_room is not None:
-            # Unseen, and gone with the window. One that gets its room at once does without: each change of what holds
-            # it has all of its parts styled anew.
+            # A hidden child, deleted with the window. A panel that is placed at once needs no parent: each reparenting
+            # restyles all its children.
             self._panels[self._without_room].setParent(self._docks)
         if self.whole:
             self.completed.emit()
@@ -244,8 +244,8 @@ class PanelBoard(QObject):
         self._building = None
 
     def show(self, arrangement: Arrangement) -> None:
-        """Arrange the panels like this: those that are there stay, and what is seen and missing is made; what is still
-        to come and lies behind other tabs here too keeps its turn.
+        """Apply a layout: existing panels stay, visible missing ones are created, and hidden missing ones keep their
+        turn.
         """
         while self.building:
             self._build_next()
@@ -260,7 +260,7 @@ class PanelBoard(QObject):
         self._bind_driving()
 
     def open(self, name: PanelName) -> None:
-        """Bring the panel to the front; one that the scenario does not have is added in a tab."""
+        """Raise the panel; one that the scenario does not have is added in a tab."""
         self.complete()
         if name not in self.possible():
             return
@@ -270,7 +270,7 @@ class PanelBoard(QObject):
         self._docks.show_panel(name)
 
     def close(self, name: PanelName) -> None:
-        """Close the panel; one that was added goes away altogether."""
+        """Close the panel; an added one is removed."""
         self.complete()
         if name not in self._panels:
             return
@@ -282,28 +282,28 @@ class PanelBoard(QObject):
             self._bind_driving()
 
     def fill_panel_menu(self, menu: QMenu, name: PanelName) -> None:
-        """What can be done with where the panel lies."""
+        """Fill the panel's placement menu."""
         self._docks.fill_menu(menu, name)
 
     def opener(self, name: PanelName) -> Callable[[], None]:
-        """Opens the panel and gives it the focus."""
+        """Slot that opens and focuses the panel."""
         return lambda: self.open_and_focus(name)
 
     def closer(self, name: PanelName) -> Callable[[], None]:
         return lambda: self.close(name)
 
     def floater(self, name: PanelName) -> Callable[[], None]:
-        """Gives the panel a window of its own, or puts it back."""
+        """Slot that floats or docks the panel."""
         return lambda: self._docks.toggle_floating(name)
 
     def resizers(self, name: PanelName) -> list[tuple[int, Callable[[], None]]]:
-        """By how many pixels the panel can be made larger, or smaller, and what does it."""
+        """Possible changes of the panel's size in px, with their slots."""
         docks = self._docks
         steps = [by_px for by_px in (RESIZE_PX, -RESIZE_PX) if resized(docks, name, by_px) is not None]
         return [(by_px, resizer(docks, name, by_px)) for by_px in steps]
 
     def toggler(self, name: PanelName) -> Callable[[bool], None]:
-        """Opens or closes the panel after the menu has closed, so that it gets its size and the focus can go there."""
+        """Slot that opens or closes the panel after the menu has closed, so that size and focus can be set."""
 
         def toggle(shown: bool) -> None:
             QTimer.singleShot(0, self, lambda: self.open(name) if shown else self.close(name))
@@ -315,14 +315,14 @@ class PanelBoard(QObject):
         self.focus(name)
 
     def focus(self, name: PanelName) -> None:
-        """Give the focus to the panel, if it is there."""
+        """Focus the panel, if it exists."""
         panel = self.panels.get(name)
         if panel is not None:
             self.open(name)
             give_keys(panel.focus_target())
 
     def focus_driving(self) -> bool:
-        """Put the focus where the bare keys drive; False where the scenario has no such panel."""
+        """Focus a panel where the bare keys drive; False if the scenario has none."""
         if self._context.actions.spec("drive_forward") is None:
             return False
         driving: tuple[PanelName, ...] = ("video", "drive", "map")
@@ -337,7 +337,7 @@ class PanelBoard(QObject):
         return False
 
     def use_library(self) -> None:
-        """There is a list of all sessions to open."""
+        """Enable the session library."""
         self._has_library = True
         for panel in (*self._panels.values(), *self._aside.values()):
             panel.use_library(present=True)
@@ -358,8 +358,8 @@ class PanelBoard(QObject):
         return panel
 
     def _open_scenario(self, scenario: Scenario) -> None:
-        """Panels are as its file has them at first, once: then as the wizard has them, for as long as it is open, also
-        where something else in it is changed meanwhile.
+        """Apply the panel settings of the scenario file once when it is opened; later changes of the file do not
+        override the wizard.
         """
         if (scenario.path, scenario.panels) != self._opened:
             self._opened = scenario.path, scenario.panels
@@ -377,7 +377,7 @@ class PanelBoard(QObject):
         self.opened.emit(name, panel)
 
     def _bring(self, name: PanelName) -> Panel:
-        """The panel that was put aside, which shows the present scenario again; else a new one."""
+        """A hidden panel, refreshed for the present scenario; else a new one."""
         panel = self._aside.pop(name, None)
         if panel is None:
             return self._make(name)
@@ -392,7 +392,7 @@ class PanelBoard(QObject):
                 self._aside[name] = self._panels.pop(name)
 
     def _keep(self, name: PanelName, panel: Panel) -> None:
-        """It goes; what it leaves to the next of its kind stays."""
+        """Save the state of a removed panel for its successor."""
         lasting = panel.what_lasts()
         if lasting is not None:
             self._lasting[name] = lasting

@@ -1,4 +1,4 @@
-"""The one table of panels: where each is programmed, its icon, its neighbours, and without what it makes no sense."""
+"""Panel table: module, icon, neighbours and required permission of each panel."""
 
 import importlib
 from collections.abc import Mapping
@@ -12,11 +12,11 @@ from caris_desktop.scenario.model import PanelName, Scenario
 
 @dataclass(frozen=True, slots=True)
 class PanelSpec:
-    """One row.
+    """Row of the panel table.
 
-    ``module`` and ``class_name`` say where the panel is programmed: one that no scenario shows is never imported.
-    ``neighbours``: a panel that the scenario's layout does not have is put in a tab with the first of these that is
-    open. Without ``permission`` the panel is absent, whatever the layout says.
+    ``module`` and ``class_name`` are imported only when a scenario shows the panel. ``neighbours``: a panel outside the
+    scenario's layout opens in a tab with the first of these that is open. Without ``permission`` the panel is absent,
+    whatever the layout says.
     """
 
     title: str
@@ -27,7 +27,7 @@ class PanelSpec:
     permission: Permission | None = None
 
     def load(self) -> type[Any]:
-        """The panel's class, a Panel, imported when it is first needed."""
+        """Import the panel's class, a Panel, at first use."""
         panel: type[Any] = getattr(importlib.import_module(f"caris_desktop.ui.panels.{self.module}"), self.class_name)
         return panel
 
@@ -77,7 +77,7 @@ PANELS: Mapping[PanelName, PanelSpec] = {
 
 
 def possible_panels(scenario: Scenario) -> tuple[PanelName, ...]:
-    """Every panel that this scenario offers, whether its layout has it or not."""
+    """All panels that this scenario offers, in its layout or not."""
     return tuple(
         name
         for name, spec in PANELS.items()
