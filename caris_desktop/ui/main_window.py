@@ -83,13 +83,10 @@ if TYPE_CHECKING:  # imported at first use
 class MainWindow(PanelWindow, QWidget):
     """The wizard's main window. Displays ``console.state`` and turns input into intents.
 
-    Parameters ---------- console
-        Receives the intents; its ``state`` and ``scenario`` are only read. settings
-        Store of theme and window geometry; nothing is saved without it. scenarios
-        Returns the entries of the scenario menu each time it opens; by default those of the library. explorer
-        Discovers robots without a profile. Can be set later with ``use_explorer``. gamepads
-        Gamepad input. Can be set later with ``use_gamepads``. all_panels
-        Whether panels behind other tabs are created now, or after the first paint.
+    ``settings`` stores theme and window geometry; without it nothing is saved. ``scenarios`` returns the entries of the
+    scenario menu each time it opens, by default those of the library. ``explorer`` discovers robots without a profile,
+    and ``gamepads`` adds gamepad input; both can be set later. ``all_panels``: create panels behind other tabs now
+    instead of after the first paint.
     """
 
     closed = Signal()

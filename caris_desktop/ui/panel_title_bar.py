@@ -1,4 +1,4 @@
-"""The title bar of a panel, and what gives way in it where there is little room."""
+"""Title bar of a panel, with elision and shrinking of its parts when space is short."""
 
 from collections.abc import Sequence
 
@@ -16,12 +16,11 @@ _LEAST_TITLE_PX, _ANY_PX = 40, 16_777_215
 
 
 class PanelTitleBar(Bar, QWidget):
-    """Upper part of a panel's card: title left, live fact and controls right.
+    """Upper part of a panel's card: title left, status text and controls right.
 
-    Where there is no room for all, the fact is cut short first, then buttons that have an icon lose their words, those
-    on the right first, and last the title is cut short; what is cut short is in the tip.
-    ``more`` are controls of whoever arranges the panels, after the panel's own. ``looked_at``: nothing can be pressed
-    here, so that there are none.
+    When space is short, the status text is elided first, then buttons with an icon lose their text from right to left,
+    and last the title is elided; tooltips show elided text. ``more``: controls of the dock area, after the panel's own.
+    ``looked_at``: view-only, without controls.
     """
 
     def __init__(self, panel: Panel, more: Sequence[QWidget] = (), *, looked_at: bool = False) -> None:
@@ -45,7 +44,7 @@ class PanelTitleBar(Bar, QWidget):
         row.addWidget(self._title)
         row.addWidget(self._fact, 1)
         self._show_controls()
-        # Clicks on the words reach the dock, which is dragged by its title.
+        # Clicks on the labels must reach the dock, which is dragged by its title.
         for label in (self._title, self._fact):
             label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         panel.fact_changed.connect(self._show_fact)
@@ -75,7 +74,7 @@ class PanelTitleBar(Bar, QWidget):
         return super().event(event)
 
     def _fit(self) -> None:
-        """Take the words from buttons as far as the title needs their room."""
+        """Hide button texts as far as the title needs their space."""
         row = self._row
         shown = [widget for widget in self._controls if not widget.isHidden()]
         widths = [self._title.sizeHint().width()] if not self._title.isHidden() else []
@@ -88,18 +87,18 @@ class PanelTitleBar(Bar, QWidget):
             full_px, least_px = button.sizeHint().width(), button.minimumSizeHint().width()
             button.setMaximumWidth(least_px if missing_px > 0 else _ANY_PX)
             missing_px -= full_px - least_px if missing_px > 0 else 0
-        # The mouse goes past the title, which is for dragging.
+        # The title ignores the mouse because it is the drag handle.
         self.setToolTip(self._panel.shown_title if missing_px > 0 and not self._title.isHidden() else "")
 
     def sizeHint(self) -> QSize:
-        # A dock asks its title bar for this and for nothing else.
+        # A dock queries only this size of its title bar.
         return QSize(160, TITLE_HEIGHT_PX)
 
     def minimumSizeHint(self) -> QSize:
         return QSize(120, TITLE_HEIGHT_PX)
 
     def set_tabbed(self, tabbed: bool) -> None:
-        """In tabs the tab says the title already."""
+        """Hide the title in a tab group: the tab shows it."""
         self._title.setVisible(not tabbed)
 
     def _style(self) -> None:
@@ -117,7 +116,7 @@ class PanelTitleBar(Bar, QWidget):
         self.update()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        event.ignore()  # the dock is dragged by this press
+        event.ignore()  # starts dragging the dock
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
@@ -125,7 +124,7 @@ class PanelTitleBar(Bar, QWidget):
 
 
 class _ElidedLabel(QWidget):
-    """One line, right-aligned, cut short where there is no room; its beginning may stand out."""
+    """Right-aligned, elided single line; its beginning may be highlighted."""
 
     accessible_role = QAccessible.Role.StaticText
 

@@ -1,8 +1,8 @@
-"""Which keys are really down, where Qt alone cannot tell.
+"""Physical key state: tells auto-repeat from real presses, where Qt alone cannot.
 
-On X11 a held key arrives as release and press pairs, and Qt tells them from real ones only when both are already in
-its queue, which fails on a busy machine and always after a modifier went up: then the robot would stutter, and letters
-would be typed. Asking the X server for releases of the finger alone ends that at its source.
+On X11 a held key arrives as release and press pairs. Qt recognises a repeat only if both are already in its queue,
+which fails on a busy machine and always after a modifier was released: the robot would stutter, and letters would be
+typed. Detectable auto-repeat of the X server reports only real releases.
 """
 
 import ctypes
@@ -20,14 +20,14 @@ _XK_ESCAPE, _XK_PAUSE, _XK_F1 = 0xFF1B, 0xFF13, 0xFFBE
 _FUNCTION_KEYS = {_XK_F1 + number: int(Qt.Key.Key_F1) + number for number in range(12)}
 
 X11_LEVELS = 0x80 | 0x20
-"""Mod5 and Mod3, by which a keyboard layout reaches its third and fifth level (AltGr is the first of them)."""
+"""Mod5 and Mod3, which select the third and fifth level of a keyboard layout (AltGr is Mod5)."""
 LONGEST_REPEAT_GAP_S = 1.2
-"""A held key repeats sooner than this; a later press is a new one whose release went elsewhere."""
+"""Maximum interval of auto-repeat; a later press is a new one whose release was not received."""
 _LONGEST_REPEAT_GAP_MS = int(LONGEST_REPEAT_GAP_S * 1000)
 
 
 class _XkbState(ctypes.Structure):
-    """XkbStateRec of X11/extensions/XKBstr.h, whole, since Xlib fills it; only ``group`` is read."""
+    """XkbStateRec of X11/extensions/XKBstr.h in full, since Xlib fills it; only ``group`` is read."""
 
     _fields_ = [
         ("group", ctypes.c_ubyte), ("locked_group", ctypes.c_ubyte), ("base_group", ctypes.c_ushort),
@@ -36,9 +36,9 @@ class _XkbState(ctypes.Structure):
 
 
 class KeyboardGrabs(QAbstractNativeEventFilter):
-    """Tells when another program takes the keyboard: a window manager that keeps Alt+Tab or Alt+Escape for itself.
+    """Reports keyboard grabs by other programs, such as a window manager's Alt+Tab or Alt+Escape.
 
-    On X11 the window is told of it by a FocusOut that Qt passes over in silence, together with the key.
+    On X11 a grab arrives as a FocusOut event, which Qt ignores, together with the key.
     """
 
     def __init__(self, on_grab: Callable[[], None]) -> None:
@@ -54,7 +54,7 @@ class KeyboardGrabs(QAbstractNativeEventFilter):
 
 
 class PhysicalKeys:
-    """Knows repeats from presses. Feed it each key event once or several times, in order."""
+    """Tells auto-repeat from real presses. Pass each key event in order, once or several times."""
 
     def __init__(self) -> None:
         self._x11: ctypes.CDLL | None = None
@@ -66,7 +66,7 @@ class PhysicalKeys:
 
     @property
     def exact(self) -> bool:
-        """Whether a release always means that the key went up."""
+        """Whether each release is a physical one."""
         return self._x11 is not None
 
     def _ask_x_server(self) -> None:
@@ -91,34 +91,34 @@ class PhysicalKeys:
             x11.XGetInputFocus.argtypes = [
                 ctypes.c_void_p, ctypes.POINTER(ctypes.c_ulong), ctypes.POINTER(ctypes.c_int),
             ]  # fmt: skip
-            # Qt's xcb plugin needs this library, so it is there.
+            # Qt's xcb plugin requires this library, so it is installed.
             self._xkbcommon = ctypes.CDLL("libxkbcommon.so.0")
         except (OSError, AttributeError, TypeError) as error:
             logger.warning("held keys may stutter: the X server was not asked for exact releases (%s)", error)
 
     def repeated(self, event: QKeyEvent) -> bool:
-        """Whether a press (or the offer of one as a shortcut) comes from a finger that has not moved."""
+        """Whether a press or shortcut override is auto-repeat."""
         scan_code = int(event.nativeScanCode())
         if self._x11 is None or not scan_code:
             return event.isAutoRepeat()
         stamp_ms = int(event.timestamp())
         known = self._down.get(scan_code)
         if known is not None and known[0] == stamp_ms:
-            # The same press on its way from shortcut to window to widget.
+            # The same press, on its way from shortcut to window to widget.
             return known[1]
-        # Not by Qt's own word: a release and a press of one millisecond, as they come from a server that was kept
-        # waiting, it takes for a repeat. Nor by our clock: we may have been kept waiting while the key was held.
+        # Qt's own flag is wrong for a release and press with the same time stamp, as a delayed server sends them. Our
+        # clock is no help either: this process may have been delayed while the key was held.
         again = known is not None and 0 <= stamp_ms - known[0] < _LONGEST_REPEAT_GAP_MS
         self._down[scan_code] = (stamp_ms, again)
         return again
 
     def released(self, event: QKeyEvent) -> bool:
-        """Take note of a release; False where it is only a part of a repeat."""
+        """Register a release; False if it is part of auto-repeat."""
         self._down.pop(int(event.nativeScanCode()), None)
         return self.exact or not event.isAutoRepeat()
 
     def still_down(self, scan_codes: set[int]) -> set[int]:
-        """Those of ``scan_codes`` whose keys are down at this moment; none where that cannot be known."""
+        """Keys of ``scan_codes`` that are down now; empty if unknown."""
         if self._x11 is None:
             self._down.clear()
             return set()
@@ -129,16 +129,16 @@ class PhysicalKeys:
         return down & scan_codes
 
     def stop_key_down(self) -> int | None:
-        """Qt's key of Escape or Pause if one of them is down at this moment, whoever gets it."""
+        """Qt key of Escape or Pause if it is down now, whichever program receives it."""
         down = self._first_down({_XK_PAUSE: int(Qt.Key.Key_Pause), _XK_ESCAPE: int(Qt.Key.Key_Escape)})
         return None if down is None else down[0]
 
     def function_key_down(self) -> tuple[int, int] | None:
-        """Qt's key and the key code of F1 to F12 if one of them is down at this moment, whoever gets it."""
+        """Qt key and key code of one of F1 to F12 that is down now, whichever program receives it."""
         return self._first_down(_FUNCTION_KEYS)
 
     def _first_down(self, keys: Mapping[int, int]) -> tuple[int, int] | None:
-        """``keys`` are Qt's keys by keysym."""
+        """First key that is down; ``keys`` maps keysyms to Qt keys."""
         if self._x11 is None:
             return None
         keymap = ctypes.create_string_buffer(32)
@@ -150,7 +150,7 @@ class PhysicalKeys:
         return None
 
     def focused_window(self) -> int:
-        """Number of the window that the X server sends keys to, whoever has taken them; 0 where that is not known."""
+        """Focused window id of the X server, even during a grab; 0 if unknown."""
         if self._x11 is None:
             return 0
         window, revert_to = ctypes.c_ulong(), ctypes.c_int()
@@ -158,7 +158,7 @@ class PhysicalKeys:
         return int(window.value)
 
     def letters(self, codes: Mapping[str, int]) -> dict[str, str]:
-        """What the present layout types on the keys with these codes; empty where the system does not tell."""
+        """Letters that the current layout types on these key codes; empty if unknown."""
         if self._x11 is None or self._xkbcommon is None:
             return {}
         state = _XkbState()

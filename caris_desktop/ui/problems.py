@@ -1,5 +1,5 @@
-"""What needs somebody, as cards over a panel that can spare the room, or as a line at the lower edge of the window:
-what happened, what it means, what to do. Never a box in the way.
+"""Notifications: popups over a panel with room to spare, or a line in the status bar: what happened, what it means,
+what to do. Never a modal dialog.
 """
 
 from collections.abc import Sequence
@@ -32,19 +32,18 @@ LOOKS: dict[Severity, tuple[str, str, str]] = {
     "warning": ("warning", "amber", QT_TR_NOOP("Problem")),
     "error": ("warning-octagon", "red", QT_TR_NOOP("Serious problem")),
 }
-"""Icon, colour and word of each severity."""
+"""Icon, colour and label of each severity."""
 
 _RANK: dict[Severity, int] = {"info": 0, "warning": 1, "error": 2}
 _MOVES = (QEvent.Type.Resize, QEvent.Type.Move, QEvent.Type.Show, QEvent.Type.Hide)
 
 
 class ProblemCards(QWidget):
-    """Alarms, and answers to what was asked, the newest few over the picture or another panel that is only looked at.
+    """Notification popups for alarms and refused commands, newest first, over the video or another view-only panel.
 
-    The card of an alarm goes with it; dismissed, or a warning after a while, it is in the list of what is wrong all
-    the same, and comes back when something is asked for that it stands in the way of. Of answers only serious ones
-    stay until they are dismissed. Where no panel has room ``line`` tells the gravest, and a click on it shows the
-    cards.
+    An alarm's popup closes with the alarm. A dismissed alarm, or a warning after a while, remains in the alarm list,
+    and reappears when it blocks a command. Other notifications close after a while unless serious. Where no panel has
+    room, ``line`` shows the most severe one, and a click on it opens the popups.
     """
 
     def __init__(self, theme: Theme, over: DockArea, state: LiveState, line: "ProblemLine") -> None:
@@ -72,18 +71,18 @@ class ProblemCards(QWidget):
         return tuple(self._cards)
 
     def keep_clear_of(self, card: QWidget) -> None:
-        """Never lie over this one, which is over the same panels and asks for an answer."""
+        """Never cover this popup, which lies over the same panels and asks a question."""
         self._clear_of = card
         card.installEventFilter(self)
         self._on_laid_out()
 
     def take(self, problem: Problem) -> None:
-        """Show the answer to what was asked, unless an alarm says already why it was not done."""
+        """Show a refusal, unless an alarm already gives the reason."""
         if problem.cause == ANSWER and cause_among(problem, self._state.alarms.value) is None:
             self.show_problem(problem)
 
     def show_problem(self, problem: Problem) -> None:
-        """Add it, or renew the card that says the same."""
+        """Add a popup, or update the one with the same message."""
         known = next((card for card in self._cards if not card.alarm_id and card.problem.what == problem.what), None)
         if known is not None:
             known.show_problem(problem, again=True)
@@ -152,7 +151,9 @@ class ProblemCards(QWidget):
         self._place()
 
     def _free_place(self) -> Rect | None:
-        """One is whole, the newest of the most serious or the one that was clicked; the others only say what it is."""
+        """Place for the popups. One is expanded, the newest of the most severe or the clicked one; the others are
+        collapsed.
+        """
         whole = self._opened or gravest(self._cards)
         for card in self._cards:
             card.fold(card is not whole)
@@ -185,12 +186,12 @@ def _rect(place: QRect) -> Rect:
 
 
 def gravest(cards: Sequence["ProblemCard"]) -> "ProblemCard":
-    """The newest of the most serious."""
+    """Newest of the most severe."""
     return max(reversed(cards), key=lambda card: _RANK[card.problem.severity])
 
 
 class ProblemLine(StatusButton):
-    """The gravest problem and how many there are, in the status bar: it covers nothing, and nothing moves for it."""
+    """Most severe notification and the number of all, in the status bar; covers and moves nothing."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "problem_line", "")
@@ -198,7 +199,7 @@ class ProblemLine(StatusButton):
         self.hide()
 
     def show_problem(self, one: Problem | None, number: int, *, opened: bool) -> None:
-        """One of ``number``, None for nothing; ``opened`` says whether they are on show as cards."""
+        """Show one of ``number``, or none; ``opened``: the popups are open."""
         self.setChecked(opened)
         if one is None:
             self.show_words("", "", "dim", spoken="")
@@ -215,11 +216,11 @@ class ProblemLine(StatusButton):
 
 
 class ProblemCard(QWidget):
-    """One problem, which ``alarm`` made of it, or somebody's answer."""
+    """Popup of one notification: a problem, or an alarm made from it."""
 
     accessible_role = QAccessible.Role.AlertMessage
 
-    dismissed = Signal(object)  # the card itself
+    dismissed = Signal(object)  # this popup
     opened = Signal(object)
 
     def __init__(self, theme: Theme, problem: Problem, parent: QWidget, alarm: Alarm | None = None) -> None:
@@ -262,7 +263,7 @@ class ProblemCard(QWidget):
         self.start_going_away()
 
     def fold(self, folded: bool) -> None:
-        """Only what it is called; the rest is in its tip, and a click shows it."""
+        """Collapse to the title; the rest is in the tooltip, and a click expands it."""
         if folded != self._only_called:
             self._only_called = folded
             self._style()

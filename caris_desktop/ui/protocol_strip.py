@@ -1,4 +1,4 @@
-"""The protocol in one line: where the wizard is in it, how long that has taken, and how it goes on."""
+"""Protocol strip: current step, elapsed time, next step and branches in one line."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -27,7 +27,7 @@ from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.cut_label import CutLabel
 
 if TYPE_CHECKING:
-    # The window stands before anything of a session is read.
+    # Imported late: the window is shown before session files are read.
     from caris_desktop.recording.annotation.overview import SessionOverview
     from caris_desktop.recording.session.protocol import StepRecord
 
@@ -37,13 +37,13 @@ _GAP_PX, _SIDE_PX = 6, 8
 _SECOND_MS = 250
 _LEAST_PX, _NOTE_PX = 600, 160
 _MOST_INLINE_TICKS = 2
-# What gives way, in this order, where the window is narrow; the key caps and the present step never do.
+# Levels of shrinking in a narrow window, in this order; key caps and the current step always stay.
 _FULL, _NO_NOTE, _TICKS_COUNTED, _NEXT_SHORT, _ACTS_SHORT, _BRANCH_SHORT, _ALL_SHORT = range(7)
 
 
 class ProtocolStrip(Bar, QWidget):
-    """Hidden where the scenario has no protocol. In a replay it shows where the wizard was then, and how long each step
-    took in the whole session; ``moment_wanted`` is when a step began that was clicked there.
+    """Protocol strip, hidden if the scenario has no protocol. In a replay it shows the step at that time and the
+    duration of each step in the session; ``moment_wanted`` is the start time of a clicked step.
     """
 
     accessible_role = QAccessible.Role.Grouping
@@ -110,7 +110,7 @@ class ProtocolStrip(Bar, QWidget):
             button.bind(self._actions, action_id)
         return button
 
-    # What is on show
+    # Display
 
     @property
     def status(self) -> ProtocolStatus:
@@ -122,7 +122,7 @@ class ProtocolStrip(Bar, QWidget):
         return present_step(self._console.scenario, self._console.state)
 
     def show_replay(self, overview: LiveValue) -> None:
-        """Only where the wizard was; there is nothing to go on with. ``overview`` as in ReplayControls."""
+        """Show a replay, without controls. ``overview`` as in ReplayControls."""
         self._replay = True
         overview.changed.connect(self._on_overview)
         self._on_overview(overview.value)
@@ -132,7 +132,7 @@ class ProtocolStrip(Bar, QWidget):
         self.refresh()
 
     def refresh(self) -> None:
-        """As scenario and state are now."""
+        """Update from scenario and state."""
         steps = self._console.scenario.protocol.steps
         if not steps:
             self.hide()
@@ -153,7 +153,7 @@ class ProtocolStrip(Bar, QWidget):
             self._clock.start()
 
     def shown_steps(self) -> list[ShownStep]:
-        """Every step as it is now."""
+        """All steps in their current state."""
         status, now_ns = self.status, self._console.state.present.now_ns()
         present: StepState = "late" if is_late(status, now_ns) else "now"
         return [
@@ -217,13 +217,13 @@ class ProtocolStrip(Bar, QWidget):
             for branch in step.branches
         ]
 
-    # Ticks
+    # Checklist
 
     def _ticks_now(self, step: ProtocolStep | None) -> list[tuple[str, bool]]:
         return [] if step is None else [(item, item in self.status.ticked) for item in step.tick]
 
     def _show_ticks(self, step: ProtocolStep | None) -> None:
-        """Few of them stand in the line where there is room."""
+        """Show a short checklist in the strip itself if there is room."""
         ticks = self._ticks_now(step)
         inline = ticks if len(ticks) <= _MOST_INLINE_TICKS else []
         if [box.text() for box in self._ticks] != [item for item, _ in inline]:
@@ -249,7 +249,7 @@ class ProtocolStrip(Bar, QWidget):
         self._console.do(intents.TickItem(item, on))
         self._show_ticks(self._step)
 
-    # What is done
+    # Commands
 
     def _go_to(self, step_id: str) -> None:
         record = self._records.get(step_id)
@@ -259,7 +259,7 @@ class ProtocolStrip(Bar, QWidget):
             self.moment_wanted.emit(record.first_ns)
 
     def choose_branch(self) -> None:
-        """The only branch at once; of several the one whose digit comes next, or that is clicked."""
+        """Take the only branch at once; of several, the one whose digit follows or that is clicked."""
         step = self._step
         if step is None or not step.branches:
             return
@@ -289,7 +289,7 @@ class ProtocolStrip(Bar, QWidget):
             self._console.do(intents.TakeBranch(step.branches[number - 1].title))
 
     def show_steps(self) -> None:
-        """Open the list of all steps; the next key may say which one begins."""
+        """Open the list of all steps; the next digit may select one."""
         if self._steps_card is not None:
             self._steps_card.hide()
         self._asks_for_step = True
@@ -337,12 +337,12 @@ class ProtocolStrip(Bar, QWidget):
         return step.time if record is None else record_words(record)
 
     def put_away(self) -> None:
-        """Whatever is open below the strip."""
+        """Close the popups below the strip."""
         for card in (self._branches_card, self._steps_card):
             if card is not None:
                 card.hide()
 
-    # How it looks
+    # Layout and style
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -367,7 +367,7 @@ class ProtocolStrip(Bar, QWidget):
         self._ticked.setVisible(step is not None and bool(step.tick) and not inline)
 
     def _needed_px(self, level: int) -> int:
-        """How wide the line has to be while so much gives way."""
+        """Minimum width of the strip at this level of shrinking."""
         step = self._step
         widths = [self.pills.present_px]
         if self._note.text() and level < _NO_NOTE:
@@ -379,7 +379,7 @@ class ProtocolStrip(Bar, QWidget):
         return sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX
 
     def _words(self, level: int) -> dict[ActionButton, str]:
-        """What stands on the buttons while so much gives way."""
+        """Button texts at this level of shrinking."""
         step = self._step
         return {
             self._say: "" if level >= _ACTS_SHORT else tr("Say it"),

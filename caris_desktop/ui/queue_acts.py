@@ -1,4 +1,4 @@
-"""What the keys of the list of what is said next ask for, about the one that is chosen there."""
+"""Intents of the speech queue's keys for the selected utterance."""
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
@@ -15,7 +15,7 @@ def cancel_queued(_scenario: Scenario, state: LiveState, _argument: None) -> Int
 
 @gives(intents.MoveQueued)
 def move_queued(_scenario: Scenario, state: LiveState, step: int) -> Intent | None:
-    """One place later (1) or earlier (-1)."""
+    """Move one position later (1) or earlier (-1)."""
     chosen, waiting = state.chosen_utterance.value, _waiting(state)
     if chosen not in waiting:
         return None

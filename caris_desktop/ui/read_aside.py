@@ -1,4 +1,4 @@
-"""What a part of the window wants to know of files: read in another thread, and told as long as that part is there."""
+"""Reading files in the background for widgets; the result is dropped if the widget is gone."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
@@ -19,7 +19,7 @@ def read_for(
     done: Callable[[T], None],
     failed: Callable[[ToldFailure], None] | None = None,
 ) -> None:
-    """As :meth:`WizardConsole.read_aside`, but nothing is told where ``part`` has gone meanwhile."""
+    """Like :meth:`WizardConsole.read_aside`, but without callback if ``part`` was deleted meanwhile."""
 
     def tell(found: T) -> None:
         if shiboken6.isValid(part):
@@ -33,15 +33,15 @@ def read_for(
 
 
 class Remembered(QObject):
-    """The list that files gave when they were last read. Whoever asks gets that at once, and has them read anew.
+    """Cached list read from files. Each access returns the cached value and starts a refresh.
 
-    ``changed`` comes where they say something else by now.
+    ``changed`` follows if the files have changed.
     """
 
     changed = Signal()
 
     def __init__(self, console: WizardConsole, read: Callable[[], Sequence[Any]], parent: QObject) -> None:
-        """It is empty until they were read once."""
+        """Start empty; the first access reads the files."""
         super().__init__(parent)
         self._console = console
         self._read = read
@@ -53,7 +53,7 @@ class Remembered(QObject):
         return self._known
 
     def renew(self) -> None:
-        """Have them read, unless that is under way: a disk that does not answer is asked once."""
+        """Read again, unless a read is under way: an unresponsive disk is queried once."""
         if not self._reading:
             self._reading = True
             read_for(self, self._console, self._read, self._on_read, self._on_failed)
@@ -65,4 +65,4 @@ class Remembered(QObject):
             self.changed.emit()
 
     def _on_failed(self, _failure: ToldFailure) -> None:
-        self._reading = False  # the log tells; what was known holds
+        self._reading = False  # logged; the cached value stays

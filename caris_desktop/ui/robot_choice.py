@@ -1,4 +1,4 @@
-"""Which robot to connect to: asks first where another one ends something, and looks for robots without a profile."""
+"""Robot selection: connects another robot, after confirmation if that ends something, and opens robot discovery."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -18,12 +18,12 @@ from caris_desktop.ui.read_aside import Remembered
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.words import UNDER_WAY, in_menu, shortened
 
-if TYPE_CHECKING:  # imported when it is first opened
+if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.robot_dialog import RobotDialog, RobotExplorer
 
 
 def motion_that_ends(state: LiveState) -> list[str]:
-    """What moves the robot now and would end with its link."""
+    """Motions that would end with the current link, as sentences."""
     drive: DriveStatus = state.drive.value
     goal: GoalChanged | None = state.goal.value
     present = shortened(state.link.value.robot, 40) or tr("The present robot")
@@ -36,7 +36,7 @@ def motion_that_ends(state: LiveState) -> list[str]:
 
 
 class RobotChooser(QObject):
-    """Connects to another robot. Robots without a profile can be looked for once there is an explorer."""
+    """Connects another robot. Discovery of robots without a profile needs an explorer."""
 
     def __init__(self, theme: Theme, console: WizardConsole, question: QuestionBand, window: QWidget) -> None:
         super().__init__(window)
@@ -53,7 +53,7 @@ class RobotChooser(QObject):
 
     @property
     def can_look(self) -> bool:
-        """Whether robots without a profile can be looked for."""
+        """Whether discovery is available."""
         return self._explorer is not None
 
     @property
@@ -61,11 +61,11 @@ class RobotChooser(QObject):
         return self._dialog is not None
 
     def use_explorer(self, explorer: "RobotExplorer") -> None:
-        """Let the wizard look for robots and save profiles of them."""
+        """Enable robot discovery and saving profiles."""
         self._explorer = explorer
 
     def choose(self, choice: RobotChoice) -> None:
-        """Connect to another robot; asks first where that ends something."""
+        """Connect another robot, after confirmation if that ends something."""
         ends = self._what_ends()
         if not ends:
             self._use(choice)
@@ -80,11 +80,11 @@ class RobotChooser(QObject):
         return lambda: self.choose(choice)
 
     def others(self) -> list[RobotChoice]:
-        """The robots that can be connected to instead of the present one."""
+        """Robots to which the console can switch."""
         return [choice for choice in self.choices.now() if not self._is_current(choice) and not choice.problem]
 
     def fill_menu(self, menu: QMenu) -> None:
-        """A line for each robot, and one to look for others."""
+        """Fill the menu with the robots and an entry for discovery."""
         menu.clear()
         menu.setToolTipsVisible(True)
         group = QActionGroup(menu)
@@ -102,7 +102,7 @@ class RobotChooser(QObject):
             menu.addAction(tr("Connect another robot…")).triggered.connect(self.open_dialog)
 
     def open_dialog(self) -> None:
-        """Look at a robot that has no profile yet. One dialog at a time."""
+        """Open the discovery dialog. One at a time."""
         if self._explorer is None:
             return
         from caris_desktop.ui.robot_dialog import RobotDialog
@@ -118,7 +118,7 @@ class RobotChooser(QObject):
         self._dialog.show()
 
     def _on_saved(self, choice: RobotChoice) -> None:
-        self.choices.renew()  # whoever shows the list has the new one in it
+        self.choices.renew()  # an open list gets the new profile
         self.choose(choice)
 
     def _on_dialog_finished(self, _result: int) -> None:
@@ -127,7 +127,7 @@ class RobotChooser(QObject):
         self._dialog = None
 
     def _use(self, choice: RobotChoice) -> None:
-        # A profile that was refused has told why.
+        # Opening a refused profile has reported the reason.
         self._console.do(intents.UseRobot(choice.name))
 
     def _what_ends(self) -> str:

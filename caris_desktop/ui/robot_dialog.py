@@ -1,4 +1,4 @@
-"""Connecting a robot that has no profile yet: look what it offers, map it, listen to it, give it a name."""
+"""Robot discovery dialog: find topics, map them, check their streams, save a profile."""
 
 import logging
 from collections.abc import Callable
@@ -42,7 +42,7 @@ from caris_desktop.ui.widgets.cut_label import CutLabel
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.scrolled import Scrolled
 
-if TYPE_CHECKING:  # its sockets cost a quarter of a second, on the way to the first window
+if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the first window
     from caris_desktop.robot.explore import Exploration, StreamCheck
 
 logger = logging.getLogger(__name__)
@@ -51,9 +51,9 @@ _USUAL_PORT = 9090
 
 
 class RobotExplorer(Protocol):
-    """Looks at robots, away from the GUI thread. GUI thread only; every call returns at once.
+    """Robot discovery outside the GUI thread. Call from the GUI thread; every call returns at once.
 
-    The callbacks come later, in the GUI thread. ``cancel`` drops what is under way: its callbacks do not come.
+    Callbacks follow in the GUI thread. ``cancel`` aborts the current operation without callback.
     """
 
     def explore(
@@ -64,7 +64,7 @@ class RobotExplorer(Protocol):
         progress: Callable[[str], None],
         done: "Callable[[Exploration | ToldFailure], None]",
     ) -> None:
-        """Ask what the robot at ``address`` has. ``progress`` gets a few words for each step."""
+        """Query topics, services and actions of the robot at ``address``. ``progress`` gets a short text per step."""
 
     def check(
         self,
@@ -73,19 +73,19 @@ class RobotExplorer(Protocol):
         progress: "Callable[[StreamCheck], None]",
         done: "Callable[[tuple[StreamCheck, ...] | ToldFailure], None]",
     ) -> None:
-        """Listen to everything that the profile names; ``progress`` gets each line as soon as it is known."""
+        """Check all streams of the profile; ``progress`` gets each result as it arrives."""
 
     def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | ToldFailure], None]) -> None:
-        """Keep the profile among the wizard's own under ``title``; an existing one is never overwritten."""
+        """Save the profile as one of the user's under ``title``; an existing one is never overwritten."""
 
     def read(self, name: str, *, done: Callable[[RobotProfile | ToldFailure], None]) -> None:
-        """Read the profile of that name."""
+        """Load the profile of that name."""
 
     def cancel(self) -> None: ...
 
 
 def offer_lines(offer: RobotOffer) -> list[str]:
-    """Everything that the robot has, one a line: kind, name, type."""
+    """Everything the robot offers, one per line: kind, name, type."""
     return [
         f"{kind}   {name}   {found_type}".rstrip()
         for kind, names in (("topic", offer.topics), ("service", offer.services), ("action", offer.actions))
@@ -94,17 +94,17 @@ def offer_lines(offer: RobotOffer) -> list[str]:
 
 
 def with_usual_port(address: str) -> str:
-    """The address with the port that rosbridge has unless set otherwise, where it names none."""
+    """The address with rosbridge's default port, if it has none."""
     try:
         parts = urlsplit(address)
         alone = bool(parts.hostname) and parts.port is None and not parts.netloc.endswith(":")
-    except ValueError:  # what is wrong with it is told by the check of the address
+    except ValueError:  # the address check reports the error
         return address
     return parts._replace(netloc=f"{parts.netloc}:{_USUAL_PORT}").geturl() if alone else address
 
 
 class RobotDialog(TabAsRead, QDialog):
-    """Not modal: the robot that is connected can be driven and stopped meanwhile. ``saved(RobotChoice)`` at its end."""
+    """Non-modal: the connected robot can be driven and stopped meanwhile. Ends with ``saved(RobotChoice)``."""
 
     saved = Signal(object)
 
@@ -290,10 +290,10 @@ class RobotDialog(TabAsRead, QDialog):
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(foot)
 
-    # ---- what the wizard does
+    # ---- commands
 
     def look(self) -> None:
-        """Ask the robot at the address what it has."""
+        """Query the robot at the address."""
         if self._busy:
             return
         address = self.address_field.text().strip()
@@ -312,7 +312,7 @@ class RobotDialog(TabAsRead, QDialog):
         )
 
     def check(self) -> None:
-        """Listen to everything that the mapping names."""
+        """Check all streams of the mapping."""
         self._with_profile(self._check_it)
 
     def _check_it(self, profile: RobotProfile) -> None:
@@ -348,8 +348,8 @@ class RobotDialog(TabAsRead, QDialog):
         )
 
     def _with_profile(self, use: Callable[[RobotProfile], None]) -> None:
-        """Have ``use`` called with the profile as chosen now, once anything was found; that of another robot is read
-        before.
+        """Call ``use`` with the profile as edited now, after a successful query; another robot's profile is loaded
+        first.
         """
         if self._busy or self._found is None:
             return
@@ -370,7 +370,7 @@ class RobotDialog(TabAsRead, QDialog):
         self._set_busy(tr("Reading its profile"))
         self._explorer.read(known, done=read)
 
-    # ---- what the explorer tells
+    # ---- explorer callbacks
 
     def _on_progress(self, step: str) -> None:
         self._note.show_note("blue", "hourglass", f"{tr(step)}…")
@@ -457,7 +457,7 @@ class RobotDialog(TabAsRead, QDialog):
         told = " ".join(map(tr, (failure.what, failure.meaning, failure.advice)))
         self._note.show_note("red", "warning-octagon", told)
 
-    # ---- what is on show
+    # ---- display
 
     def _on_address_changed(self, _text: str) -> None:
         if self._busy:
@@ -498,7 +498,7 @@ class RobotDialog(TabAsRead, QDialog):
     def _show_proposal(self, proposal: Proposal) -> None:
         self._clear_rows()
         if not self.start_from.currentData():
-            # What the robot has nothing for comes last.
+            # Fields without candidates come last.
             ordered = sorted(proposal.fields, key=lambda field: not field.candidates)
             for field in ordered:
                 row = self._rows[field.field] = MappingRow(self._theme, field.field, field.label, field)

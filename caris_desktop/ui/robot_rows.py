@@ -1,4 +1,4 @@
-"""Lines of the robot dialog: which of the robot's names does what, how that comes, and a note."""
+"""Rows of the robot dialog: function, ROS name, stream check and note."""
 
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.drop_down import DropDown
 
-if TYPE_CHECKING:  # its sockets cost a quarter of a second, on the way to the first window
+if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the first window
     from caris_desktop.robot.explore import StreamCheck
 
 NOT_USED = QT_TR_NOOP("– not used –")
@@ -28,9 +28,9 @@ _SHORT_LIST = 12
 
 
 def rate_words(check: "StreamCheck") -> str:
-    """comes, 10.0 Hz, 0.1 s old · 720 beams over 360 degrees."""
+    """Text of a stream check, such as "comes, 10.0 Hz, 0.1 s old · 720 beams over 360 degrees"."""
     if check.detail and check.age_s is None:
-        return tr(check.detail)  # nothing was counted, so the sentence says it all
+        return tr(check.detail)  # nothing was counted: the sentence is complete
     parts = [tr(_CHECK_LOOKS[check.state][2])]
     if check.rate_hz is not None:
         parts.append(f"{check.rate_hz:.1f} Hz")
@@ -41,7 +41,7 @@ def rate_words(check: "StreamCheck") -> str:
 
 
 class NoteLine(QWidget):
-    """One message with its icon; as tall as its words need."""
+    """Message with its icon; height follows the text."""
 
     accessible_role = QAccessible.Role.StaticText
 
@@ -79,7 +79,7 @@ class NoteLine(QWidget):
 
 
 class MappingRow(QWidget):
-    """What a thing is for, which of the robot's names does it, and how that comes."""
+    """Mapping of one function to a ROS name, with the stream check."""
 
     def __init__(
         self, theme: Theme, field: str, label: str, proposal: FieldProposal | None, *, topic: str = ""
@@ -125,7 +125,7 @@ class MappingRow(QWidget):
 
     @property
     def value(self) -> str:
-        """The chosen name; empty for none."""
+        """Selected ROS name; empty for none."""
         return str(self.box.currentData() or "")
 
     @property

@@ -1,4 +1,4 @@
-"""A scenario that came as one file has names that something else has: what is to become of each, and what differs."""
+"""Import conflict dialog: names in an imported scenario that already exist, with differences and a choice for each."""
 
 import difflib
 from collections.abc import Callable
@@ -36,7 +36,7 @@ _LONGEST_NAME = 60
 
 
 class SameNamesDialog(TabAsRead, QDialog):
-    """Not modal: the robot can be driven and stopped meanwhile. ``decide`` gets what was chosen for each name."""
+    """Non-modal: the robot can be driven and stopped meanwhile. ``decide`` gets the choice for each name."""
 
     def __init__(
         self, theme: Theme, parent: QWidget, question: ImportQuestion, decide: Callable[[tuple[SameName, ...]], None]
@@ -98,7 +98,7 @@ class SameNamesDialog(TabAsRead, QDialog):
 
 
 class _Part(QWidget):
-    """One name: keep both, or replace what is there; and what differs."""
+    """One conflict: keep both or replace, with the differences."""
 
     def __init__(self, theme: Theme, conflict: NameConflict, changed: Callable[[], None]) -> None:
         super().__init__()
@@ -158,7 +158,7 @@ class _Part(QWidget):
 
     @property
     def refusal(self) -> str:
-        """Why that cannot be; empty where it can. Whether the name is free is seen when it is imported."""
+        """Reason why the new name is invalid; empty if valid. Whether it is free is checked on import."""
         if self._replaces:
             return ""
         name = self.name.text().strip()
@@ -169,7 +169,8 @@ class _Part(QWidget):
         return ""
 
     def _show_differences(self) -> None:
-        from caris_desktop.ui.scenario_editor.preview import difference_words  # which the first window does without
+        # Imported late: the first window does not need it.
+        from caris_desktop.ui.scenario_editor.preview import difference_words
 
         conflict = self._conflict
         said = []

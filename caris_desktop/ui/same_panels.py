@@ -1,4 +1,4 @@
-"""What changes in the window when another scenario is opened."""
+"""Decision whether a changed scenario needs its panels rebuilt."""
 
 from dataclasses import replace
 
@@ -7,9 +7,9 @@ from caris_desktop.ui.layout.tree import panels_in
 
 
 def same_panels(before: Scenario, after: Scenario, arranged: LayoutNode | None) -> bool:
-    """Whether no panel has to be built anew, so that what is typed and not yet said stays.
+    """Whether no panel needs a rebuild, so that text being typed is not lost.
 
-    So it is where only a place was saved or removed (panels follow ``state.places``), or the present arrangement.
+    True if only a place was saved or removed (panels follow ``state.places``), or the current layout was saved.
     """
     return _only_other_places(before, after) or _only_saves_the_layout(before, after, arranged)
 

@@ -1,4 +1,4 @@
-"""Opens the window in which the scenario is edited, and asks before what was changed in it goes."""
+"""Scenario editor window: opens it, and confirms before unsaved changes are lost."""
 
 import logging
 from functools import partial
@@ -15,7 +15,7 @@ from caris_desktop.ui.read_aside import read_for
 from caris_desktop.ui.session_windows import bring_up
 from caris_desktop.ui.theme import Theme
 
-if TYPE_CHECKING:  # imported when it is first opened
+if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.scenario_editor.opened import Opened
     from caris_desktop.ui.scenario_editor.window import ScenarioEditor
 
@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 
 class ScenarioEditorWindow(QObject):
-    """One editor beside ``window``. It is not modal: the robot can be driven and stopped meanwhile."""
+    """One scenario editor owned by ``window``. Non-modal: the robot can be driven and stopped meanwhile."""
 
     def __init__(self, theme: Theme, console: WizardConsole, window: QWidget) -> None:
         super().__init__(window)
@@ -38,8 +38,8 @@ class ScenarioEditorWindow(QObject):
         return self._editor
 
     def open(self) -> None:
-        """Edit the scenario in force. An editor that is open already comes to the front with what is in it; one of
-        another scenario gives way, once it was asked what becomes of changes in it.
+        """Edit the current scenario. An open editor is raised with its contents; one of another scenario is closed,
+        after a question about unsaved changes.
         """
         from caris_desktop.ui.scenario_editor.opened import opened_as_form
 
@@ -65,7 +65,7 @@ class ScenarioEditorWindow(QObject):
         from caris_desktop.ui.scenario_editor.window import ScenarioEditor
 
         if not self._opening:
-            return  # the window closes
+            return  # the window is closing
         self._opening = False
         opened, problem = found
         self._editor = ScenarioEditor(self._theme, self._console, opened, self._window)
@@ -79,7 +79,7 @@ class ScenarioEditorWindow(QObject):
         _log.error("the scenario does not open for editing: %s", failure)
 
     def asks_first(self, *, by_a_person: bool) -> bool:
-        """Whether a person closes the main window, and is now asked about what was changed here and not saved."""
+        """Whether a person closes the main window and is now asked about unsaved changes."""
         if self._editor is None or not by_a_person or not self._editor.unsaved:
             return False
         bring_up(self._editor)

@@ -1,4 +1,4 @@
-"""Scenarios as one file: which to import, and where to write the one in force. The console does it."""
+"""Import and export of scenarios as one file: file dialogs and questions. The console does the work."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from caris_desktop.ui.theme import Theme
 
 
 class ScenarioFiles:
-    """Its dialogs are not modal and our own: a system's file dialog would take the keys that stop the robot."""
+    """Non-modal Qt dialogs: a system file dialog would take the keys that stop the robot."""
 
     def __init__(self, console: WizardConsole, window: QWidget, theme: Theme) -> None:
         self._console = console
@@ -31,10 +31,11 @@ class ScenarioFiles:
         dialog.show()
 
     def _ask(self, question: ImportQuestion | None) -> None:
-        """Names are taken: what is to become of each? Cancel changes nothing."""
+        """Ask about name conflicts. Cancel changes nothing."""
         if question is None:
             return
-        from caris_desktop.ui.same_names_dialog import SameNamesDialog  # which the first window does without
+        # Imported late: the first window does not need it.
+        from caris_desktop.ui.same_names_dialog import SameNamesDialog
 
         def decide(decided: tuple[intents.SameName, ...]) -> None:
             self._console.do(intents.ImportScenario(question.path, decided))
@@ -42,13 +43,14 @@ class ScenarioFiles:
         SameNamesDialog(self._theme, self._window, question, decide).show()
 
     def _ask_to_confirm(self, question: FileQuestion | None) -> None:
-        """What a file names is listed. Nothing of the file is used before a yes; closing the dialog is a no."""
+        """List the references of a file. Nothing in the file is used before a yes; closing the dialog means no."""
         if self._shown_question is not None:
             shown, self._shown_question = self._shown_question, None
             shown.close()
         if question is None:
             return
-        from caris_desktop.ui.confirm_file_dialog import ConfirmFileDialog  # which the first window does without
+        # Imported late: the first window does not need it.
+        from caris_desktop.ui.confirm_file_dialog import ConfirmFileDialog
 
         def answer(accepted: bool) -> None:
             self._shown_question = None

@@ -1,4 +1,4 @@
-"""Where a search found its words: whose session, when in it, who, and the words around."""
+"""Search results over sessions: session, time, speaker and excerpt."""
 
 import re
 from pathlib import Path
@@ -19,10 +19,10 @@ _HIT_ROLE = int(Qt.ItemDataRole.UserRole)
 
 
 class HitsModel(QAbstractListModel):
-    """Where the text was found; more of it as somebody scrolls there."""
+    """Search results; more are fetched on scrolling."""
 
     more_wanted = Signal(int)
-    """So many places are to be shown."""
+    """New number of results to show."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -33,7 +33,7 @@ class HitsModel(QAbstractListModel):
 
     def show_hits(self, status: LibraryStatus) -> None:
         if status.updating and status.hits == self._hits:
-            return  # those of the search before, until there are others
+            return  # former results stay until new ones arrive
         self._places, self._wanted = status.places, status.query.places
         if self._hits and len(status.hits) > len(self._hits) and status.hits[: len(self._hits)] == self._hits:
             self.beginInsertRows(QModelIndex(), len(self._hits), len(status.hits) - 1)
@@ -101,7 +101,7 @@ def kind_words(kind: str) -> str:
 
 
 class HitDelegate(QStyledItemDelegate):
-    """Whose session, when in it, who, and the words around what was searched, which stands out."""
+    """Result row: session, time, speaker, and excerpt with highlighted matches."""
 
     _WHOSE_PX, _TIME_PX, _KIND_PX = 170, 62, 100
 
@@ -161,7 +161,7 @@ class HitDelegate(QStyledItemDelegate):
 
 
 def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]]:
-    """The text cut where a searched word begins and ends."""
+    """The text split at the boundaries of the searched words."""
     if pattern is None:
         return [(text, False)]
     pieces, at = [], 0
@@ -176,7 +176,7 @@ def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]
 
 
 class HitList(QListView):
-    """Enter chooses."""
+    """List view in which Enter chooses."""
 
     chosen = Signal()
 

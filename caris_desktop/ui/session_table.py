@@ -1,4 +1,4 @@
-"""The list of sessions as a table: its columns, what they say of a session, and the order of the rows."""
+"""Session table: columns, cell texts and sort order."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ _ROW_PX = 36
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of the list: its title, what it says of a session, and what it is sorted by."""
+    """Column of the session table: title, cell text and sort key."""
 
     title: str
     text: Callable[[SessionEntry], str]
@@ -35,7 +35,7 @@ _PURPOSES = {"practice": QT_TR_NOOP("Practice")}
 
 
 def local_time(started_utc: str) -> str:
-    """2026-11-21 14:02, in the time of this computer; the text as it is where it is no time."""
+    """Local time as 2026-11-21 14:02; anything else unchanged."""
     try:
         return f"{datetime.fromisoformat(started_utc).astimezone():%Y-%m-%d %H:%M}"
     except ValueError:
@@ -43,12 +43,12 @@ def local_time(started_utc: str) -> str:
 
 
 def purpose_title(purpose: str) -> str:
-    """What a session is for; what the program does not know of stays as it was written."""
+    """Title of a session's purpose; an unknown purpose unchanged."""
     return tr(_PURPOSES[purpose]) if purpose in _PURPOSES else purpose
 
 
 def state_words(entry: SessionEntry) -> str:
-    """Whether the session is whole and counts, and what went wrong in it."""
+    """Completeness of the session, its purpose and problems."""
     whole = tr("Copy") if entry.copy_of else tr("Complete")
     lost = tr("Incomplete") if entry.losses else whole
     parts = [lost if entry.closed_properly else tr("Ended unexpectedly")]
@@ -60,13 +60,13 @@ def state_words(entry: SessionEntry) -> str:
 
 
 def lacks_words(entry: SessionEntry) -> str:
-    """What a session lacks, and that it is a copy of another one; empty for most."""
+    """Missing data of a session, and whether it is a copy; usually empty."""
     copy = tr("This is a copy of {session}: it counts once.").format(session=entry.copy_of) if entry.copy_of else ""
     return " ".join((copy, *map(tr, entry.losses))).strip()
 
 
 def natural_order(text: str) -> tuple[tuple[int, int, str], ...]:
-    """P7 before P12."""
+    """Natural sort key: P7 before P12."""
     parts = re.findall(r"\d+|\D+", text.casefold())
     return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts)
 
@@ -101,7 +101,7 @@ COLUMNS: tuple[Column, ...] = (
 
 
 class SessionsModel(QAbstractTableModel):
-    """The sessions as rows, sorted by one column."""
+    """Sessions as rows, sorted by one column."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
         super().__init__(parent)
@@ -174,7 +174,7 @@ def _warning_icon(theme: Theme) -> QIcon:
 
 
 class SessionTable(QTableView):
-    """Whole rows, several at once; Enter chooses."""
+    """Table view with selection of whole rows; Enter chooses."""
 
     chosen = Signal()
 
@@ -190,7 +190,7 @@ class SessionTable(QTableView):
         self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
         self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
         self.verticalHeader().hide()
-        # One height for all: Qt need not ask 500 rows for theirs.
+        # Fixed row height: Qt need not measure 500 rows.
         self.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
         self.verticalHeader().setDefaultSectionSize(_ROW_PX)
         header = self.horizontalHeader()
@@ -200,7 +200,7 @@ class SessionTable(QTableView):
 
     def focusInEvent(self, event: QFocusEvent) -> None:
         super().focusInEvent(event)
-        # Qt makes the first row the current one, which nobody sees, and goes on from there.
+        # Qt makes the first row current without showing it, and moves on from there.
         chosen = self.selectionModel().hasSelection()
         if event.reason() != Qt.FocusReason.MouseFocusReason and not chosen and self.currentIndex().isValid():
             self.selectRow(self.currentIndex().row())

@@ -1,4 +1,4 @@
-"""The windows about sessions: the dialog before a recording, the list of all sessions, the export."""
+"""Session windows: start dialog, session list, export dialog."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,7 +18,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import WINDOW_FRAME
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
-if TYPE_CHECKING:  # imported when they are first opened
+if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.export_dialog import ExportDialog
     from caris_desktop.ui.sessions_window import SessionsWindow
     from caris_desktop.ui.start_dialog import StartDialog
@@ -28,9 +28,9 @@ _LEAST_HEIGHT_PX, _BELOW_RED_PX = 480, 8
 
 
 class SessionWindows(QObject):
-    """Opens them beside ``window``, one of each; all but the first need a library."""
+    """Opens these windows, one of each, owned by ``window``; all but the first need a library."""
 
-    begun = Signal(object)  # TrialDetails, of the recording that is being started
+    begun = Signal(object)  # TrialDetails of the recording being started
     recent_changed = Signal()
 
     def __init__(self, theme: Theme, console: WizardConsole, wizards: WizardProfiles, window: QWidget) -> None:
@@ -58,7 +58,7 @@ class SessionWindows(QObject):
         library.found.changed.connect(self._on_found)
 
     def look_for_recent(self) -> None:
-        """Bring ``recent`` up to date in the background: once after each recording, and never during one."""
+        """Refresh ``recent`` in the background: once after each recording, never during one."""
         recording = self._console.state.recording.value.state in IN_SESSION
         shown = self._sessions is not None and self._sessions.isVisible()
         if self._library is not None and not (self._looked or recording or shown):
@@ -72,12 +72,12 @@ class SessionWindows(QObject):
             self.recent_changed.emit()
 
     def open_replay(self, folder: Path) -> None:
-        """In a window of its own."""
+        """Open the replay in a window of its own."""
         if self._library is not None:
             self._library.open_replay(folder)
 
     def open(self, name: str) -> None:
-        """What a panel asks for, a WindowName."""
+        """Open a window that a panel requested, by WindowName."""
         match name:
             case "start":
                 self.open_start_dialog()
@@ -87,12 +87,12 @@ class SessionWindows(QObject):
                 self.open_sessions()
 
     def open_start_dialog(self) -> None:
-        """Ask who takes part, then start recording. One dialog at a time."""
+        """Open the start dialog, which then starts recording. One at a time."""
         if self._start is not None:
             self._start.raise_()
             return
         if self._console.state.going_on.value.unconfirmed:
-            # It is refused, and why, before anybody fills anything in.
+            # The refusal comes before anything is filled in.
             self._console.do(intents.StartRecording(TrialDetails()))
             return
         from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, last_details
@@ -117,7 +117,7 @@ class SessionWindows(QObject):
         console.look_before_recording(know)
 
     def record_next_part(self) -> None:
-        """Ask as before each recording, with the trial of the last one filled in."""
+        """Open the start dialog with the last trial filled in."""
         self.open_start_dialog()
         if self._start is not None:
             self._start.use_last_trial()
@@ -133,7 +133,7 @@ class SessionWindows(QObject):
         self._start = None
 
     def open_sessions(self) -> None:
-        """Show all sessions, in a window beside this one."""
+        """Open the session list in a window of its own."""
         if self._library is None:
             return
         from caris_desktop.ui.sessions_window import SessionsWindow
@@ -145,7 +145,7 @@ class SessionWindows(QObject):
         bring_up(self._sessions)
 
     def open_export(self, sessions: Sequence[Path]) -> None:
-        """Ask in which formats to write these sessions, in a window beside this one."""
+        """Open the export dialog for these sessions in a window of its own."""
         if self._library is None:
             return
         from caris_desktop.ui.export_dialog import ExportDialog
@@ -167,7 +167,7 @@ class SessionWindows(QObject):
                 window.close()
 
     def close_the_active_one(self) -> None:
-        """Who stops the robot from the main window keeps them."""
+        """Close the active one; a stop from the main window leaves them open."""
         for window in (self._export, self._sessions):
             if window is not None and window.isActiveWindow():
                 window.close()
@@ -179,11 +179,11 @@ class SessionWindows(QObject):
             return
         self._sessions.show_recording(status.folder if status.state in IN_SESSION else None)
         if status.state == "idle" and self._sessions.isVisible():
-            self._sessions.refresh()  # one more
+            self._sessions.refresh()  # includes the new session
 
 
 def _room_beside(parent: QWidget, room: QRect) -> QRect:
-    """Of the screen what is below the red button of that window, unless that is too little."""
+    """Screen area below that window's red button, unless too small."""
     red = parent.findChild(QWidget, "emergency_stop")
     below = QRect(room)
     below.setTop(room.top() + WINDOW_FRAME.height())
@@ -195,12 +195,10 @@ def _room_beside(parent: QWidget, room: QRect) -> QRect:
 
 
 def bring_up(window: QWidget) -> None:
-    """Show a window in the middle of the one that it belongs to, as far as the red button stays in sight, with the keys
-    in it.
-    """
+    """Show a window centred on its owner, without covering the red button, and focus it."""
     parent = window.parentWidget()
     if parent is not None and not window.isVisible():
-        # A window manager would put it into a corner.
+        # Window managers place it in a corner.
         room = _room_beside(parent, window.screen().availableGeometry())
         window.resize(window.size().boundedTo(room.size() - WINDOW_FRAME))
         place = QRect(QPoint(), window.size() + WINDOW_FRAME)

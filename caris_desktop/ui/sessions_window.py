@@ -1,4 +1,4 @@
-"""All sessions of the study: find them by what heads them or by what was said, replay and export them."""
+"""Session list: find sessions by header or spoken words, replay and export them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -48,7 +48,7 @@ _FILTERS = (
 
 
 class SessionsWindow(TabAsRead, QWidget):
-    """A window of its own that belongs to the main one. ``export_requested`` carries the chosen folders."""
+    """Window owned by the main window. ``export_requested`` carries the selected folders."""
 
     export_requested = Signal(object)  # list of folders
     closed = Signal()
@@ -159,7 +159,7 @@ class SessionsWindow(TabAsRead, QWidget):
         layout.addWidget(self._lacks)
         layout.addLayout(buttons)
 
-    # ---- finding
+    # ---- search
 
     @property
     def query(self) -> SessionQuery:
@@ -167,11 +167,11 @@ class SessionsWindow(TabAsRead, QWidget):
         return SessionQuery(" ".join(self.search.text().split()), **chosen)
 
     def refresh(self) -> None:
-        """Look again: sessions may have come."""
+        """Search again: there may be new sessions."""
         self._library.find(replace(self.query, places=self._places))
 
     def show_recording(self, folder: Path | None) -> None:
-        """Which session is being recorded now: it is whole only when that has ended."""
+        """Set the session being recorded now, which is complete only afterwards."""
         if folder != self.model.recording:
             self.model.recording = folder
             self.table.viewport().update()
@@ -199,7 +199,7 @@ class SessionsWindow(TabAsRead, QWidget):
 
     def _on_found(self, status: LibraryStatus) -> None:
         if status.sessions != self._shown:
-            # A list that is the same keeps its place, however often the index is looked through.
+            # An unchanged list keeps its scroll position, however often the index is read.
             self._shown = status.sessions
             chosen = {entry.folder for entry in self.selected()}
             self.model.show_entries(status.sessions)
@@ -226,7 +226,7 @@ class SessionsWindow(TabAsRead, QWidget):
             selection.setCurrentIndex(self.model.index(rows[0], 0), QItemSelectionModel.SelectionFlag.NoUpdate)
 
     def _learn(self, status: LibraryStatus) -> None:
-        """Offer every participant, condition, ... that has been seen, whatever is filtered now."""
+        """Add every participant, condition, ... seen so far to the filters."""
         for name, choice in self._filters.items():
             seen = {str(getattr(entry, name)) for entry in status.sessions} - {""}
             if not seen <= self._known[name]:
@@ -269,10 +269,10 @@ class SessionsWindow(TabAsRead, QWidget):
         self._empty.setVisible(bool(empty))
         self._place_empty()
 
-    # ---- what can be done
+    # ---- commands
 
     def selected(self) -> list[SessionEntry]:
-        """The chosen sessions, from the top."""
+        """Selected sessions, top to bottom."""
         rows = sorted(index.row() for index in self.table.selectionModel().selectedRows())
         return [self.model.entry(row) for row in rows]
 
@@ -314,7 +314,7 @@ class SessionsWindow(TabAsRead, QWidget):
         self._open_replay(hit.folder, hit.at_ns)
 
     def _on_hit_current(self, index: QModelIndex, _before: QModelIndex) -> None:
-        """The buttons act on the session that the hit is in."""
+        """Select the session of a result, so that the buttons apply to it."""
         if index.isValid():
             row = self.model.row_of(self.hits.hit(index.row()).folder)
             if row is not None:
@@ -335,7 +335,7 @@ class SessionsWindow(TabAsRead, QWidget):
         if len(chosen) == 1:
             QDesktopServices.openUrl(QUrl.fromLocalFile(str(chosen[0].folder)))
 
-    # ---- look
+    # ---- style
 
     def _style(self) -> None:
         self.table.setFont(self._theme.font(tokens.STATUS_PX + 1))

@@ -1,4 +1,4 @@
-"""The lines of the window's menu about sound: which microphones are used, and how loud the robot is heard."""
+"""Sound menu: microphones, and volume of the robot's microphone."""
 
 from collections.abc import Callable
 from dataclasses import field
@@ -21,7 +21,7 @@ _VOLUMES = (1.0, 0.7, 0.4, 0.2)
 
 @dataclass(frozen=True, slots=True)
 class SoundChoice:
-    """``title`` is what is chosen, ``text`` how; ``id`` is the same in every language."""
+    """Entry of the menu: ``title`` is the setting, ``text`` its value; ``id`` does not depend on language."""
 
     title: str
     text: str
@@ -31,7 +31,7 @@ class SoundChoice:
 
 
 def sound_choices(console: WizardConsole) -> list[SoundChoice]:
-    """Those of one title beside one another. What the scenario does not permit is not there."""
+    """Entries permitted by the scenario, grouped by title."""
     permissions, hears = console.scenario.permissions, console.scenario.sound.hear
     listens = permissions.audio_recording or permissions.transcription or hears
     choices: list[SoundChoice] = []
@@ -45,7 +45,7 @@ def sound_choices(console: WizardConsole) -> list[SoundChoice]:
 def _microphones(console: WizardConsole, title: str, role: Role, chosen: str | None) -> list[SoundChoice]:
     names: list[str | None] = [None, *dict.fromkeys(("", *console.microphones()))]
     if chosen not in names:
-        names.append(chosen)  # unplugged now, and still the one that was chosen
+        names.append(chosen)  # unplugged, but still the selected one
     return [
         SoundChoice(
             tr(title), tr("No microphone") if name is None else words.microphone(name),
@@ -74,7 +74,7 @@ def _percent(volume: float) -> str:
 
 
 class SoundMenu:
-    """What the scenario does not permit is not there."""
+    """Sound menu with the entries that the scenario permits."""
 
     def __init__(self, console: WizardConsole) -> None:
         self._console = console

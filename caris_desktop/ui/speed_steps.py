@@ -1,4 +1,4 @@
-"""The three speed settings that the window offers: fractions of the scenario's limits, and their names."""
+"""Three speed settings: names, and fractions of the scenario's limits."""
 
 from caris_desktop.domain.translation import QT_TR_NOOP
 
@@ -12,5 +12,5 @@ def step_at(fraction: float) -> int:
 
 
 def fraction_after(fraction: float, direction: int) -> float:
-    """The next step up (1) or down (-1); the same at the end."""
+    """The next step up (1) or down (-1); unchanged at the end."""
     return FRACTIONS[max(0, min(len(FRACTIONS) - 1, step_at(fraction) + direction))]

@@ -1,4 +1,4 @@
-"""The dialog before a recording: who takes part in what, and what will be kept. All of it may be left empty."""
+"""Start dialog of a recording: trial details and a summary of what will be recorded. All fields are optional."""
 
 from collections.abc import Sequence
 from dataclasses import field, replace
@@ -32,16 +32,15 @@ _FIELDS = (
 PRACTICE = QT_TR_NOOP("practice")
 _FORM_PX, _CHECKS_PX, _SIDE_PX = 560, 400, 24
 _WITH_CHECKS_PX, _CHECKS_BELOW_PX = 660, 320
-_FRAME_PX = QSize(16, 56)  # what the desktop puts around a dialog
+_FRAME_PX = QSize(16, 56)  # window decoration of the desktop
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingOffer:
-    """What the dialog tells and asks beside the details.
+    """Recording options shown in the dialog.
 
-    ``microphones`` are names of sound inputs, the
-    empty one for the system's default; ``microphone`` is the chosen one, None for none.
-    ``chooses_microphone`` is False where the participant is heard by none of this computer.
+    ``microphones``: names of sound inputs, empty for the system default; ``microphone``: the selected one, None for
+    none. ``chooses_microphone`` is False if no microphone of this computer records the participant.
     """
 
     permissions: Permissions = field(default_factory=Permissions)
@@ -52,7 +51,7 @@ class RecordingOffer:
 
 
 def last_details(suggested: TrialDetails, begun: TrialDetails | None) -> TrialDetails | None:
-    """The session before: the one begun in this run, else the one that a suggestion with a counted trial follows."""
+    """Details of the previous session: one of this run, else derived from the suggested trial number."""
     if begun is not None:
         return begun if begun.trial or begun.participant else None
     if suggested.trial.isdecimal() and int(suggested.trial) > 1:
@@ -69,7 +68,7 @@ _BLURRED = {
 
 
 def kept_words(permissions: Permissions, microphone: str | None, blur: BlurSettings) -> str:
-    """What a recording will hold and what not, in one sentence."""
+    """Sentence on what a recording will contain and omit."""
     who_is_blurred = _BLURRED.get((blur.what, blur.who), "")
     blurred = tr(who_is_blurred)
     kept = [tr("what the robot does and measures"), tr("what is said"), tr("your actions")]
@@ -91,12 +90,12 @@ def _listed(parts: Sequence[str], several: str) -> str:
 
 
 class StartDialog(TabAsRead, QDialog):
-    """``begin(TrialDetails, bool)`` once the wizard starts, with empty details after Skip; True where they were asked
-    about checks that are open, and start nevertheless.
+    """Emits ``begin(TrialDetails, bool)`` to start, with empty details after Skip; True if the wizard starts in spite
+    of open checks.
 
-    It opens before the disk has told how it begins; :meth:`know` says it, whatever was typed meanwhile stays, and who
-    starts before that is taken at their word as soon as it is known.
-    ``microphone_chosen(str | None)`` comes before it where another microphone was chosen.
+    The dialog opens before the suggestions are read from disk; :meth:`know` fills them in without changing typed text,
+    and an earlier start waits for them. ``microphone_chosen(str | None)`` precedes it if another microphone was
+    selected.
     """
 
     begin = Signal(object, bool)
@@ -109,7 +108,7 @@ class StartDialog(TabAsRead, QDialog):
         offer: RecordingOffer | None = None,
         console: WizardConsole | None = None,
     ) -> None:
-        """Without ``console`` nothing is checked before the recording."""
+        """Without ``console`` there are no checks."""
         super().__init__(parent)
         self._theme = theme
         self._prefilled = TrialDetails()
@@ -142,7 +141,7 @@ class StartDialog(TabAsRead, QDialog):
         self._again.toggled.connect(self._on_again)
         self._practice = CheckBox(theme, tr("Practice run (counts as wizard training, not as data)"), wraps=True)
         self._practice.setObjectName("start_practice")
-        # Never ticked beforehand: data that is taken for practice is lost to the study.
+        # Never preselected: data marked as practice by mistake is lost to the study.
         form.addRow("", self._again)
         form.setRowVisible(self._again, False)
         self._form = form
@@ -208,12 +207,12 @@ class StartDialog(TabAsRead, QDialog):
         layout.addLayout(told)
         layout.addStretch(1)
         self._show_kept()
-        self.resize(self.sizeHint())  # Qt would give it two thirds of the screen at most
-        # What changes from session to session.
+        self.resize(self.sizeHint())  # Qt limits a dialog to two thirds of the screen
+        # The field that changes from session to session.
         self._fields["participant"].setFocus(Qt.FocusReason.OtherFocusReason)
 
     def know(self, before: BeforeRecording, last: TrialDetails | None = None) -> None:
-        """How it begins, and the details of the session before, where there was one."""
+        """Fill in the suggested details, and keep those of the previous session."""
         self._known, self._prefilled, self._last = True, before.suggested, last
         for name, line in self._fields.items():
             if not line.isModified():
@@ -246,7 +245,7 @@ class StartDialog(TabAsRead, QDialog):
         return wanted.boundedTo(self._room_px - _FRAME_PX)
 
     def _make_checks(self, console: WizardConsole) -> QWidget:
-        """How ready everything is, beside who takes part."""
+        """List of preflight checks, next to the trial details."""
         side = QWidget()
         heading = QLabel(tr("Is everything ready?"))
         heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
@@ -266,7 +265,7 @@ class StartDialog(TabAsRead, QDialog):
             self._ask_about_open(checks)
 
     def _ask_about_open(self, checks: tuple[PreflightCheck, ...]) -> None:
-        """Name what is not ready, as long as anything is not."""
+        """Name the checks that are not passed."""
         waits = any(check.asks_first for check in checks)
         self._asked.setText(open_words(checks) if waits else "")
         self._asked.setVisible(waits)
@@ -282,7 +281,7 @@ class StartDialog(TabAsRead, QDialog):
         return label
 
     def _make_microphones(self) -> DropDown | None:
-        """The choice of a microphone, where the scenario records sound at all."""
+        """Microphone selection, if the scenario records sound."""
         offer = self._offer
         if not (offer.permissions.audio_recording and offer.chooses_microphone):
             return None
@@ -291,9 +290,9 @@ class StartDialog(TabAsRead, QDialog):
         choice.addItem(tr("No microphone"), None)
         names = list(offer.microphones)
         if offer.microphone is not None and offer.microphone not in names:
-            names.append(offer.microphone)  # unplugged now, and still the one that was chosen
+            names.append(offer.microphone)  # unplugged, but still the selected one
         for name in names:
-            # Until the computer's inputs are known, none can be said to be missing.
+            # Until the inputs are listed, none can be reported missing.
             gone = bool(name and offer.microphones and name not in offer.microphones)
             shown = tr("{microphone} (not plugged in)") if gone else "{microphone}"
             choice.addItem(shown.format(microphone=words.microphone(name)), name)
@@ -303,12 +302,12 @@ class StartDialog(TabAsRead, QDialog):
 
     @property
     def microphone(self) -> str | None:
-        """The chosen sound input; None for none."""
+        """Selected sound input; None for none."""
         chosen: str | None = self._offer.microphone if self._microphone is None else self._microphone.currentData()
         return chosen
 
     def use_last_trial(self) -> None:
-        """The same trial once more, where there was one."""
+        """Repeat the previous trial, if there is one."""
         self._wants_last = True
         if self._last is not None:
             self._again.setChecked(True)
@@ -323,7 +322,7 @@ class StartDialog(TabAsRead, QDialog):
         self._kept.setText(kept_words(self._offer.permissions, self.microphone, self._offer.blur))
 
     def _on_again(self, again: bool) -> None:
-        """The same trial once more: what heads it is that of the last session, and is not typed anew."""
+        """Fill in the previous session's details for a repeated trial."""
         source = self._last if again else self._prefilled
         if source is None:
             return
@@ -331,7 +330,7 @@ class StartDialog(TabAsRead, QDialog):
             self._fields[name].setText(str(getattr(source, name)))
 
     def _on_participant_edited(self, participant: str) -> None:
-        """A trial number that was counted on is that of the participant before; another one begins at 1."""
+        """Reset a suggested trial number to 1 for another participant."""
         suggested, trial = self._prefilled, self._fields["trial"]
         if not suggested.trial.isdecimal() or trial.text() not in (suggested.trial, "1"):
             return
@@ -339,7 +338,7 @@ class StartDialog(TabAsRead, QDialog):
         trial.setText(suggested.trial if same or not suggested.participant else "1")
 
     def _on_edited(self, _text: str) -> None:
-        # Whoever types another trial means another one.
+        # Typing another trial means it is not a repetition.
         self._wants_last = False
         if self._again.isChecked():
             self._again.blockSignals(True)
@@ -373,7 +372,7 @@ class StartDialog(TabAsRead, QDialog):
 
 
 def again_words(last: TrialDetails) -> str:
-    """Same trial again: P07, trial 2 (2nd recording)."""
+    """Text such as "Same trial again: P07, trial 2 (2nd recording)"."""
     before = int(last.recording) if last.recording.isdecimal() else 1
     trial = tr("trial {trial}").format(trial=last.trial) if last.trial else ""
     which, nth = ", ".join(part for part in (last.participant, trial) if part), _ordinal(before + 1)

@@ -1,4 +1,4 @@
-"""The status bar: link, age of each stream, battery, recording, models. Words first, colour second."""
+"""Status bar: link, stream ages, battery, recording, models. Text first, colour second."""
 
 import math
 
@@ -29,9 +29,9 @@ from caris_desktop.ui.widgets.status_button import StatusButton
 
 HEIGHT_PX = 32
 _SIDE_PX, _GAP_PX, _STEP_PX = 16, 20, 6
-# What gives way first where the window is too narrow for all, as long as it is nothing to worry about.
+# Items hidden first in a narrow window, as long as they report no problem.
 _MAY_GO = ("models", "round_trip", "listening", "perception", "battery", "lidar", "disk")
-# What is cut short then. What is recorded is neither.
+# Items elided next. The recording item is never hidden or elided.
 _MAY_BE_CUT = ("load", "link", "dropped", "perception", "refused", "battery", "disk", "pose", "microphone", "video")
 _LEAST_PX, _NAME_CHARACTERS = 90, 40
 _NEWS_PX = (120, 340)
@@ -51,7 +51,7 @@ _LINK_ICONS = {
 
 
 class StatusItem(QWidget):
-    """One short text, with an icon where it is more than a number."""
+    """Short text, with an icon where it is more than a number."""
 
     accessible_role = QAccessible.Role.StaticText
 
@@ -78,12 +78,12 @@ class StatusItem(QWidget):
         return self._role
 
     def say(self, text: str, role: str = "dim", *, icon: str = "", tip: str = "") -> None:
-        """Empty text hides the item."""
+        """Set the text; an empty text hides the item."""
         if (text, role, icon) != (self._text, self._role, self._icon):
             self._text, self._role, self._icon = text, role, icon
             metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX))
             width = metrics.horizontalAdvance(text) + (20 if icon else 0) + 2
-            # In steps: a digit more or less moves nothing, and what stands beside it is not laid out anew.
+            # Rounded up in steps, so that a digit more or less moves nothing and causes no layout pass.
             self._full_px = math.ceil(width / _STEP_PX) * _STEP_PX if text else 0
             if self._full_px != self.minimumWidth():
                 self.setFixedWidth(self._full_px)
@@ -96,11 +96,11 @@ class StatusItem(QWidget):
 
     @property
     def full_px(self) -> int:
-        """How wide it is with its whole text."""
+        """Width in px with its whole text."""
         return self._full_px
 
     def use_room(self, width_px: int) -> None:
-        """Be no wider than this; what is cut short is in the tip."""
+        """Limit the width; the tooltip shows elided text."""
         width_px = min(self._full_px, width_px)
         if width_px != self.minimumWidth():
             self.setFixedWidth(width_px)
@@ -113,7 +113,7 @@ class StatusItem(QWidget):
         self.setAccessibleDescription(" ".join(self._tip.splitlines()))
 
     def leave_out(self, left_out: bool) -> None:
-        """There is no room for it now."""
+        """Hide the item for lack of space."""
         if left_out != self._left_out:
             self._left_out = left_out
             self.setVisible(bool(self._text) and not left_out)
@@ -138,14 +138,14 @@ class StatusItem(QWidget):
 
 
 class StatusBar(Bar, QWidget):
-    """Refreshes four times a second: ages grow by themselves."""
+    """Status bar, refreshed at 4 Hz because ages grow."""
 
     accessible_role = QAccessible.Role.StatusBar
 
     connection_clicked = Signal()
 
     def __init__(self, theme: Theme, console: WizardConsole, *first: QWidget, news: StatusButton) -> None:
-        """``first`` are shown at the left end, and ``news`` behind them, for which all else gives way."""
+        """``first`` are at the left end, then ``news``, to which all other items yield."""
         super().__init__()
         self._in_replay = False
         self._told: tuple[object, ...] = ()
@@ -199,7 +199,7 @@ class StatusBar(Bar, QWidget):
         self.refresh()
 
     def _on_changed(self, _value: object) -> None:
-        """A new state is told at once; figures that only go on wait for the next quarter of a second."""
+        """Update at once on a new state; mere counters wait for the next refresh."""
         if self._states() != self._told:
             self.refresh()
 
@@ -226,7 +226,7 @@ class StatusBar(Bar, QWidget):
         facts = words.link_facts(link, state.traffic.value, state.present.anchor).replace(" · ", "\n")
         icon, whose = _LINK_ICONS[link.state], tr(said).format(robot=robot)
         if not state.present.live:
-            # Another robot may be driven now, beside this replay.
+            # This replay may run while another robot is driven.
             role, icon = "dim" if role == "green" else role, "clock-counter-clockwise"
             whose = tr("{what} · recorded").format(what=whose)
         minute = tr("Click for the last minute.")
@@ -239,7 +239,7 @@ class StatusBar(Bar, QWidget):
         )
         items["video"].say(*self._stream_words(tr("video"), state.frame), tip=tr("Age of the newest picture"))
         items["lidar"].say(*self._stream_words(tr("LIDAR"), state.scan), tip=tr("Age of the newest LIDAR scan"))
-        # The pose is shown on the map; here it is told only where it has become old.
+        # The map shows the pose; the status bar only reports a stale one.
         old_pose = state.pose.freshness in ("stale", "lost")
         items["pose"].say(
             *(self._stream_words(tr("pose"), state.pose) if old_pose else ("",)), tip=tr("Age of the newest pose")
@@ -286,7 +286,7 @@ class StatusBar(Bar, QWidget):
                 return none.format(stream=name), "dim"
 
     def minimumSizeHint(self) -> QSize:
-        # A long word here must not make the window wider than its screen.
+        # A long text must not make the window wider than its screen.
         return QSize(200, HEIGHT_PX)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -294,9 +294,9 @@ class StatusBar(Bar, QWidget):
         self._fit()
 
     def _fit(self) -> None:
-        """Leave out what is least missed, as far as the width does not do for all; then cut long words short.
+        """Hide the least important items if space is short; then elide long texts.
 
-        What is left out is in the tip of the bar, what is cut short in its own.
+        The bar's tooltip shows hidden items, an item's own its elided text.
         """
         told = {name: item for name, item in self.items.items() if item.text}
         widths = [widget.sizeHint().width() for widget in self._first if not widget.isHidden()]
@@ -332,7 +332,7 @@ class StatusBar(Bar, QWidget):
             return
         low = battery < 0.2
         age_s = stream.age_s() or 0.0
-        # Robots tell their charge at any pace, so only a silence of minutes makes it doubtful.
+        # Robots report their charge at any rate; only minutes of silence make it stale.
         old = age_s > BATTERY_OLD_AFTER_S
         charge, age = f"{battery:.0%}".replace("%", " %"), words.age(age_s)
         text = (tr("battery low, {charge}") if low else tr("battery {charge}")).format(charge=charge)
@@ -384,7 +384,7 @@ class StatusBar(Bar, QWidget):
         self.items["models"].say(text, tip=tip)
 
     def _say_listening(self, listening: ListeningStatus, microphone: MicrophoneStatus) -> None:
-        """Whether what is said becomes text, where the scenario wants it to."""
+        """State of speech recognition, if the scenario uses it."""
         item = self.items["listening"]
         if not self._console.scenario.permissions.transcription:
             item.say("")
@@ -405,7 +405,7 @@ class StatusBar(Bar, QWidget):
                 item.say(tr("no transcription"), tip=tr("No microphone hears the participant."))
 
     def _say_microphones(self, participant: MicrophoneStatus, wizard: MicrophoneStatus, sound: SoundStatus) -> None:
-        """Whoever looks sees that a microphone is open, and whose."""
+        """Open microphones, and whose they are."""
         if self._in_replay:
             return
         tips = [words.microphone_facts(each) for each in (participant, wizard) if each.state != "off"]
@@ -427,7 +427,7 @@ class StatusBar(Bar, QWidget):
         self.items["microphone"].say(text, role, icon=icon, tip="\n".join(tips))
 
     def show_replay(self) -> None:
-        """What was recorded then is no news of this computer's disk and microphones now."""
+        """Switch to a replay: hide the items about this computer's disk and microphones."""
         self._in_replay = True
         for name in ("microphone", "recording", "disk"):
             self.items[name].say("")
@@ -461,7 +461,7 @@ class StatusBar(Bar, QWidget):
         self._say_disk(recording)
 
     def _say_disk(self, recording: RecordingStatus) -> None:
-        """While something is recorded how long there is room for it, else how much is free."""
+        """Remaining recording time while recording, else free space."""
         item, free, room_s = self.items["disk"], recording.free_bytes, recording.room_s
         if recording.state == "recording" and room_s is not None:
             rate = words.size(recording.bytes_per_s * 3600)
@@ -497,7 +497,7 @@ def _refused(count: int) -> str:
 
 
 def _round_trip_tip(link: LinkStatus, anchor: ClockAnchor) -> str:
-    """Round trip, and how the robot's clock goes beside ours."""
+    """Tooltip: round trip, and the robot's clock offset."""
     lines = [tr("Time to the robot and back.")]
     if link.clock_offset_ms is not None:
         offset = words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)

@@ -1,4 +1,4 @@
-"""What keys ask for about the protocol, as rows of the table of actions."""
+"""Intents of the protocol keys."""
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
@@ -13,13 +13,13 @@ PROTOCOL_GROUP = QT_TR_NOOP("Protocol")
 
 
 def present_step(scenario: Scenario, state: LiveState) -> ProtocolStep | None:
-    """The step that is under way, as the scenario has it."""
+    """Current step, from the scenario."""
     step_id = state.protocol.value.step_id
     return step_named(scenario.protocol.steps, step_id) if step_id else None
 
 
 def target_of(scenario: Scenario, branch: Branch) -> ProtocolStep:
-    """The step that a branch leads to."""
+    """Target step of a branch."""
     target = step_named(scenario.protocol.steps, branch.to)
     if target is None:
         raise ValueError(f"no scenario with a branch to nowhere is opened: {branch.to}")
@@ -28,7 +28,7 @@ def target_of(scenario: Scenario, branch: Branch) -> ProtocolStep:
 
 @gives(intents.Say)
 def say_step(scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
-    """The sentence of the present step, with what goes along with it where it is one of the phrases."""
+    """Say the sentence of the current step, with the gesture and expression of a matching phrase."""
     step = present_step(scenario, state)
     if step is None or not step.say:
         return None

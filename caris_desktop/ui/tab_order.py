@@ -1,4 +1,4 @@
-"""Where Tab goes: through a window as it is read, one part after the other, as everything lies at that moment."""
+"""Tab order by visual position: reading order of the current layout."""
 
 from collections.abc import Callable
 
@@ -8,15 +8,15 @@ from PySide6.QtWidgets import QScrollArea, QWidget
 from caris_desktop.ui.give_keys import pass_keys_on
 from caris_desktop.ui.overlay import Overlay
 
-_TOUCH_PX = 3  # parts of a row may overlap by so much, and rows by as much
+_TOUCH_PX = 3  # tolerated overlap of widgets in a row, and of rows
 
 _Part = tuple[QRect, list[QWidget]]
-"""Where a widget lies in what holds it, and the stops in it."""
+"""Geometry of a widget within its parent, and the tab stops inside."""
 
 
 class TabAsRead:
-    """Comes before the Qt class of a window. Qt goes through widgets in the order in which they were made; panels are
-    moved, and buttons come and go.
+    """Mixin for a window, before its Qt class. Qt's tab order is creation order, but panels move, and buttons come and
+    go.
     """
 
     def focusNextPrevChild(self, forward: bool, /) -> bool:
@@ -24,8 +24,8 @@ class TabAsRead:
 
 
 class PanelWindow(TabAsRead):
-    """The same for a window with panels, in which keys drive, speak and switch: Qt asks for the next one also where the
-    one that had the keys is hidden or disabled, and there nobody gets them whom the wizard did not choose.
+    """Tab order for a window with panels. Qt also moves the focus when the focused widget is hidden or disabled; here
+    it is cleared instead, because keys drive, speak and switch.
     """
 
     def focusNextPrevChild(self, forward: bool, /) -> bool:
@@ -38,7 +38,7 @@ class PanelWindow(TabAsRead):
 
 
 def move_focus(window: QWidget, *, forward: bool) -> bool:
-    """Give the keys to the next stop of the window, and bring it into sight; whether there is another one."""
+    """Focus the next tab stop of the window and scroll to it; False if there is no other."""
     focused = window.focusWidget()
     stops = tab_stops(window, focused)
     others = [stop for stop in stops if stop is not focused]
@@ -56,7 +56,7 @@ def move_focus(window: QWidget, *, forward: bool) -> bool:
 
 
 def tab_stops(window: QWidget, focused: QWidget | None = None) -> list[QWidget]:
-    """Everything that Tab stops at, in this order; with it what has the keys now, be it a stop or not."""
+    """All tab stops in visual order, with the focused widget even if it is not a tab stop."""
     return _below(window, focused)
 
 
@@ -66,7 +66,7 @@ def _below(holder: QWidget, focused: QWidget | None) -> list[QWidget]:
     over = next((child for child in reversed(shown) if isinstance(child, Overlay)), None)
     for child in shown:
         if over is not None and child is not over and child.geometry().intersects(over.geometry()):
-            continue  # nobody sees what it would stop at
+            continue  # covered
         own = [child] if child is focused or _is_stop(child) else []
         stops = [*own, *_below(child, focused)]
         if stops:
@@ -84,7 +84,7 @@ def _is_stop(widget: QWidget) -> bool:
 
 
 def _as_read(parts: list[_Part]) -> list[_Part]:
-    """Cut into rows as far as that goes, else into columns, and each of those again."""
+    """Split recursively into rows if possible, else into columns."""
     if len(parts) < 2:
         return parts
     for first, last in ((QRect.top, QRect.bottom), (QRect.left, QRect.right)):

@@ -1,4 +1,4 @@
-"""Push-to-talk: a key or a button of the gamepad that is held while the wizard speaks."""
+"""Push-to-talk: a key or gamepad button held while the wizard speaks."""
 
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
@@ -15,8 +15,8 @@ _TAKEN_BY_OTHERS = ("dialog", "menu", "elsewhere")
 
 
 class Talking(QObject):
-    """Asks the console for it from the press to the release, and at once no longer where another program, a dialog or
-    a menu takes over: then it has to be pressed anew.
+    """Push-to-talk from press to release. It ends when another program, a dialog or a menu takes over, and then needs a
+    new press.
     """
 
     def __init__(self, console: WizardConsole, actions: Actions, hold: HoldToDrive, parent: QObject) -> None:
@@ -37,7 +37,7 @@ class Talking(QObject):
         gamepads.lost.connect(self.let_go)
 
     def let_go(self, _why: str = "") -> None:
-        """Whatever is still held is heard no longer."""
+        """End push-to-talk."""
         if self._held is not None:
             (_, to), self._held = self._held, None
             self._console.do(intents.PushToTalk(on=False, to=to))
@@ -63,5 +63,5 @@ class Talking(QObject):
             self.let_go()
 
     def _others_have_the_keys(self) -> bool:
-        # Without driving in the scenario nobody is told to own the keys.
+        # Without driving in the scenario, no key owner is reported.
         return self._hold.key_owner in _TAKEN_BY_OTHERS or QApplication.activeModalWidget() is not None

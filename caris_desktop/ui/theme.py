@@ -1,4 +1,4 @@
-"""Turns the tokens into a Fusion palette, a font and one small style sheet; follows the system or the user."""
+"""Theme: Fusion palette, font and style sheet from the tokens, by the system's or the user's choice."""
 
 from collections.abc import Callable
 from typing import Literal
@@ -16,17 +16,17 @@ CHOICES: tuple[ThemeChoice, ...] = ("system", "dark", "light")
 THEME_KEY = "appearance/theme"
 SCALE_KEY = "appearance/scale"
 SCALES = ("", "1.25", "1.5", "1.75", "2")
-"""How much larger everything is than the system has it; the empty one: as the system has it."""
-"""Where the choice stands in the user's settings."""
+"""Scale factors relative to the system's; empty for the system's own."""
+"""Settings key."""
 
 _MOST_PAINTED = 256
-# Used only where the system has no font of its own to speak of, as a bare Debian with DejaVu alone.
+# Used only if the system has no proper default font, as on a bare Debian with DejaVu alone.
 _GOOD_FAMILIES = ("Inter", "Inter Variable", "Noto Sans", "Cantarell", "Ubuntu", "Liberation Sans", "DejaVu Sans")
 _FALLBACK_FAMILIES = ("DejaVu Sans", "DejaVu Serif", "Sans Serif", "Sans", "Bitstream Vera Sans", "")
 
 
 def as_choice(value: object) -> ThemeChoice:
-    """The choice that a stored setting means; anything unknown means to follow the system."""
+    """Theme choice from a stored setting; unknown values follow the system."""
     for choice in CHOICES:
         if value == choice:
             return choice
@@ -34,7 +34,7 @@ def as_choice(value: object) -> ThemeChoice:
 
 
 class Theme(QObject):
-    """The colours and fonts in force. Widgets hold it, draw from ``colors`` and repaint on ``changed``."""
+    """Current colours and fonts. Widgets paint with ``colors`` and repaint on ``changed``."""
 
     changed = Signal()
 
@@ -65,13 +65,13 @@ class Theme(QObject):
         return QColor(getattr(self.colors, role))
 
     def color_text(self, widget: QWidget, role: str) -> None:
-        """What is written on ``widget`` gets this colour; to be called again on ``changed``."""
+        """Set the text colour of ``widget``; call again on ``changed``."""
         palette = widget.palette()
         palette.setColor(widget.foregroundRole(), self.color(role))
         widget.setPalette(palette)
 
     def font(self, size_px: int = tokens.BODY_PX, weight: int = tokens.WEIGHT_NORMAL) -> QFont:
-        """A font of the size and weight; the same one each time, as looking up the face costs more than drawing."""
+        """Cached font of this size and weight: looking up a typeface costs more than drawing."""
         font = self._fonts.get((size_px, weight))
         if font is None:
             font = QFont(self.family)
@@ -81,14 +81,14 @@ class Theme(QObject):
         return font
 
     def keep_styled(self, style: Callable[[], object]) -> None:
-        """Have something styled, now and whenever the theme changes."""
+        """Call ``style`` now and whenever the theme changes."""
         self.changed.connect(style)
         style()
 
     def style_text(
         self, widget: QWidget, role: str, size_px: int = tokens.BODY_PX, weight: int = tokens.WEIGHT_NORMAL
     ) -> None:
-        """What is written on ``widget`` gets this colour and font; to be called again on ``changed``."""
+        """Set text colour and font of ``widget``; call again on ``changed``."""
         self.color_text(widget, role)
         widget.setFont(self.font(size_px, weight))
 
@@ -102,8 +102,8 @@ class Theme(QObject):
         line_px: float = 1.0,
         inset_px: tuple[float, float] = (0.5, 0.5),
     ) -> QPainter:
-        """Paint a widget as a rounded box with a line round it, in colours of these roles. ``inset_px``: how far inside
-        of the widget to left and right, above and below. The painter goes on smoothly.
+        """Paint a widget as a rounded box with an outline, in the colours of these roles. ``inset_px``: horizontal and
+        vertical inset. Returns the antialiased painter.
         """
         painter = QPainter(widget)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
@@ -128,7 +128,7 @@ class Theme(QObject):
 
 
 def colors_for(choice: ThemeChoice, system_scheme: Qt.ColorScheme) -> Colors:
-    """The user's choice, else the system's; a system that does not say (a bare screen) reads as dark."""
+    """Colours of the user's choice, else the system's; dark if the system has none."""
     if choice == "system":
         return LIGHT if system_scheme == Qt.ColorScheme.Light else DARK
     return DARK if choice == "dark" else LIGHT
@@ -160,7 +160,7 @@ def make_palette(colors: Colors) -> QPalette:
 
 
 def make_style_sheet(colors: Colors) -> str:
-    """What the palette cannot say: corners, borders, spacing."""
+    """Style sheet for what a palette lacks: corners, borders, spacing."""
     radius, status = tokens.CONTROL_RADIUS_PX, tokens.STATUS_PX
     return f"""
 /* Qt takes what looks like HTML in a label or a tooltip for HTML, and reads the files that it names. Names, answers of

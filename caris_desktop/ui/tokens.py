@@ -1,4 +1,4 @@
-"""Colours, sizes and type of the whole window. The only file with colours in it."""
+"""Design tokens: colours, sizes and fonts of the window. The only file with colours."""
 
 from caris_desktop.domain.value_class import dataclass
 
@@ -11,7 +11,7 @@ BODY_PX = 15
 STATUS_PX = 13
 SPEECH_PX = 18
 GLANCE_PX, GLANCE_ICON_PX = 23, 28
-"""What is made out from two metres, of pixels of 0.28 mm: as large as the strip below the top bar allows."""
+"""Legible from two metres at 0.28 mm per pixel: the largest size that fits the strip below the top bar."""
 
 KEY_CAP_PX = 12
 
@@ -22,7 +22,7 @@ WEIGHT_SEMIBOLD = 600
 
 @dataclass(frozen=True, slots=True)
 class Colors:
-    """One theme. ``on_*`` is text on that colour; ``*_soft`` is a tinted ground for ordinary text."""
+    """Colours of one theme. ``on_*`` is text on that colour; ``*_soft`` a tinted background for ordinary text."""
 
     name: str
     window: str
@@ -62,7 +62,7 @@ class Colors:
     map_wall: str
     shadow: str
     coders: tuple[str, ...]
-    """One for each coder of the annotations, in turn. Chips on them are written in ``panel``."""
+    """One per annotation coder, in rotation; labels on them use ``panel``."""
 
 
 DARK = Colors(

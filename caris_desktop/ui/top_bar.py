@@ -1,4 +1,4 @@
-"""The top bar: scenario, who takes part, recording, marks, and the red button that is always there."""
+"""Top bar: scenario, trial, recording, marks, and the emergency stop button, which is always visible."""
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QFont, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
@@ -24,11 +24,11 @@ HEIGHT_PX = 56
 ROOMY_PX = 1500
 _SIDE_PX, _GAP_PX = 8, 10
 _LEAST_PX = 640
-# Of each name in a narrow and in a roomy window; the tip has the rest.
+# Maximum characters per name in a narrow and a wide window; the tooltip has the rest.
 _PART_CHARACTERS, _TIP_CHARACTERS = (24, 40), 1000
 _SCENARIO_PX, _STRETCH_PX = 120, 110
 _TRIAL_PX = (150, 70)
-# From which level on what gives way in a narrow window; the words of Find are the first.
+# Levels of shrinking at which each part shrinks or disappears; the text of Find is the first.
 _FIND_SHRINKS, _ERROR_SHRINKS, _TRIAL_SHRINKS, _MARK_SHRINKS = 2, 3, 4, 5
 _TRIAL_GOES, _ERROR_GOES, _FIND_GOES, _MARK_GOES, _ALL_GIVE_WAY = 6, 7, 8, 9, 10
 
@@ -39,7 +39,7 @@ _RECORD_TIPS = {
 
 
 def trial_words(details: TrialDetails | None, *, at_most: int) -> str:
-    """P07 · condition B · trial 2 of 4 · practice; each part in ``at_most`` characters."""
+    """Trial as text: P07 · condition B · trial 2 of 4 · practice; each part limited to ``at_most`` characters."""
     if details is None:
         return ""
     participant, condition, trial, purpose = (
@@ -56,7 +56,7 @@ def trial_words(details: TrialDetails | None, *, at_most: int) -> str:
 
 
 class TrialLabel(CutLabel):
-    """Who takes part: as wide as the words are while there is room, and cut short where there is none."""
+    """Trial label, elided if space is short."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -88,7 +88,7 @@ def _error_words(level: int) -> str:
 
 
 class TopBar(Bar, QWidget):
-    """Emits what the window has to do; everything about the session's state it reads itself."""
+    """Top bar. Emits requests for the window; reads the session's state itself."""
 
     start_requested = Signal()
     scenario_menu_requested = Signal()
@@ -123,7 +123,7 @@ class TopBar(Bar, QWidget):
         self.mark_button.bind(actions, "mark")
         self.stretch_button = ActionButton(theme, "", icon="brackets-square")
         self.stretch_button.setObjectName("stretch_button")
-        self.stretch_button.setCheckable(True)  # it looks pressed as long as it goes on
+        self.stretch_button.setCheckable(True)  # checked while the interval is open
         self.stretch_button.setChecked(True)
         self.stretch_button.clicked.connect(self._on_end_stretch)
         self.stretch_button.hide()
@@ -177,7 +177,7 @@ class TopBar(Bar, QWidget):
         self._on_drive_changed(console.state.drive.value)
 
     def show_replay(self, live_robots: LiveValue) -> None:
-        """Only what a replay can do. The red button is that of the robot which is driven now, and says so."""
+        """Switch to a replay. The red button is that of the robot driven now, and says so."""
         self._in_replay = True
         self._replay_badge.show()
         self.scenario_button.setEnabled(False)
@@ -204,7 +204,7 @@ class TopBar(Bar, QWidget):
         self._make_room()
 
     def show_layout(self, *, changed: bool, locked: bool) -> None:
-        """Whether the arrangement of the panels has anything unsaved, or cannot be changed."""
+        """Show whether the dock layout has unsaved changes or is locked."""
         name = tr("Panels and appearance")
         if locked:
             name = tr("Panels and appearance. The layout is locked.")
@@ -231,11 +231,11 @@ class TopBar(Bar, QWidget):
         self._make_room()
 
     def minimumSizeHint(self) -> QSize:
-        # What gives way must not make the window wider than its screen.
+        # Shrinking parts must not make the window wider than its screen.
         return QSize(_LEAST_PX, HEIGHT_PX)
 
     def _make_room(self) -> None:
-        """Let as much give way as the width asks for. Recording, a stretch and the red button never do."""
+        """Shrink parts until the bar fits. Recording, an open interval and the red button never shrink."""
         level = 0 if self.width() >= ROOMY_PX else 1
         while level < _ALL_GIVE_WAY and self._needed_px(level) > self.width():
             level += 1
@@ -253,7 +253,7 @@ class TopBar(Bar, QWidget):
         self.scenario_button.setVisible(level < _ALL_GIVE_WAY)
 
     def _needed_px(self, level: int) -> int:
-        """How wide the bar has to be at least while so much gives way."""
+        """Minimum width of the bar at this level of shrinking."""
         always = (self._replay_badge, self.record_button, self.stretch_button, self.window_button, self.emergency)
         widths = [max(part.sizeHint().width(), part.minimumWidth()) for part in always if not part.isHidden()]
         if level < _ALL_GIVE_WAY:
@@ -279,7 +279,7 @@ class TopBar(Bar, QWidget):
         self._theme.color_text(self._trial, "dim")
         self.update()
 
-    # On press, not on click: a stop must not wait for the button to come up.
+    # On press, not on click: a stop must not wait for the release.
     def _on_emergency_pressed(self) -> None:
         self._console.do(intents.EmergencyStop())
 
@@ -317,7 +317,7 @@ class TopBar(Bar, QWidget):
         self.stretch_button.setChecked(True)
 
     def _show_stretch(self) -> None:
-        """The newest stretch that goes on, so that none is forgotten."""
+        """Show the newest open interval, so that none is forgotten."""
         status: MarksStatus = self._console.state.marks.value
         if self.stretch_button.isHidden() == bool(status.open):
             self.stretch_button.setVisible(bool(status.open) and not self._in_replay)
@@ -355,7 +355,7 @@ class TopBar(Bar, QWidget):
                 going_on = tr("Recording {time}").format(time=words.elapsed(seconds))
                 self.record_button.set_label(f"{going_on}{suffix}", dot="red_fill")
             case "paused":
-                # Without the event (a replay that was begun in a pause) nobody knows since when.
+                # Without the event (a replay that begins in a pause) its start is unknown.
                 since_ns = self._paused_ns
                 now_ns = self._console.state.present.now_ns()
                 lasts = "" if since_ns is None else words.elapsed((now_ns - since_ns) / 1e9)
@@ -381,7 +381,7 @@ class TopBar(Bar, QWidget):
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if self._in_replay:
-            return  # that was then
+            return  # that was recorded
         if drive.emergency_stop:
             self.emergency.set_label(tr("Emergency stop is on"), look="outline_danger")
         else:
@@ -395,7 +395,7 @@ class TopBar(Bar, QWidget):
 
 
 class ReplayBadge(QWidget):
-    """Says that what is on show was recorded; hidden until then."""
+    """Badge that marks the window as a replay; hidden otherwise."""
 
     accessible_role = QAccessible.Role.StaticText
 

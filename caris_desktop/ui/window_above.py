@@ -1,4 +1,4 @@
-"""Windows of the console that lie above its main window, for what opens below them."""
+"""Floating windows of the console, and placement of popups clear of them."""
 
 from collections.abc import Sequence
 
@@ -9,24 +9,24 @@ _BESIDE_PX = 12
 
 
 class WindowAbove(QWidget):
-    """Window managers keep it above its parent's window."""
+    """Window that window managers keep above its parent's window."""
 
     def __init__(self, parent: QWidget, kind: Qt.WindowType) -> None:
         super().__init__(parent, kind)
         self.is_back = False
 
     def step_back(self, *, back: bool) -> None:
-        """Out of the way of what has just been opened below it, and back once that is closed."""
+        """Lower the window below a popup of the main window, and raise it afterwards."""
         self.is_back = back
 
     def place_in(self, widget: QWidget) -> QRect:
-        """Where it lies, with its frame, in the pixels of ``widget``."""
+        """Frame geometry in the coordinates of ``widget``."""
         frame = self.frameGeometry()
         return QRect(widget.mapFromGlobal(frame.topLeft()), frame.size())
 
 
 def windows_above(window: QWidget) -> list[WindowAbove]:
-    """Those on show that belong to ``window``."""
+    """Visible floating windows of ``window``."""
     return [
         each
         for each in QApplication.topLevelWidgets()
@@ -38,7 +38,7 @@ def windows_above(window: QWidget) -> list[WindowAbove]:
 
 
 def clear_place(card: QRect, area: QRect, taken: Sequence[QRect]) -> QRect | None:
-    """``card``, or as little beside it in ``area`` as brings it clear of what is ``taken``; None where nothing does."""
+    """``card``, moved sideways within ``area`` as little as needed to clear ``taken``; None if impossible."""
     lefts = [card.left()]
     for each in taken:
         lefts += (each.left() - card.width() - _BESIDE_PX, each.left() + each.width() + _BESIDE_PX)

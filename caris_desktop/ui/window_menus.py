@@ -1,4 +1,4 @@
-"""The menus of the top bar: scenarios, the window with its panels, and robots. Each is filled when it opens."""
+"""Menus of the top bar: scenarios, window and panels, robots. Filled on opening."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +19,7 @@ from caris_desktop.ui.words import in_menu
 
 
 class WindowMenus:
-    """They open below the buttons of ``top_bar``."""
+    """Menus below the buttons of ``top_bar``."""
 
     def __init__(
         self, parts: WindowParts, top_bar: TopBar, show_shortcuts: Callable[[], None], window: QWidget
@@ -58,7 +58,7 @@ class WindowMenus:
         menu.addAction(tr("Write this scenario as one file…")).triggered.connect(parts.scenario_files.choose_share)
 
     def _on_files_read(self) -> None:
-        """What is on show is filled anew where the disk has told of something else meanwhile."""
+        """Refill open menus after the files on disk were read."""
         if self._scenario_menu.isVisible():
             self._fill_scenario_menu()
         for menu in (self._robot_menu, self._robots_submenu):
@@ -69,9 +69,9 @@ class WindowMenus:
         menu, parts = self._window_menu, self._parts
         menu.clear()
         self._robots_submenu = None
-        for submenu in menu.findChildren(QMenu):  # those of the last time
+        for submenu in menu.findChildren(QMenu):  # submenus of the last opening
             submenu.deleteLater()
-        # Below one another all panels would be taller than a small screen.
+        # One flat list of all panels would be taller than a small screen.
         panels = menu.addMenu(tr("Panels"))
         panels.setObjectName("panels_menu")
         for name in parts.panels.possible():
@@ -90,7 +90,7 @@ class WindowMenus:
         self._sound.fill(menu)
         menu.addSection(tr("Appearance"))
         group = QActionGroup(menu)
-        # With what it is about in its name: the title of a section is a bare line in this style.
+        # The subject is part of the name: this style draws section titles as bare lines.
         themes = menu.addMenu(tr("Appearance: {theme}").format(theme=tr(THEME_WORDS[parts.theme.choice])))
         for choice in CHOICES:
             action = themes.addAction(tr(THEME_WORDS[choice]))
@@ -146,7 +146,7 @@ class WindowMenus:
         return lambda: self._parts.appearance.choose_scale(scale)
 
     def _add_wizards(self, menu: QMenu) -> None:
-        """Who is at the console."""
+        """Add the choice of the wizard."""
         wizards = self._parts.wizards
         group = QActionGroup(menu)
         current = wizards.current

@@ -1,4 +1,4 @@
-"""What the menus of the window and its palette offer, part by part."""
+"""Window parts that provide entries for menus and the command palette."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,16 +1,16 @@
-"""Where the window lies on the screen, from one run to the next."""
+"""Window geometry, saved and restored between runs."""
 
 from typing import Any, Protocol
 
 from PySide6.QtCore import QByteArray, QSize
 from PySide6.QtWidgets import QWidget
 
-WINDOW_FRAME = QSize(16, 48)  # what a window manager may put around a window
+WINDOW_FRAME = QSize(16, 48)  # upper bound of the window decoration
 _ROOMY = QSize(1680, 1000)
 
 
 class Settings(Protocol):
-    """What the window needs of QSettings."""
+    """The part of QSettings that the window uses."""
 
     def value(self, key: str, defaultValue: Any = None) -> Any: ...  # noqa: N803
 
@@ -18,7 +18,7 @@ class Settings(Protocol):
 
 
 class WindowPlace:
-    """Keeps the geometry of ``window`` in the settings, and puts it there again."""
+    """Saves the geometry of ``window`` in the settings and restores it."""
 
     def __init__(self, window: QWidget, settings: Settings | None) -> None:
         self._window = window
@@ -27,7 +27,7 @@ class WindowPlace:
         self._fills_screen = False
 
     def use_replay(self) -> None:
-        """A replay has a place of its own."""
+        """Use a separate geometry for replays."""
         self._key = "replay/geometry"
         if self._settings is not None:
             self.restore()
@@ -35,17 +35,18 @@ class WindowPlace:
     def restore(self) -> None:
         window = self._window
         geometry = self._settings.value(self._key) if self._settings is not None else None
-        # Qt refuses what was kept of a screen of quite another size, as of a laptop in its dock: that is a first time.
+        # Qt rejects a geometry saved on a screen of very different size, such as a docked laptop's: treated as a first
+        # start.
         restored = isinstance(geometry, QByteArray) and window.restoreGeometry(geometry)
         if not restored:
             window.resize(_ROOMY)
         room = window.screen().availableSize() - WINDOW_FRAME
-        # A window taller than its screen hides the status bar below the edge, title bar included.
+        # A window taller than its screen would hide its title bar and status bar.
         window.resize(window.size().boundedTo(room))
         self._fills_screen = not restored and window.size() != _ROOMY
 
     def show(self) -> None:
-        """Show it where it was last time. The first time it fills a small screen, where every pixel is needed."""
+        """Show the window at its last position. The first time it is maximised on a small screen."""
         if self._fills_screen:
             self._window.showMaximized()
         else:

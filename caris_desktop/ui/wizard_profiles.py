@@ -1,4 +1,6 @@
-"""Who is at the console, and what this program keeps for each: keys, what was found last, arrangements, training."""
+"""Wizard profiles: settings per wizard, such as key bindings, recent palette items, dock layouts and
+training results.
+"""
 
 import json
 from typing import Any
@@ -10,15 +12,15 @@ from caris_desktop.ui.window_place import Settings
 
 _NAMES_KEY = "wizards/names"
 _CURRENT_KEY = "wizards/current"
-_NOBODY = "*"  # no name becomes this when it is quoted
+_NOBODY = "*"  # not the quoted form of any name
 LONGEST_NAME = 120
 
 
 class WizardProfiles(QObject):
-    """``current`` is the wizard's name, the empty one for nobody in particular. ``changed`` tells of another one.
+    """``current`` is the wizard's name, empty for the default profile; ``changed`` reports a switch.
 
-    What a wizard has not set is as it was set for nobody in particular, so that whoever gives a name keeps what was
-    set before. Names differ by more than capitals: "ana" is "Ana" again. Without ``settings`` it is kept for this run.
+    Values that a wizard has not set come from the default profile, so that naming a wizard loses no settings. Names are
+    case-insensitive. Without ``settings``, values last for this run.
     """
 
     changed = Signal()
@@ -35,11 +37,11 @@ class WizardProfiles(QObject):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Everybody who was chosen once, in the order of the alphabet."""
+        """All known wizards, in alphabetical order."""
         return tuple(sorted(self._names, key=str.casefold))
 
     def choose(self, name: str) -> None:
-        """A name that is not known yet is one from now on; the empty one is nobody in particular."""
+        """Switch to a wizard, adding a new name; empty for the default profile."""
         chosen = self._known(_tidied(name))
         if chosen and chosen not in self._names:
             self._names.append(chosen)
@@ -50,19 +52,19 @@ class WizardProfiles(QObject):
             self.changed.emit()
 
     def value(self, key: str, default: Any = None) -> Any:
-        """What this wizard has set; else what was set for nobody in particular."""
+        """Value set by this wizard, else that of the default profile."""
         own = self._settings.value(self._place(key))
         return own if own is not None else self._settings.value(f"wizards/{_NOBODY}/{key}", default)
 
     def own_value(self, key: str, default: Any = None) -> Any:
-        """What this wizard has set, and nobody else: what tells of a person, as training results."""
+        """Value set by this wizard only, for personal data such as training results."""
         return self._settings.value(self._place(key), default)
 
     def set_value(self, key: str, value: Any) -> None:
         self._settings.setValue(self._place(key), value)
 
     def _place(self, key: str) -> str:
-        # Settings take a slash for a group, and some systems do not tell capitals apart.
+        # Settings treat a slash as a group, and some systems ignore case.
         return f"wizards/{quote(self._current.casefold(), safe=' ') or _NOBODY}/{key}"
 
     def _known(self, name: str) -> str:
