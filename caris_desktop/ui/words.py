@@ -1,4 +1,4 @@
-"""Numbers, times and events in words that a wizard reads."""
+"""Numbers, times, states and events formatted for the wizard."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -15,16 +15,16 @@ from caris_desktop.people.presence import PersonRow, is_unnamed_label, unnamed_n
 from caris_desktop.robot.profile import RobotProfile
 
 UNDER_WAY = ("requested", "active")
-"""States of a goal that the robot drives to."""
+"""States of a navigation goal in progress."""
 
 
 def clock_time(stamp_ns: int, anchor: clock.ClockAnchor) -> str:
-    """Time of day, as 14:02:11, of a session clock stamp."""
+    """Time of day of a session clock stamp, as 14:02:11."""
     return datetime.fromtimestamp(anchor.utc_ns_at(stamp_ns) / 1e9).strftime("%H:%M:%S")
 
 
 def elapsed(seconds: float) -> str:
-    """12:43, or 1:02:03 from an hour on."""
+    """Duration as 12:43, or 1:02:03 from an hour on."""
     whole = max(0, int(seconds))
     hours, rest = divmod(whole, 3600)
     minutes, secs = divmod(rest, 60)
@@ -32,7 +32,7 @@ def elapsed(seconds: float) -> str:
 
 
 def age(seconds: float) -> str:
-    """41 ms, 0.1 s, 12 s, 3 min."""
+    """Age as 41 ms, 0.1 s, 12 s, 3 min."""
     if seconds < 0.1:
         return f"{max(0, round(seconds * 1000))} ms"
     if seconds < 10:
@@ -43,12 +43,12 @@ def age(seconds: float) -> str:
 
 
 def stream_age(stream: LiveStream) -> str:
-    """How old a stream's newest value is, where anybody knows."""
+    """Age of a stream's newest value, if known."""
     return age(stream.age_s() or 0.0) if stream.age_known else tr("age unknown")
 
 
 def since(seconds: float) -> str:
-    """How long somebody has been here: just now, 20 s, 3 min."""
+    """Duration of presence: just now, 20 s, 3 min."""
     if seconds < 5:
         return tr("just now")
     if seconds < 60:
@@ -57,7 +57,7 @@ def since(seconds: float) -> str:
 
 
 def ago(seconds: float) -> str:
-    """How long ago something was: just now, 20 s ago, 3 min ago, 2 h ago, 3 days ago."""
+    """Time since an event: just now, 20 s ago, 3 min ago, 2 h ago, 3 days ago."""
     if seconds < 5:
         return tr("just now")
     if seconds < 60:
@@ -71,7 +71,7 @@ def ago(seconds: float) -> str:
 
 
 def size(count_bytes: float) -> str:
-    """24 MB, 1.2 GB."""
+    """Size as 24 MB, 1.2 GB."""
     for unit in ("B", "kB", "MB"):
         if count_bytes < 999.5:
             return f"{count_bytes:.0f} {unit}"
@@ -83,19 +83,21 @@ _ANOTHER_TIME_MS = 1e9
 
 
 def session_clock_ms(anchor: clock.ClockAnchor) -> float:
-    """What this computer's time of day is ahead of the session clock: the offset of a robot with the right time."""
+    """Offset of this computer's time of day from the session clock, in ms: the expected offset of a
+    synchronised robot.
+    """
     return (anchor.utc_ns - anchor.monotonic_ns) / 1e6
 
 
 def clock_offset(offset_ms: float, uncertainty_ms: float | None, anchor: clock.ClockAnchor) -> str:
-    """How the robot's clock goes beside this computer's: 3.1 ± 0.4 ms ahead.
+    """Robot clock relative to this computer's, as 3.1 ± 0.4 ms ahead.
 
     ``offset_ms`` is robot clock minus session clock.
     """
     ahead_ms = offset_ms - session_clock_ms(anchor)
     spread = "" if uncertainty_ms is None else f" ± {_milliseconds(uncertainty_ms)}"
     if abs(ahead_ms) > _ANOTHER_TIME_MS:
-        # A simulation begins at zero; how far that is from today says nothing.
+        # A simulation clock starts at zero; its offset from today is meaningless.
         if uncertainty_ms is None:
             return tr("set to a time of its own")
         return tr("set to a time of its own, known to {uncertainty} ms").format(uncertainty=spread.strip())
@@ -108,7 +110,7 @@ def _milliseconds(milliseconds: float) -> str:
 
 
 def link_facts(link: LinkStatus, traffic: Mapping[str, events.TrafficMeasured], anchor: clock.ClockAnchor) -> str:
-    """Address, clock and load of the link in one line; its detail where it is in trouble."""
+    """Address, clock and load of the link in one line; the detail if it is in trouble."""
     parts = [link.address, tr(link.detail)]
     if link.state in ("connected", "trouble"):
         if link.round_trip_ms is not None:
@@ -126,7 +128,7 @@ def link_facts(link: LinkStatus, traffic: Mapping[str, events.TrafficMeasured], 
 
 
 def long_duration(seconds: float) -> str:
-    """How long something lasts that is told roughly: 53 h, 5 h 20 min, 26 min, less than a minute."""
+    """Rounded duration: 53 h, 5 h 20 min, 26 min, less than a minute."""
     minutes = int(seconds // 60)
     if minutes < 1:
         return tr("less than a minute")
@@ -139,13 +141,13 @@ def long_duration(seconds: float) -> str:
 
 
 def stretch(seconds: float) -> str:
-    """How long a stretch goes on: 0:07, 12:43, 1:02:03."""
+    """Duration of an interval: 0:07, 12:43, 1:02:03."""
     text = elapsed(seconds)
     return text[1:] if text.startswith("0") else text
 
 
 def missing(stream: str, count: int) -> str:
-    """3 frames were not recorded."""
+    """Missing data of a stream, as "3 frames were not recorded"."""
     match stream:
         case "frame":
             one, many = tr("1 frame was not recorded"), tr("%n frames were not recorded", "", count)
@@ -163,7 +165,7 @@ def missing(stream: str, count: int) -> str:
 
 
 def all_missing(dropped: Mapping[str, int]) -> str:
-    """3 frames not recorded; of several streams together 12 values; empty where nothing is missing."""
+    """Missing data of all streams, as "3 frames not recorded", or as values for several streams; empty if none."""
     total = sum(dropped.values())
     if not total:
         return ""
@@ -183,7 +185,7 @@ def all_missing(dropped: Mapping[str, int]) -> str:
 
 
 def expectation(bytes_per_hour: float | None, free_bytes: int | None) -> str:
-    """About 1.2 GB per hour; 64 GB free: room for 53 h."""
+    """Expected recording size, as "About 1.2 GB per hour; 64 GB free: room for 53 h"."""
     if not bytes_per_hour:
         return "" if free_bytes is None else tr("{size} free").format(size=size(free_bytes))
     rate = size(bytes_per_hour)
@@ -194,18 +196,18 @@ def expectation(bytes_per_hour: float | None, free_bytes: int | None) -> str:
 
 
 def with_label(sentence: str, label: str) -> str:
-    """With what a scenario or a wizard calls it."""
+    """The sentence with the label of a scenario or wizard."""
     return f"{sentence}: {label}" if label else sentence
 
 
 def with_detail(sentence: str, detail: str) -> str:
-    """With a reason out of the record, which is English there."""
+    """The sentence with a recorded reason, which is English in the record."""
     again = told_again(detail)
     return f"{sentence}: {tr(again)}" if detail else sentence
 
 
 def mark_sentence(mark: events.Marked) -> str:
-    """What a mark says, in the state it has now."""
+    """Text of a mark in its current state."""
     if mark.kind == "note":
         if mark.state == "withdrawn":
             return tr("Note taken back")
@@ -225,7 +227,7 @@ def mark_sentence(mark: events.Marked) -> str:
 
 
 def in_menu(text: str) -> str:
-    """``text`` as it is: in a menu Qt takes a "&" for the mark of a key, and what follows a tab for the key."""
+    """``text`` escaped for a menu, where Qt treats "&" as a mnemonic and a tab as the start of the shortcut."""
     return text.replace("&", "&&").replace("\t", " ")
 
 
@@ -235,7 +237,7 @@ def shortened(text: str, length: int = 48) -> str:
 
 
 def moving(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
-    """What a velocity looks like to somebody who watches the robot; empty for a robot that stands still."""
+    """Velocity as text; empty for a robot at rest."""
     parts = []
     if abs(forward_mps) >= 0.005:
         ahead = tr("{speed} m/s forward") if forward_mps > 0 else tr("{speed} m/s backward")
@@ -268,8 +270,8 @@ def drive_line(drive: DriveStatus) -> str:
 
 
 def goal_speed(robot: RobotProfile | None, drive: DriveStatus, *, begins: bool = False) -> tuple[str, bool]:
-    """How fast the robot drives to a goal, and whether that is as Drive says; empty where it drives to none.
-    ``begins`` is for what a line or a sentence begins with.
+    """Speed limit on the way to a goal, and whether the speed setting determines it; empty without navigation.
+    ``begins`` capitalises the text.
     """
     server = robot.navigation if robot is not None else None
     if server is None:
@@ -287,13 +289,13 @@ def goal_speed(robot: RobotProfile | None, drive: DriveStatus, *, begins: bool =
 
 
 def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotProfile | None) -> str:
-    """What the robot does now, in one line; why it does nothing where it may not."""
+    """Current activity of the robot in one line, or the reason why it may not move."""
     if not drive.allowed:
         return tr(drive.reason)
     by_itself = goal is not None and goal.state in UNDER_WAY
     if goal is None or not by_itself:
         return drive_line(drive)
-    if goal.state == "requested":  # the robot has not answered yet
+    if goal.state == "requested":  # no answer from the robot yet
         going = tr("Asked to go to {place}") if goal.place else tr("Asked to go to the chosen point")
     else:
         going = tr("Going to {place}") if goal.place else tr("Going to the chosen point")
@@ -305,7 +307,7 @@ def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotP
 
 
 def head_angles(pan_rad: float, tilt_rad: float) -> str:
-    """Where the head looks, in two short lines."""
+    """Head angles in two short lines."""
     pan, tilt = round(math.degrees(pan_rad)), round(math.degrees(tilt_rad))
     across = tr("ahead") if pan == 0 else tr("{angle}° left") if pan > 0 else tr("{angle}° right")
     up = tr("level") if tilt == 0 else tr("{angle}° down") if tilt > 0 else tr("{angle}° up")
@@ -313,8 +315,8 @@ def head_angles(pan_rad: float, tilt_rad: float) -> str:
 
 
 def guard_line(drive: DriveStatus) -> str:
-    """What the obstacle guard does now; empty while it does nothing."""
-    # In the direction of the motion, which may be back or sideways.
+    """Current action of the obstacle guard; empty if none."""
+    # In the direction of motion, which may be backward or sideways.
     away = "" if drive.guard_distance_m is None else f"{max(0.0, drive.guard_distance_m):.1f}"
     match drive.guard:
         case "slowing":
@@ -338,13 +340,13 @@ _MONTHS = (
 
 
 def day_of(moment: datetime, *, with_year: bool) -> str:
-    """21 Nov, or 21 Nov 2026."""
+    """Date as 21 Nov, or 21 Nov 2026."""
     text = tr("{day} {month} {year}") if with_year else tr("{day} {month}")
     return text.format(day=moment.day, month=tr(_MONTHS[moment.month - 1]), year=moment.year)
 
 
 def camera_title(name: str) -> str:
-    """A camera's name as a title: "Front camera" for front. Empty for none."""
+    """A camera's name as a title: "Front camera" for front; empty for none."""
     words = _camera_words(name)
     words = words[:1].upper() + words[1:]
     return tr("{name} camera", "a title").format(name=words) if _tells_no_kind(words) else words
@@ -357,7 +359,7 @@ def camera_in_text(name: str) -> str:
 
 
 def camera_name(name: str) -> str:
-    """What tells it from other cameras: "Front" for front_camera."""
+    """The part of a camera's name that tells it from others: "Front" for front_camera."""
     words = _camera_words(name).removesuffix(" camera")
     return words[:1].upper() + words[1:]
 
@@ -371,7 +373,7 @@ def _tells_no_kind(words: str) -> bool:
 
 
 def person_state(box: PersonBox) -> str:
-    """What somebody does who is seen, in a word or two: nothing for what is usual, or is not known."""
+    """State of a detected person in a word or two; nothing for the usual or unknown."""
     told = (
         tr("sitting") if box.posture == "sitting" else "",
         tr("hand raised") if box.hand_raised else "",
@@ -381,7 +383,7 @@ def person_state(box: PersonBox) -> str:
 
 
 def no_picture(age_s: float | None, told: CameraState | None) -> str:
-    """What stands in the place of a lost camera's picture; ``told`` is what is known of the camera itself."""
+    """Placeholder text for a lost camera's picture; ``told``: the camera's reported state."""
     if told is not None and told.state == "ended":
         return tr(told.detail) or tr("It has ended. A recording goes on without it.")
     if age_s is None:
@@ -393,7 +395,7 @@ def no_picture(age_s: float | None, told: CameraState | None) -> str:
 
 
 def has_given_name(person: PersonRow) -> bool:
-    """Whether the wizard named this person; the console calls the others Person 1, Person 2, ..."""
+    """Whether the wizard named this person; others are labelled Person 1, Person 2, ..."""
     return bool(person.name) and not is_unnamed_label(person.name)
 
 
@@ -402,18 +404,18 @@ def person_name(person: PersonRow) -> str:
 
 
 def name_in_words(name: str) -> str:
-    """A name as it is; the label of somebody without one in the wizard's language."""
+    """The name, or a translated label for an unnamed person."""
     number = unnamed_number(name)
     return name if number is None else tr("Person {number}").format(number=number)
 
 
 def percent(confidence: float) -> str:
-    """82 %. Never 100 %: nobody is that sure of who somebody is."""
+    """Confidence as 82 %, at most 99 %: identification is never certain."""
     return f"{min(99, int(100 * confidence + 0.5))} %"
 
 
 def maybe(person: PersonRow) -> str:
-    """Who it could be: Maybe Anna (82 %). Empty where nobody is suggested."""
+    """Suggested identity, as "Maybe Anna (82 %)"; empty if none."""
     if person.suggestion is None:
         return ""
     name, how_sure = name_in_words(person.suggestion.name), percent(person.suggestion.confidence)
@@ -421,7 +423,7 @@ def maybe(person: PersonRow) -> str:
 
 
 def on_box(person: PersonRow, yes_key: str = "") -> str:
-    """What stands on somebody's box: the name, or Anna? 82 % · Y where that is asked."""
+    """Label of a person's box: the name, or "Anna? 82 % · Y" for a pending question."""
     if person.suggestion is None:
         return person_name(person)
     who = f"{name_in_words(person.suggestion.name)}? {percent(person.suggestion.confidence)}"
@@ -429,16 +431,16 @@ def on_box(person: PersonRow, yes_key: str = "") -> str:
 
 
 NameOf = Callable[[str], str]
-"""Gives the words for a person id."""
+"""Maps a person id to a name."""
 
 
 def with_names(text: str, name_of: NameOf) -> str:
-    """What was said, as it is shown: with names where the record has ids."""
+    """Transcript text with names in place of recorded ids."""
     return person_marks.with_names(text, name_of)
 
 
 def microphone_facts(microphone: MicrophoneStatus) -> str:
-    """Whom an open microphone hears, which one it is, and what is wrong with it."""
+    """Source, name and problems of an open microphone."""
     wizard, name = microphone.role == "wizard", microphone.name
     if microphone.state == "failed":
         no = (
@@ -465,5 +467,5 @@ def microphone_facts(microphone: MicrophoneStatus) -> str:
 
 
 def microphone(name: str) -> str:
-    """One of this computer's, by its name; empty: the system's own choice."""
+    """Microphone name; the system default if empty."""
     return name or tr("System’s default microphone")

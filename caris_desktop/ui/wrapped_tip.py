@@ -1,4 +1,4 @@
-"""Long tooltips, on as many lines as they take: Qt breaks only the lines of HTML, which a tooltip here never is."""
+"""Tooltips with line breaks: Qt wraps HTML tooltips only, and these are plain text."""
 
 import textwrap
 
@@ -8,12 +8,12 @@ _LINE_CHARACTERS = 70
 
 
 def wrapped_tip(*texts: str) -> str:
-    """Each of ``texts`` that is not empty begins a line of its own."""
+    """Wrap ``texts``, each on a new line; empty ones are skipped."""
     lines = "\n".join(filter(None, texts)).splitlines()
     return "\n".join(textwrap.fill(line, _LINE_CHARACTERS) for line in lines)
 
 
 def set_wrapped_tip(widget: QWidget, *texts: str) -> None:
-    """What a screen reader is told has no line breaks in it."""
+    """Set the tooltip; the accessible description has no line breaks."""
     widget.setToolTip(wrapped_tip(*texts))
     widget.setAccessibleDescription(" ".join(filter(None, texts)))

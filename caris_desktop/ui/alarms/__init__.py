@@ -1,1 +1,1 @@
-"""What is wrong now, as the wizard sees it."""
+"""Alarms in the window."""

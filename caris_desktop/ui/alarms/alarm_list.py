@@ -1,4 +1,4 @@
-"""What is wrong now, over the window, and the few words at its lower edge that open it."""
+"""Alarm list over the window, and the status bar button that opens it."""
 
 from PySide6.QtCore import QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QPainter, QPaintEvent
@@ -25,7 +25,7 @@ _FOLDED_SHOWN = 5
 
 
 class AlarmsButton(StatusButton):
-    """1 alarm: there only while something is wrong."""
+    """Number of alarms; visible only while there are any."""
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "alarms_button", tr("What is wrong now, and what to do. Click for the list."))
@@ -41,7 +41,7 @@ class AlarmsButton(StatusButton):
 
 
 class AlarmList(Overlay):
-    """Each alarm with what it means, what to do and what followed from it. What is over leaves by itself."""
+    """List of alarms with meaning, advice and consequences. Ended alarms disappear."""
 
     log_wanted = Signal()
 

@@ -1,1 +1,1 @@
-"""What the Assistant panel is made of."""
+"""Widgets of the Assistant panel."""

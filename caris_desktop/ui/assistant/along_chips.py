@@ -1,4 +1,4 @@
-"""What goes along with the next question: a chip each with its size, taken out and put back by a click or Space."""
+"""Prompt context chips: parts sent with the next question, with their size; a click or Space toggles a part."""
 
 from collections.abc import Sequence
 from typing import cast
@@ -17,7 +17,9 @@ _HEIGHT_PX = 26
 
 
 class AlongChips(FlowRow):
-    """``left_out`` lasts until the wizard puts it back; ``pictures`` go with one question."""
+    """Prompt context chips. ``left_out`` persists until the wizard restores a part; ``pictures`` go
+    with one question.
+    """
 
     changed = Signal()
 
@@ -53,13 +55,13 @@ class AlongChips(FlowRow):
             self._show()
 
     def forget_pictures(self) -> None:
-        """They were sent, or cannot be sent any more."""
+        """Clear the pictures after sending, or when they can no longer be sent."""
         if self._pictures:
             self._pictures.clear()
             self._show()
 
     def keep(self, left_out: Sequence[str], pictures: Sequence[str]) -> None:
-        """As the panel before had it."""
+        """Restore the state of the former panel."""
         self._left_out, self._pictures = set(left_out), list(pictures)
         self._show()
 
@@ -108,7 +110,7 @@ class AlongChips(FlowRow):
 
 
 def picture_words(name: str) -> str:
-    """A picture of a question, as ``Ask.pictures`` names it, for the wizard."""
+    """Label of a picture, named as in ``Ask.pictures``."""
     if name.startswith(CAMERA_PICTURE):
         return tr("Picture now: {camera}").format(camera=name.removeprefix(CAMERA_PICTURE))
     return tr("Photo {name}").format(name=name.rsplit("/", 1)[-1].removesuffix(".png"))

@@ -1,4 +1,4 @@
-"""The questions that are under way or answered, one line each; the one that is chosen is shown below."""
+"""List of pending and answered questions, one line each; the selected one is shown below."""
 
 from collections.abc import Sequence
 
@@ -24,7 +24,7 @@ _USED = {"said": QT_TR_NOOP("Said"), "edited": QT_TR_NOOP("Said, edited")}
 
 
 class ExchangeRows(QScrollArea):
-    """Arrow keys choose a row, Enter says its answer, Shift+Enter edits it first, Delete puts it away."""
+    """Arrow keys select a row, Enter says its answer, Shift+Enter edits it first, Delete dismisses it."""
 
     accessible_role = QAccessible.Role.List
 
@@ -55,7 +55,7 @@ class ExchangeRows(QScrollArea):
         return QSize(100, min(len(self._rows), 2) * (ROW_PX + 2))
 
     def show_rows(self, exchanges: Sequence[ExchangeStatus], current: str, *, live: bool, speaks: bool = True) -> None:
-        """The newest first. ``live`` is False where nothing can be done with them, ``speaks`` where nothing is said."""
+        """Show the exchanges, newest first. ``live``: they can be used; ``speaks``: answers can be said."""
         count = len(self._rows)
         for exchange_id in [each for each in self._rows if each not in {row.exchange_id for row in exchanges}]:
             row = self._rows.pop(exchange_id)
@@ -97,7 +97,7 @@ class ExchangeRows(QScrollArea):
 
 
 class _Row(QWidget):
-    """State, question, and two buttons."""
+    """Row with state, question and two buttons."""
 
     pressed = Signal()
 

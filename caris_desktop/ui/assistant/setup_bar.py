@@ -1,4 +1,4 @@
-"""With what the next question is asked: model, role, style, a prepared question, a picture. All drop-downs."""
+"""Setup of the next question: model, role, style, prepared question, picture. All are drop-downs."""
 
 from collections.abc import Callable, Sequence
 
@@ -21,7 +21,7 @@ _MODEL_WIDEST_PX, _WIDEST_PX = 280, 180
 
 
 class SetupBar(FlowRow):
-    """A drop-down that the scenario leaves without a choice is not there."""
+    """Setup bar; drop-downs without a choice in this scenario are hidden."""
 
     template_chosen = Signal(str)
     picture_chosen = Signal(str)
@@ -100,7 +100,7 @@ def _model_words(choice: ModelChoice) -> str:
 
 
 def _fill(drop_down: DropDown, wanted: Sequence[tuple[str, str]], current: str) -> None:
-    """Nothing is touched that is as it should be: a list that is open stays as it is."""
+    """Fill a drop-down only if it changed, so that an open list stays open."""
     if [(drop_down.itemText(at), drop_down.itemData(at)) for at in range(drop_down.count())] != list(wanted):
         drop_down.clear()
         for text, data in wanted:

@@ -1,4 +1,4 @@
-"""What the model is told before a question, in plain sight: changed for this session, or put back."""
+"""System prompt page: the texts sent before a question, edited for this session or reset."""
 
 from collections.abc import Callable
 from typing import Literal, cast
@@ -20,7 +20,7 @@ _BUTTON_PX = 30
 
 
 class WordsPage(QWidget):
-    """One text at a time: instructions, notes, each role and each style. The scenario's file stays as it is."""
+    """One text at a time: instructions, notes, a role or a style. The scenario file is not changed."""
 
     closed = Signal()
 
@@ -58,12 +58,12 @@ class WordsPage(QWidget):
         column.addLayout(bottom)
 
     def forget(self) -> None:
-        """What is being changed is not wanted any more: the next setup is shown from its beginning."""
+        """Discard an edit; the next setup is shown from its beginning."""
         self.which.clear()
         self._shown = ("", "")
 
     def show_setup(self, setup: AssistantSetup) -> None:
-        """What is being changed stays as it stands in the field."""
+        """Show the setup; an unsaved edit stays in the field."""
         changed = self._changed
         self._setup = setup
         wanted = [(tr("Instructions"), ("system_prompt", "")), (tr("Notes"), ("notes", ""))]
@@ -123,7 +123,7 @@ class WordsPage(QWidget):
                 return tr("Style: {name}").format(name=name)
 
     def _save(self) -> bool:
-        """False where it was refused, with the text left in the field."""
+        """Save the edit; False if refused, with the text left in the field."""
         kind, name = self._shown
         return not self._do(intents.EditPrompt(cast(_Kind, kind), self.field.toPlainText().strip(), name))
 

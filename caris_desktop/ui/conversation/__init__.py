@@ -1,1 +1,1 @@
-"""What the Conversation panel is made of."""
+"""Widgets of the Conversation panel."""

@@ -1,4 +1,4 @@
-"""How much the language model does by itself: shown, and changed up to what the scenario allows."""
+"""Autonomy levels of the language model: display, and change up to the scenario's limit."""
 
 from collections.abc import Callable
 
@@ -16,7 +16,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 
 
 class LevelsButton(ActionButton):
-    """Amber where something is done without a key; its menu has a section for each function."""
+    """Button with a menu section per function; amber while any function acts without confirmation."""
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context.theme, icon="sliders-horizontal", look="ghost", height_px=30)
@@ -43,7 +43,7 @@ class LevelsButton(ActionButton):
         return self._context.console.scenario.assisted
 
     def fill(self) -> None:
-        """The menu as it stands now, with what the scenario allows."""
+        """Fill the menu with the levels that the scenario permits."""
         self._menu.clear()
         for function in self._assisted:
             self._menu.addSection(tr(FUNCTIONS[function]))

@@ -1,4 +1,4 @@
-"""What the language model proposes to do, with the keys that confirm and reject it."""
+"""Proposed action of the language model, with the keys that confirm and reject it."""
 
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QWidget
@@ -16,8 +16,8 @@ _COUNT_EVERY_MS = 100
 
 
 class ProposalCard(Band):
-    """There only while something is proposed. The keys are shown while they mean this: a question about a person goes
-    first.
+    """Visible while an action is proposed. Shows the keys only while they apply: a question about a person takes
+    precedence.
     """
 
     def __init__(self, context: PanelContext, parent: QWidget) -> None:
@@ -42,7 +42,7 @@ class ProposalCard(Band):
         self._refresh()
 
     def fit(self, panel_px: int) -> None:
-        """How tall the panel is that it stands in."""
+        """Adapt to the panel's height."""
         low = panel_px < LOW_BELOW_PX
         self.setFixedHeight(34 if low else 44)
         for button in (self.yes, self.no):

@@ -1,4 +1,4 @@
-"""The suggested replies under the newest turn: each with its key, always at the same place."""
+"""Suggested replies below the newest turn, each with its key at a fixed position."""
 
 from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
@@ -16,13 +16,13 @@ from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 
 _ROW_PX, _LOW_ROW_PX = 40, 28
 LOW_BELOW_PX = 300
-"""In a panel that is lower than this, what could be said takes less room, so that what was said is still seen."""
+"""Panel height below which suggestions are compact, so that the transcript stays visible."""
 _COUNT_EVERY_MS = 100
 
 
 class SuggestionCards(QWidget):
-    """Up to three replies. Their room is there from the moment on in which they are asked for, so that none moves once
-    it is shown. A click says one as its key does.
+    """Up to three replies. Their space is reserved when they are requested, so that none moves once shown. A click says
+    one, as its key does.
     """
 
     def __init__(self, context: PanelContext, parent: QWidget) -> None:
@@ -56,7 +56,7 @@ class SuggestionCards(QWidget):
         self._refresh()
 
     def fit(self, panel_px: int) -> None:
-        """How tall the panel is that they stand in."""
+        """Adapt to the panel's height."""
         self._low = panel_px < LOW_BELOW_PX
         for card in self.cards:
             card.setFixedHeight(_LOW_ROW_PX if self._low else _ROW_PX)
@@ -82,7 +82,7 @@ class SuggestionCards(QWidget):
         return "" if card is None else words.with_names(card.text, lambda person_id: name_of(console, person_id))
 
     def _count(self) -> None:
-        """What changes with time alone: the line under the cards, and the countdown of the first."""
+        """Update what depends on time alone: the line below the cards, and the first card's countdown."""
         status: SuggestionsStatus = self._state.suggestions.value
         now_ns = self._state.present.now_ns()
         self.cards[0].show_countdown(None if status.says_ns is None else max(0.0, (status.says_ns - now_ns) / 1e9))
@@ -97,7 +97,7 @@ class SuggestionCards(QWidget):
         self.setVisible(bool(text) or status.state in ("asking", "shown"))
 
     def _late(self, status: SuggestionsStatus, now_ns: int) -> str:
-        """What the console makes of it that no reply has come yet."""
+        """Text while no reply has arrived: the filler that follows."""
         filler = self._context.console.scenario.next_filler(self._state.fillers_said.value)
         if status.filler_ns is None or not filler or not self._state.present.live:
             return ""
@@ -127,7 +127,7 @@ class SuggestionCards(QWidget):
 
 
 class _Card(QAbstractButton):
-    """One place for a reply: as high whether or not one stands in it."""
+    """Card of constant height for one reply or none."""
 
     def __init__(self, context: PanelContext, rank: int) -> None:
         super().__init__()
@@ -187,7 +187,7 @@ class _Card(QAbstractButton):
         self._draw_text(painter, QRectF(left, 0, max(0.0, right - left), self.height()))
 
     def _draw_text(self, painter: QPainter, room: QRectF) -> None:
-        """On one line where it fits, else smaller, on two where there is room for that."""
+        """Draw on one line if it fits, else smaller, and on two lines if there is room."""
         font, text = self._theme.font(tokens.BODY_PX), self.text()
         if QFontMetricsF(font).horizontalAdvance(text) > room.width():
             font = self._theme.font(tokens.STATUS_PX)

@@ -1,4 +1,4 @@
-"""The turns of a conversation on the screen: as high as their words, painted where seen, corrected in place."""
+"""Transcript view: turns with variable height, painted only when visible, edited in place."""
 
 import itertools
 from bisect import bisect_right
@@ -35,12 +35,12 @@ _FIELD_PX = 36
 _LONGEST = 1000
 _EMPTY_PX = 44
 _AT_ONCE = 150
-"""Rows measured before the window may do something else: some milliseconds."""
+"""Rows measured per event loop turn: a few milliseconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class RowButton:
-    """What can be done with a turn."""
+    """Button of a turn."""
 
     act: RowAct
     icon: str
@@ -62,11 +62,11 @@ _KEYS: dict[int, RowAct] = {
 
 
 class TranscriptView(QAbstractScrollArea):
-    """Stays at the newest turn (in a replay at the moment on show) unless the wizard scrolls back.
+    """Scrolls with the newest turn (in a replay, the current one) until the wizard scrolls back.
 
-    A click takes no focus, so that neither typing nor driving is interrupted by it. ``picked`` tells of a click on a
-    turn (where nothing is changed, of Enter on it too), ``wanted`` of what was asked for with it, ``given`` what was
-    written in its place. ``may_change`` is False where nothing is corrected, as in a replay.
+    A click does not take the focus, so that it interrupts neither typing nor driving. ``picked``: a turn was clicked
+    (or Enter pressed, if read-only); ``wanted``: one of its buttons; ``given``: its new text. ``may_change`` is False
+    for a read-only transcript, as in a replay.
     """
 
     accessible_role = QAccessible.Role.List
@@ -119,12 +119,12 @@ class TranscriptView(QAbstractScrollArea):
         self._field.setObjectName("transcript_field")
         self._field.hide()
         self._field.entered.connect(self._on_written)
-        # Left without Enter, what is half written changes nothing.
+        # Leaving without Enter discards the edit.
         self._field.left.connect(self.give_up_writing)
         self._told = ToldRows(self.viewport(), self.viewport(), lambda: _spots(self), self._on_told_pressed)
         theme.changed.connect(self._on_theme_changed)
 
-    # ---- what is shown
+    # ---- display
 
     @property
     def rows(self) -> Sequence[TranscriptRow]:
@@ -132,11 +132,11 @@ class TranscriptView(QAbstractScrollArea):
 
     @property
     def current(self) -> str:
-        """The turn that keys act on; empty for none."""
+        """Turn that keys act on; empty for none."""
         return self._current
 
     def show_rows(self, rows: list[TranscriptRow]) -> None:
-        """These are the turns now."""
+        """Set the turns."""
         came = max(0, len(rows) - len(self._rows)) if self._rows else 0
 
         def put() -> None:
@@ -148,7 +148,7 @@ class TranscriptView(QAbstractScrollArea):
         self._tell_below(0 if self._following or self._now_row is not None else self._below + came)
 
     def show_now(self, row: int) -> None:
-        """In a replay: the turn at the moment on show; what comes after it is dim. -1 for before the first."""
+        """Replay: set the current turn; later ones are dimmed. -1 for before the first."""
         if row != self._now_row:
             self._now_row = row
             if self._following:
@@ -156,31 +156,31 @@ class TranscriptView(QAbstractScrollArea):
             self.viewport().update()
 
     def show_found(self, found: Sequence[int], query: str) -> None:
-        """Mark the words that are looked for."""
+        """Highlight search results."""
         self._found, self._query = frozenset(found), tuple(query.casefold().split())
         self.viewport().update()
 
     def show_turn(self, row: int) -> None:
-        """Go there, and let keys act on it."""
+        """Scroll to a turn and make it current."""
         if 0 <= row < len(self._rows):
             self._following = False
             self._make_current(self._rows[row].utterance_id)
 
     def follow(self) -> None:
-        """To the newest, and stay there."""
+        """Scroll to the newest turn and follow it."""
         self._following = True
         self._place(self._scroll_to_followed)
         self._tell_below(0)
 
     def row_rect(self, row: int) -> QRect:
-        """Where the turn is, in the viewport."""
+        """Rectangle of a turn in the viewport."""
         top = self._tops[row] - self.verticalScrollBar().value()
         return QRect(0, top, self.viewport().width(), self._tops[row + 1] - self._tops[row])
 
-    # ---- how high it is
+    # ---- row heights
 
     def _change(self, change: Callable[[], object]) -> None:
-        """Do it, and have what is on show stay where it is, or at the newest."""
+        """Apply a change while the visible turn, or the newest, stays in place."""
         bar = self.verticalScrollBar()
         anchor = self._row_at(0) if not self._following else -1
         kept = (self._rows[anchor].utterance_id, self._tops[anchor] - bar.value()) if anchor >= 0 else None
@@ -195,7 +195,7 @@ class TranscriptView(QAbstractScrollArea):
                 self._scroll_to_followed()
 
         self._place(place)
-        # What comes into view is measured before it is painted, and may bring others into view.
+        # Rows that come into view are measured before painting, which may bring others into view.
         for _ in range(6):
             if not self._measure(self.visible_rows()):
                 break
@@ -208,8 +208,8 @@ class TranscriptView(QAbstractScrollArea):
 
     def _sum_up(self) -> None:
         if len(self._rows) <= _AT_ONCE:
-            # Nothing is guessed where all may fit: a guess brought the scroll bar, its room another width, that another
-            # guess, and what was measured then took the bar away again, without end.
+            # Exact heights where all rows may fit: estimates toggled the scroll bar, and with it the width and the
+            # estimates, endlessly.
             self._measure(range(len(self._rows)))
         width = self.viewport().width()
         likely = self._painter.likely_heights(width)
@@ -231,7 +231,7 @@ class TranscriptView(QAbstractScrollArea):
         return measured[1] if measured is not None and measured[0] is row else None
 
     def _measure(self, rows: Sequence[int]) -> bool:
-        """Whether there was something to measure."""
+        """Measure rows; returns whether any were unmeasured."""
         unknown = [row for row in rows if self._known_height(self._rows[row]) is None]
         for number in unknown:
             row = self._rows[number]
@@ -239,29 +239,29 @@ class TranscriptView(QAbstractScrollArea):
         return bool(unknown)
 
     def _measure_some(self) -> None:
-        """The rest, from the newest on, while nothing else is to be done."""
+        """Measure the rest while idle, newest first."""
         unknown = (row for row in reversed(range(len(self._rows))) if self._known_height(self._rows[row]) is None)
         some = list(itertools.islice(unknown, _AT_ONCE))
         self._change(lambda: self._measure(some))
 
     def visible_rows(self) -> range:
-        """Those of which something is in view."""
+        """Rows at least partly in view."""
         return range(max(0, self._row_at(0)), self._row_at(self.viewport().height() - 1) + 1)
 
     def _row_at(self, y: int) -> int:
-        """The row there in the viewport, the nearest where there is none; -1 where there are no rows."""
+        """Row at this y of the viewport, or the nearest; -1 without rows."""
         return min(bisect_right(self._tops, y + self.verticalScrollBar().value()) - 1, len(self._rows) - 1)
 
     def _row_of(self, utterance_id: str) -> int | None:
-        # It is mostly one of the last.
+        # Usually one of the last rows.
         return next(
             (row for row in reversed(range(len(self._rows))) if self._rows[row].utterance_id == utterance_id), None
         )
 
-    # ---- where it is scrolled to
+    # ---- scrolling
 
     def _place(self, place: Callable[[], None]) -> None:
-        """Scroll without taking that for what the wizard does."""
+        """Scroll without counting it as the wizard's scrolling."""
         self._placing = True
         place()
         self._placing = False
@@ -313,10 +313,10 @@ class TranscriptView(QAbstractScrollArea):
         self._measured.clear()
         self._change(lambda: None)
 
-    # ---- writing in place
+    # ---- editing in place
 
     def write(self, act: RowAct, utterance_id: str) -> None:
-        """Open the field for the words of the turn, or for its tags."""
+        """Open the field for the text or the tags of a turn."""
         row = self._row_of(utterance_id)
         if row is None or not self._may_change:
             return
@@ -353,19 +353,19 @@ class TranscriptView(QAbstractScrollArea):
                 self.given.emit(act, utterance_id, text)
 
     def give_up_writing(self) -> None:
-        """Nothing is changed."""
+        """Cancel the edit."""
         if self._writing is None:
             return
         self._writing = None
         if self._field.hasFocus():
-            # Else Qt gives it to whatever comes next, which may be what the robot says, or driving.
+            # Qt would focus the next widget, which may be the robot's speech field or driving.
             self.setFocus(Qt.FocusReason.OtherFocusReason)
         self._field.hide()
 
-    # ---- mouse and keys
+    # ---- mouse and keyboard
 
     def buttons(self, row: int) -> list[tuple[RowButton, QRect]]:
-        """What can be done with the turn, and where it is clicked, in the viewport."""
+        """Buttons of a turn with their rectangles in the viewport."""
         told = self._rows[row]
         if not self._may_change or told.utterance_id not in (self._current, self._hovered):
             return []
@@ -396,7 +396,7 @@ class TranscriptView(QAbstractScrollArea):
         self._on_told_pressed((utterance_id, button.act if button is not None else "pick"))
 
     def _on_told_pressed(self, key: tuple[str, ...]) -> None:
-        """A click, or its like from the accessibility interface: the turn, and what is to be done with it."""
+        """Handle a click, also from the accessibility interface, on a turn or its button."""
         utterance_id, act = key
         button = next((button for button in _BUTTONS if button.act == act), None)
         if button is not None:
@@ -507,7 +507,7 @@ class TranscriptView(QAbstractScrollArea):
 
 
 def _spots(view: TranscriptView) -> list[ToldSpot]:
-    """The turns in view, and what can be pressed in them now."""
+    """Accessible regions: visible turns and their buttons."""
     spots = []
     for row in view.visible_rows() if view.rows else ():
         told = view.rows[row]

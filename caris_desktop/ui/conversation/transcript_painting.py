@@ -1,4 +1,4 @@
-"""How one turn of the transcript is laid out and painted."""
+"""Layout and painting of a transcript turn."""
 
 from collections.abc import Callable
 
@@ -20,7 +20,7 @@ _ABOVE_PX, _BELOW_PX = 5, 6
 
 @dataclass(frozen=True, slots=True)
 class RowLook:
-    """How a turn stands out. ``ahead``: a replay has not come to it yet. ``found``: words of it that are looked for."""
+    """Highlighting of a turn. ``ahead``: after the current time of a replay. ``found``: searched words in it."""
 
     raised: bool
     focused: bool
@@ -31,12 +31,12 @@ class RowLook:
 
 
 def words_rect(rect: QRect) -> QRect:
-    """Where the words are in the rectangle of the turn."""
+    """Text rectangle within a turn's rectangle."""
     return rect.adjusted(SIDE_PX, _ABOVE_PX + _HEAD_PX, -SIDE_PX, -_BELOW_PX)
 
 
 class RowPainter:
-    """Lays out as wide as it is told, and paints."""
+    """Lays out a turn for a given width and paints it."""
 
     def __init__(self, theme: Theme) -> None:
         self._theme = theme
@@ -47,7 +47,7 @@ class RowPainter:
         return _ABOVE_PX + _HEAD_PX + round(last.y() + last.height()) + _BELOW_PX
 
     def likely_heights(self, width_px: int) -> Callable[[TranscriptRow], int]:
-        """A guess that costs nothing, for what is far out of view."""
+        """Cheap height estimate for rows far out of view."""
         metrics = QFontMetrics(self._theme.font(WORDS_PX))
         per_line = max(8, _words_width(width_px) // max(1, metrics.averageCharWidth()))
         line_px = metrics.lineSpacing()
@@ -90,7 +90,7 @@ class RowPainter:
         return layout
 
     def _paint_head(self, painter: QPainter, rect: QRect, row: TranscriptRow) -> None:
-        """The time, who it is, what is to be said of it, and its tags."""
+        """Paint time, speaker, remarks and tags."""
         theme, small = self._theme, self._theme.font(tokens.STATUS_PX)
         metrics, left = QFontMetrics(small), rect.left()
         painter.setFont(small)
@@ -131,7 +131,7 @@ class RowPainter:
                 marked = _format(at, len(word))
                 marked.format.setBackground(self._theme.color("amber_soft"))
                 marked.format.setForeground(self._theme.color("amber"))
-                marked.format.setFontUnderline(True)  # seen without colours too
+                marked.format.setFontUnderline(True)  # visible without colour too
                 formats.append(marked)
                 at = plain.find(word, at + len(word))
         return formats

@@ -1,4 +1,4 @@
-"""What the Conversation panel says of each turn, worked out from the turns without a window."""
+"""Rows of the transcript, computed from turns without a window."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -16,7 +16,7 @@ ROBOT, WIZARD, PARTICIPANT = QT_TR_NOOP("robot"), QT_TR_NOOP("wizard"), QT_TR_NO
 
 @dataclass(frozen=True, slots=True)
 class TranscriptRow:
-    """One turn as it stands there. ``tentative`` words may still change. ``changeable``: who said it may be wrong."""
+    """Row of a turn. ``tentative`` words may still change. ``changeable``: the speaker can be corrected."""
 
     utterance_id: str
     begins_ns: int
@@ -32,12 +32,12 @@ class TranscriptRow:
 
     @property
     def words(self) -> str:
-        """All of the words, also those that may still change."""
+        """Whole text, including partial results."""
         return " ".join(filter(None, (self.text, self.tentative)))
 
     @property
     def spoken(self) -> str:
-        """The whole turn with what the look of it says, as a screen reader says it."""
+        """The turn and its state as text for a screen reader."""
         state = (
             tr("still being made out") if self.tentative else "",
             tr("cut short") if self.cut_short else "",
@@ -50,7 +50,7 @@ class TranscriptRow:
 
 @dataclass(frozen=True, slots=True)
 class _Made:
-    """A row with what it was made from."""
+    """A row with its inputs."""
 
     turn: Turn
     hearing: Hearing | None
@@ -59,7 +59,7 @@ class _Made:
 
 
 class RowMaker:
-    """Makes rows of turns, each only once as long as nothing of it changes: an hour has two thousand of them."""
+    """Makes rows from turns; unchanged rows are reused, as an hour has two thousand turns."""
 
     def __init__(self, anchor: ClockAnchor, *, with_tags: bool = True) -> None:
         self._anchor = anchor
@@ -69,7 +69,7 @@ class RowMaker:
     def rows(
         self, turns: Iterable[Turn], names: Mapping[str, str], heard: Mapping[str, Hearing]
     ) -> list[TranscriptRow]:
-        """``turns`` in the order in which they began; ``heard`` is what is made out of one under way, by its id."""
+        """Rows of ``turns``, sorted by start; ``heard``: partial results by utterance id."""
         made: dict[str, _Made] = {}
         for turn in turns:
             hearing = heard.get(turn.utterance_id)
@@ -103,7 +103,7 @@ class RowMaker:
 
 
 def who_spoke(speaker: WhoSpoke, person_id: str, names: Mapping[str, str]) -> str:
-    """The name or number of a participant where it is known who it was."""
+    """Speaker as text: a participant's name or number if known."""
     match speaker:
         case "robot":
             return tr(ROBOT)
@@ -116,7 +116,7 @@ def who_spoke(speaker: WhoSpoke, person_id: str, names: Mapping[str, str]) -> st
 
 
 def found_in(rows: Sequence[TranscriptRow], query: str) -> list[int]:
-    """The rows that have every word of the query, in what was said, who said it, or the tags."""
+    """Rows that contain all words of the query in text, speaker or tags."""
     asked = query.casefold().split()
     if not asked:
         return []

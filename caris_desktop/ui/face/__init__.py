@@ -1,1 +1,1 @@
-"""The robot's face on screens of this computer."""
+"""The robot's face on this computer's screens."""

@@ -1,4 +1,4 @@
-"""Change a face beside a preview of it, and keep it as one's own. What can be changed follows from the declaration."""
+"""Face editor with preview. Controls follow from the schema of a face; the result is saved as a face of the user."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -58,7 +58,7 @@ _COLOURS = {
 
 
 class FaceEditor(TabAsRead, QDialog):
-    """Not modal: the robot can be driven and stopped meanwhile. Nothing of the face in use changes until it is kept."""
+    """Non-modal: the robot can be driven and stopped meanwhile. The face in use changes only on saving."""
 
     def __init__(self, theme: Theme, console: WizardConsole, parent: QWidget) -> None:
         super().__init__(parent)
@@ -194,7 +194,7 @@ class FaceEditor(TabAsRead, QDialog):
 
 
 class _ValueSlider(QSlider):
-    """A number between the bounds that its declaration gives."""
+    """Slider within the bounds of the schema."""
 
     def __init__(self, key: Key, put: Callable[[float], None]) -> None:
         super().__init__(Qt.Orientation.Horizontal)

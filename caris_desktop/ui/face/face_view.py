@@ -1,4 +1,4 @@
-"""Draws the robot's face, as large as there is room."""
+"""Face widget, scaled to the space available."""
 
 from typing import assert_never
 
@@ -11,7 +11,7 @@ from caris_desktop.domain.translation import tr
 
 
 class FaceView(QWidget):
-    """The face, a text, or a picture in its place."""
+    """Displays a face drawing, a text or a picture."""
 
     accessible_role = QAccessible.Role.Graphic
 
@@ -54,7 +54,7 @@ class FaceView(QWidget):
 
 
 def draw_shape(painter: QPainter, shape: Box | Lips | Words, unit: float) -> None:
-    """In pixels of ``unit`` for each hundredth of the shorter side, around the painter's origin."""
+    """Draw a shape around the painter's origin; ``unit``: pixels per hundredth of the shorter side."""
     ink = QColor(shape.ink)
     match shape:
         case Box():
@@ -90,5 +90,5 @@ def draw_shape(painter: QPainter, shape: Box | Lips | Words, unit: float) -> Non
 
 
 def _through(y: float, middle: float) -> float:
-    """The control point of a curve that goes through ``middle`` half-way."""
+    """Control point of a curve whose midpoint is ``middle``."""
     return 2 * middle - y

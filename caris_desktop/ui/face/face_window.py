@@ -1,4 +1,4 @@
-"""The robot's face in a window of its own, for a screen on the robot. It never takes the keys that drive."""
+"""Face window for a screen on the robot. It never takes the keyboard focus from driving."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from caris_desktop.ui.face.shown_face import show_on
 
 
 class FaceWindow(QWidget):
-    """Fills another screen where there is one. A double click makes it full, or a window again."""
+    """Full screen on a second screen if there is one. A double click toggles full screen."""
 
     accessible_role = QAccessible.Role.Window
 

@@ -1,4 +1,4 @@
-"""The windows about the robot's face: its own, which the participant sees, and the one to edit it in."""
+"""Face windows: the one that the participant sees, and the editor."""
 
 from typing import TYPE_CHECKING
 
@@ -10,13 +10,13 @@ from caris_desktop.live.status import FaceStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.theme import Theme
 
-if TYPE_CHECKING:  # imported when they are first opened
+if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.face.face_editor import FaceEditor
     from caris_desktop.ui.face.face_window import FaceWindow
 
 
 class FaceWindows(QObject):
-    """Opens and closes them as ``state.face`` says."""
+    """Opens and closes the windows according to ``state.face``."""
 
     def __init__(self, theme: Theme, console: WizardConsole, window: QWidget) -> None:
         super().__init__(window)
@@ -28,12 +28,12 @@ class FaceWindows(QObject):
         console.state.face.changed.connect(self._on_face)
 
     def open(self, name: str) -> None:
-        """What a panel asks for, a WindowName."""
+        """Open a window that a panel requested, by WindowName."""
         if name == "face":
             self.edit()
 
     def edit(self) -> None:
-        """Change the face beside a preview of it."""
+        """Open the face editor."""
         from caris_desktop.ui.face.face_editor import FaceEditor
 
         if self._editor is None:

@@ -1,1 +1,1 @@
-"""The first minutes with the program: try it with a simulated robot, or connect everything, step by step."""
+"""First start: try a simulated robot, or set up everything step by step."""

@@ -1,4 +1,4 @@
-"""The large choices of the first page, and the steps at its side."""
+"""Buttons of the set-up page: large choices, and steps with their state."""
 
 from PySide6.QtCore import QRect, QRectF, QSize, Qt
 from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPen
@@ -16,7 +16,7 @@ _WRAPPED = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop | Qt.TextF
 
 
 class ChoiceButton(QAbstractButton):
-    """An icon, what it does, and what that means."""
+    """Large button with icon, title and explanation."""
 
     def __init__(self, theme: Theme, title: str, about: str, icon: str, *, primary: bool = False) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class ChoiceButton(QAbstractButton):
         theme.changed.connect(self.update)
 
     def set_low(self, low: bool) -> None:
-        """No taller than its words need, with the icon beside them."""
+        """Switch to a compact layout with the icon on the left."""
         if low != self._low:
             self._low = low
             self.updateGeometry()
@@ -53,7 +53,7 @@ class ChoiceButton(QAbstractButton):
         return self._rects(width)[1].bottom() + (12 if self._low else _PAD_PX)
 
     def _rects(self, width: int) -> tuple[QRect, QRect]:
-        """Where title and explanation are."""
+        """Rectangles of title and explanation."""
         left, top = (2 * _PAD_PX + _ICON_PX, 12) if self._low else (_PAD_PX, _PAD_PX + _ICON_PX + 14)
         room = width - left - _PAD_PX
         title = self._metrics(tokens.SPEECH_PX).boundingRect(QRect(left, top, room, 2000), _WRAPPED, self.text())
@@ -86,7 +86,7 @@ class ChoiceButton(QAbstractButton):
 
 
 class StepButton(QAbstractButton):
-    """One step with how it stands, in a shape and in a word."""
+    """Step with its state as shape and word."""
 
     def __init__(self, theme: Theme, title: str) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""A slim line that tells who has never driven how to; it goes away with the first metre."""
+"""Hint line on how to drive; it disappears after the first metre."""
 
 import math
 
@@ -24,8 +24,8 @@ _PRAISED_MS = 20_000
 
 
 class DriveHint(Bar, QWidget):
-    """``driven`` once the robot has gone a metre; from then on ``practise_wanted`` where the wizard goes on to practise
-    the rest. Hidden until it is wanted.
+    """``driven`` after a metre of driving; then ``practise_wanted`` if the wizard continues with the practice. Hidden
+    until ``begin``.
     """
 
     accessible_role = QAccessible.Role.StaticText
@@ -73,7 +73,7 @@ class DriveHint(Bar, QWidget):
         return self._text.text()
 
     def begin(self) -> None:
-        """From now on a metre is waited for."""
+        """Show the hint and wait for a metre of driving."""
         if self._console.scenario.permissions.driving:
             self._from, self._gone_m = None, 0.0
             self._waits = True
@@ -83,7 +83,7 @@ class DriveHint(Bar, QWidget):
             self.show()
 
     def end(self) -> None:
-        """Nobody has to be told any more."""
+        """Hide the hint for good."""
         self._waits = False
         self.hide()
         self.driven.emit()
@@ -103,12 +103,12 @@ class DriveHint(Bar, QWidget):
             self.driven.emit()
 
     def _on_practice(self, status: PracticeStatus) -> None:
-        """Whoever practises is told by that."""
+        """End: the practice explains driving."""
         if status.state and not self.isHidden():
             self.end()
 
     def _on_scenario(self, scenario: Scenario | None) -> None:
-        """Where nobody may drive there are no keys to tell of."""
+        """Hide without driving permission."""
         if scenario is not None and not scenario.permissions.driving:
             self.hide()
         elif self._waits and self.isHidden():

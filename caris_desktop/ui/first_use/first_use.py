@@ -1,4 +1,4 @@
-"""What somebody sees who has not used the program before, and where it is remembered that they have."""
+"""First-start sequence, and the settings that record its completion."""
 
 from typing import TYPE_CHECKING
 
@@ -13,14 +13,14 @@ from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import Settings
 
-if TYPE_CHECKING:  # imported when it is first opened
+if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.first_use.set_up_page import SetUpPage
 
 SET_UP_KEY, DRIVEN_KEY = "first_use/set_up", "first_use/driven"
 
 
 class FirstUse(QObject):
-    """Without ``settings`` nothing is kept, and nothing comes by itself."""
+    """First-start sequence. Without ``settings`` nothing is saved, and nothing opens automatically."""
 
     def __init__(
         self,
@@ -43,14 +43,14 @@ class FirstUse(QObject):
         self.hint.driven.connect(self._on_driven)
 
     def begin(self, *, with_simulated_robot: bool) -> None:
-        """The window stands. Who starts with the simulated robot is only told how it is driven."""
+        """Start after the window is shown. With the simulated robot, only the driving hint appears."""
         if with_simulated_robot:
             self._tell_how_to_drive()
         elif self._settings is not None and not self._settings.value(SET_UP_KEY, ""):
             self.open()
 
     def open(self) -> None:
-        """Show the page, from its beginning."""
+        """Open the set-up page at its beginning."""
         from caris_desktop.ui.first_use.set_up_page import SetUpPage
 
         if self._page is None:
@@ -60,7 +60,7 @@ class FirstUse(QObject):
         self._page.open_welcome()
 
     def close(self) -> None:
-        """Whoever presses Esc goes on with the window."""
+        """Close the page (Esc)."""
         if self._page is not None:
             self._page.close_overlay()
 

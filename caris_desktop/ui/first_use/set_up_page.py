@@ -1,4 +1,4 @@
-"""The page of the first start: try the program, or connect everything. It is no dialog: the red button stays free."""
+"""Set-up page of the first start: try the program, or connect everything. Not a dialog: the red button stays usable."""
 
 from collections.abc import Callable
 
@@ -25,9 +25,7 @@ _BESIDE_FROM_PX, _NARROW_STEPS_PX = 700, 184
 
 
 class SetUpPage(Overlay):
-    """``simulated_wanted`` where it is to be tried with the simulated robot; ``finished(bool)`` when it is closed, True
-    where all the steps were gone through.
-    """
+    """``simulated_wanted``: try the simulated robot; ``finished(bool)``: closed, True if all steps were completed."""
 
     simulated_wanted = Signal()
     finished = Signal(bool)
@@ -50,7 +48,7 @@ class SetUpPage(Overlay):
 
     @property
     def step(self) -> StepName | None:
-        """The one on show; None where it is still to be chosen what to do."""
+        """Current step; None on the welcome page."""
         page = self._stack.currentWidget() if self._step_page is not None else None
         on_show = self._pages.currentWidget() is self._step_page
         return page.step.name if on_show and isinstance(page, StepPage) else None
@@ -79,9 +77,9 @@ class SetUpPage(Overlay):
             self.finished.emit(self._through)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        event.accept()  # a click beside it is no decision
+        event.accept()  # a click outside does not close it
 
-    # What to begin with
+    # Welcome
 
     def _make_welcome(self) -> QWidget:
         theme = self._theme
@@ -138,10 +136,10 @@ class SetUpPage(Overlay):
         self._build_steps()
         self.show_step(self._steps[0].name)
 
-    # Step by step
+    # Steps
 
     def _build_steps(self) -> None:
-        """Anew each time: another scenario needs others."""
+        """Rebuilt each time: steps depend on the scenario."""
         if self._step_page is not None:
             self._pages.removeWidget(self._step_page)
             self._step_page.deleteLater()

@@ -1,4 +1,4 @@
-"""One page for each step: choose, and see or hear at once whether it works."""
+"""Pages of the set-up steps: make a choice and test it at once."""
 
 from collections.abc import Callable
 from functools import partial
@@ -30,7 +30,7 @@ _PICTURE_PX = QSize(480, 270)
 
 
 class StepPage(QWidget):
-    """What the step is about, how it stands, and what to do about it."""
+    """Explanation, checks and advice of a step."""
 
     def __init__(self, theme: Theme, console: WizardConsole, step: SetUpStep) -> None:
         super().__init__()
@@ -50,10 +50,10 @@ class StepPage(QWidget):
         self._style()
 
     def build(self) -> None:
-        """Add what is chosen and tried here."""
+        """Add the widgets of this step."""
 
     def add_check(self, check_id: str) -> bool:
-        """How this check stands, at this place; False where the scenario has no need of it."""
+        """Add the result of this check; False if the scenario does not need it."""
         check = next((one for one in self.console.state.preflight.value if one.id == check_id), None)
         if check is not None:
             self._rows[check_id] = PreflightRow(self.theme, self.console, check, self)
@@ -61,7 +61,7 @@ class StepPage(QWidget):
         return check is not None
 
     def add_choice(self, title: str, choice: DropDown, *beside: QWidget, holder: QWidget | None = None) -> None:
-        """Something to choose, with its title before it; in ``holder``, where it comes and goes."""
+        """Add a drop-down with its title; in ``holder`` if it can be hidden."""
         choice.setMinimumWidth(_CHOICE_PX)
         whole = holder or QWidget()
         row = boxes.row(whole, margins_px=0, spacing_px=tokens.GRID_PX)
@@ -86,7 +86,7 @@ class StepPage(QWidget):
 
 
 class RobotPage(StepPage):
-    """The robots that there are profiles of, and a look for others."""
+    """Robots with a profile, and robot discovery."""
 
     def __init__(self, theme: Theme, console: WizardConsole, step: SetUpStep, robots: RobotChooser) -> None:
         self._robots = robots
@@ -105,16 +105,16 @@ class RobotPage(StepPage):
             other.setToolTip(tr("Look at a robot by its address, and see live what comes from it"))
             other.clicked.connect(self._robots.open_dialog)
             self.column.addWidget(other)
-        # Below the buttons: its lines come and go while one points at them.
+        # Below the buttons: its height changes while the mouse is over them.
         self.add_check("robot")
 
     def _add_robots(self) -> None:
-        """Those that are not there yet: the disk may tell of them later."""
+        """Add buttons for robots found on disk meanwhile."""
         for choice in self._robots.choices.now():
             if choice.name in self._buttons:
                 continue
             button = self._buttons[choice.name] = ActionButton(self.theme, choice.title, icon="robot", may_shrink=True)
-            button.setCheckable(True)  # the present one looks pressed
+            button.setCheckable(True)  # the connected robot's is checked
             button.setObjectName(f"first_use_robot_{choice.name}")
             button.setEnabled(not choice.problem)
             button.setToolTip(choice.problem or choice.address)
@@ -130,7 +130,7 @@ class RobotPage(StepPage):
 
 
 class CameraPage(StepPage):
-    """The picture itself."""
+    """Camera page with live video."""
 
     def build(self) -> None:
         self.add_check("video")
@@ -156,7 +156,7 @@ class CameraPage(StepPage):
 
 
 class LivePicture(QWidget):
-    """The newest picture some times a second; words where there is none, and never an old one."""
+    """Live preview at a few Hz; text without a fresh picture."""
 
     accessible_role = QAccessible.Role.Graphic
 
@@ -178,7 +178,7 @@ class LivePicture(QWidget):
         return self._image is not None
 
     def look(self) -> None:
-        """Take the newest picture, where anybody sees it."""
+        """Update the preview if visible."""
         stream = self._console.state.frame
         if not self.isVisible():
             return
@@ -203,7 +203,7 @@ class LivePicture(QWidget):
 
 
 class SoundPage(StepPage):
-    """A sentence to hear, and a level to see."""
+    """Sound page: a test sentence, and the microphone level."""
 
     def build(self) -> None:
         console = self.console
@@ -241,7 +241,7 @@ class SoundPage(StepPage):
         return choice
 
     def _show_whose_microphone(self, robot: RobotProfile | None) -> None:
-        """It is chosen where the robot has none of its own: which robot it is was a step of this page."""
+        """Hidden if the robot, chosen in an earlier step, has a microphone."""
         self._microphones.setVisible(ear_of(self.console.scenario, robot) == "computer")
 
     def _show_voice(self, _changed: object = None) -> None:
@@ -260,12 +260,12 @@ class SoundPage(StepPage):
         self.console.do(intents.Say(tr("Hello. Can you hear me?"), "phrase"))
 
     def _show_level(self, microphone: MicrophoneStatus) -> None:
-        # Loudness is felt by its root: a quiet word has to show.
+        # Square root for perceived loudness: quiet speech must show.
         self._level.setValue(round(100 * microphone.level**0.5) if microphone.state == "on" else 0)
 
 
 class ModelPage(StepPage):
-    """A model to choose, and a question to see that it answers."""
+    """Model page: a model, and a test question."""
 
     def build(self) -> None:
         self.add_check("model")
@@ -306,7 +306,7 @@ class ModelPage(StepPage):
 def page_maker(
     theme: Theme, console: WizardConsole, robots: RobotChooser
 ) -> dict[StepName, Callable[[SetUpStep], StepPage]]:
-    """Makes the page of a step by its name."""
+    """Page factories by step name."""
     return {
         "robot": lambda step: RobotPage(theme, console, step, robots),
         "camera": partial(CameraPage, theme, console),

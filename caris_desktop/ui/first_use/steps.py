@@ -1,4 +1,4 @@
-"""What is connected one after the other, each shown by the checks that there are before a recording too."""
+"""Set-up steps, each backed by preflight checks."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -12,7 +12,7 @@ StepName = Literal["robot", "camera", "sound", "model"]
 
 @dataclass(frozen=True, slots=True)
 class SetUpStep:
-    """``checks`` are the ids of those that tell how it stands; without any of them the scenario has no need of it."""
+    """A set-up step. ``checks``: ids of its checks; if the scenario has none of them, the step is skipped."""
 
     name: StepName
     title: str
@@ -52,5 +52,5 @@ STEPS: tuple[SetUpStep, ...] = (
 
 
 def steps_for(checks: Sequence[PreflightCheck]) -> tuple[SetUpStep, ...]:
-    """Those that the scenario has need of."""
+    """Steps that the scenario needs."""
     return tuple(step for step in STEPS if step.of(checks))

@@ -1,1 +1,1 @@
-"""How panels are arranged: as plain data, and the widgets that show it."""
+"""Dock layout: as plain data, and the widgets that show it."""

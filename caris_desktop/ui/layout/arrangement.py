@@ -1,6 +1,6 @@
-"""How a wizard has arranged the panels, and each thing that can be done to it: functions from one to the next.
+"""Dock layout as a frozen value, and its edits as pure functions.
 
-The tree keeps a place for every panel, also for those that are hidden or in windows of their own: there they come back.
+The tree has a place for every panel, including hidden and floating ones, which are restored there.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -27,7 +27,7 @@ from caris_desktop.ui.layout.tree import (
 
 @dataclass(frozen=True, slots=True)
 class Floating:
-    """A window of its own: its panels, and where it lies on the desktop."""
+    """Floating window: its panels and its geometry on the desktop."""
 
     tree: LayoutNode
     place: Rect
@@ -35,7 +35,9 @@ class Floating:
 
 @dataclass(frozen=True, slots=True)
 class Arrangement:
-    """``tree`` has all panels; each of those in ``floating`` is shown there instead, and ``hidden`` ones are not."""
+    """Dock layout. ``tree`` has all panels; those in ``floating`` are shown there instead, and ``hidden`` ones not at
+    all.
+    """
 
     tree: LayoutNode
     hidden: frozenset[PanelName] = frozenset()
@@ -50,40 +52,40 @@ class Arrangement:
         return frozenset(panel for window in self.floating for panel in panels_in(window.tree))
 
     def is_shown(self, panel: PanelName) -> bool:
-        """In the window or in one of its own, be it behind another tab."""
+        """Whether the panel is open, docked or floating, even if behind another tab."""
         return panel in self.panels and panel not in self.hidden
 
     @property
     def docked(self) -> frozenset[PanelName]:
-        """What the main window shows."""
+        """Panels in the main window."""
         return frozenset(self.panels) - self.hidden - self.afloat
 
     @property
     def in_front(self) -> frozenset[PanelName]:
-        """What can be seen: not hidden, and not behind another tab."""
+        """Visible panels: neither hidden nor behind another tab."""
         docked = without(self.tree, self.hidden | self.afloat)
         trees = [*([] if docked is None else [docked]), *(window.tree for window in self.floating)]
         return frozenset(front_of(group) for tree in trees for group in groups_in(tree)) - self.hidden
 
     @property
     def for_file(self) -> LayoutNode | None:
-        """What a scenario file says of it: windows of their own are this wizard's affair, so their panels have their
-        places in the tree; hidden ones are left out.
+        """The tree as saved in a scenario file: floating panels are docked, because their windows are personal; hidden
+        ones are omitted.
         """
         smaller = without(self.tree, self.hidden)
         return None if smaller is None else tidy(smaller)
 
 
 def arrangement_of(tree: LayoutNode) -> Arrangement:
-    """As a file says it."""
+    """Dock layout from the tree of a file."""
     return Arrangement(tidy(tree))
 
 
-# ---- what is done to it
+# ---- edits
 
 
 def select(arrangement: Arrangement, panel: PanelName) -> Arrangement:
-    """The panel comes to the front of its tabs."""
+    """Raise the panel's tab."""
     index = _window_of(arrangement, panel)
     if index is None:
         return replace(arrangement, tree=with_current(arrangement.tree, panel))
@@ -93,9 +95,9 @@ def select(arrangement: Arrangement, panel: PanelName) -> Arrangement:
 def move(
     arrangement: Arrangement, panel: PanelName, beside: PanelName, side: Side, at: int | None = None
 ) -> Arrangement:
-    """The panel goes to a side of the group of another, wherever that is; it leaves its own group behind.
+    """Move the panel to a side of another panel's group, docked or floating, without its own tab group.
 
-    ``at`` is the place among the tabs, counted without the panel itself.
+    ``at``: index among the tabs, not counting the panel itself.
     """
     if panel == beside:
         return arrangement
@@ -107,7 +109,7 @@ def move(
         if rest is None:
             return arrangement
         return replace(loose, tree=put_beside(rest, beside, panel, side, at), hidden=hidden)
-    # Its place in the main window stays: there it goes back.
+    # Its place in the main window is kept for docking it again.
     index = _window_of(loose, beside)
     if index is None:
         return arrangement
@@ -116,7 +118,7 @@ def move(
 
 
 def move_to_edge(arrangement: Arrangement, panel: PanelName, side: Side) -> Arrangement:
-    """The panel goes beside everything else in the main window."""
+    """Move the panel to an edge of the main window."""
     loose = _out_of_windows(arrangement, panel)
     rest = without(loose.tree, {panel})
     if rest is None or side == "tab":
@@ -125,7 +127,7 @@ def move_to_edge(arrangement: Arrangement, panel: PanelName, side: Side) -> Arra
 
 
 def float_panel(arrangement: Arrangement, panel: PanelName, place: Rect) -> Arrangement:
-    """The panel gets a window of its own."""
+    """Float the panel in a window of its own."""
     if panel not in arrangement.panels:
         return arrangement
     loose = _out_of_windows(arrangement, panel)
@@ -134,7 +136,7 @@ def float_panel(arrangement: Arrangement, panel: PanelName, place: Rect) -> Arra
 
 
 def dock(arrangement: Arrangement, panel: PanelName) -> Arrangement:
-    """The panel goes back into the main window, where it was."""
+    """Dock the panel at its former place."""
     loose = _out_of_windows(arrangement, panel)
     return replace(loose, tree=with_current(loose.tree, panel))
 
@@ -146,14 +148,12 @@ def hide(arrangement: Arrangement, panel: PanelName) -> Arrangement:
 
 
 def show(arrangement: Arrangement, panel: PanelName) -> Arrangement:
-    """The panel is where it was before it was hidden, in front of its tabs."""
+    """Show a hidden panel at its former place, with its tab raised."""
     return select(replace(arrangement, hidden=arrangement.hidden - {panel}), panel)
 
 
 def add(arrangement: Arrangement, panel: PanelName, beside: Sequence[PanelName]) -> Arrangement:
-    """A panel that the tree does not have comes into a tab with the first of ``beside`` that the main window shows, or
-    else with any.
-    """
+    """Add a new panel in a tab with the first of ``beside`` that the main window shows, else with any panel."""
     if panel in arrangement.panels:
         return show(arrangement, panel)
     docked = arrangement.docked
@@ -162,7 +162,7 @@ def add(arrangement: Arrangement, panel: PanelName, beside: Sequence[PanelName])
 
 
 def remove(arrangement: Arrangement, panels: Collection[PanelName]) -> Arrangement | None:
-    """Without any trace of these panels; None where nothing is left."""
+    """Remove the panels entirely; None if nothing is left."""
     tree = without(arrangement.tree, frozenset(panels))
     if tree is None:
         return None
@@ -177,27 +177,27 @@ def remove(arrangement: Arrangement, panels: Collection[PanelName]) -> Arrangeme
 def resize(
     arrangement: Arrangement, window: int | None, path: tuple[int, ...], weights: tuple[float, ...]
 ) -> Arrangement:
-    """Other weights in one split, of the main window or of one of its own."""
+    """Set the weights of one split, in the main window or a floating one."""
     if window is None:
         return replace(arrangement, tree=with_weights(arrangement.tree, path, weights))
     return _with_window(arrangement, window, lambda tree: with_weights(tree, path, weights))
 
 
 def place_window(arrangement: Arrangement, window: int, place: Rect) -> Arrangement:
-    """A window of its own lies elsewhere."""
+    """Set the geometry of a floating window."""
     windows = list(arrangement.floating)
     windows[window] = replace(windows[window], place=place)
     return replace(arrangement, floating=tuple(windows))
 
 
 def clamped(arrangement: Arrangement, screens: Sequence[Rect]) -> Arrangement:
-    """Every window on a screen that exists."""
+    """Move all floating windows onto existing screens."""
     windows = tuple(replace(window, place=on_a_screen(window.place, screens)) for window in arrangement.floating)
     return replace(arrangement, floating=windows)
 
 
 def _window_of(arrangement: Arrangement, panel: PanelName) -> int | None:
-    """Which of the windows of their own has the panel; None where the main window does."""
+    """Index of the floating window with the panel; None if docked."""
     return next((i for i, window in enumerate(arrangement.floating) if panel in panels_in(window.tree)), None)
 
 
@@ -208,7 +208,7 @@ def _with_window(arrangement: Arrangement, index: int, change: Callable[[LayoutN
 
 
 def _out_of_windows(arrangement: Arrangement, panel: PanelName) -> Arrangement:
-    """The panel is in no window of its own; one that was only its own is gone."""
+    """Take the panel out of its floating window; an empty window disappears."""
     windows = [
         replace(window, tree=tidy(left))
         for window in arrangement.floating
@@ -217,11 +217,11 @@ def _out_of_windows(arrangement: Arrangement, panel: PanelName) -> Arrangement:
     return replace(arrangement, floating=tuple(windows))
 
 
-# ---- as data
+# ---- serialisation
 
 
 def arrangement_data(arrangement: Arrangement) -> dict[str, Any]:
-    """As plain data, for settings."""
+    """Layout as JSON data for the settings."""
     return {
         "tree": layout_data(arrangement.tree),
         "hidden": sorted(arrangement.hidden),
@@ -236,7 +236,7 @@ def arrangement_data(arrangement: Arrangement) -> dict[str, Any]:
 
 
 def arrangement_from(data: Any) -> Arrangement:
-    """What :func:`arrangement_data` gave. Raises ValueError for anything else."""
+    """Layout from :func:`arrangement_data`. Raises ValueError for anything else."""
     if not isinstance(data, Mapping):
         raise ValueError("not an arrangement of panels")  # noqa: TRY004  (whoever reads settings expects one kind)
     tree = _checked(data.get("tree"))

@@ -1,4 +1,6 @@
-"""Where cards lie over the panels: below the title of one that can spare the room, and not on what is clicked."""
+"""Popup placement over the panels: below the title of a panel with room to spare, clear of frequently
+clicked widgets.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -8,37 +10,31 @@ from caris_desktop.ui.layout.rect import Rect
 
 WIDEST_PX = 400
 _NARROWEST_PX, _LEAST_PX, _BESIDE_PX, _FROM_EDGE_PX = 280, 200, 12, 20
-# The least missed first. Speaking and driving are never covered: they are clicked and typed into all the time.
+# Least important panels first. Speak and Drive are never covered: they are in constant use.
 _GIVES_WAY: tuple[PanelName, ...] = (
     "face", "session", "diagnostics", "motion", "photos", "notes", "robot", "people", "map",
 )  # fmt: skip
 _LAST: tuple[PanelName, ...] = ("conversation", "assistant", "video")
 _WIDE_PX = 700
 _SHARE = 0.6
-"""Of a panel's height so much may be covered at most: what is clicked in it is above, what lies ahead is below."""
+"""Maximum covered share of a panel's height: controls are at its top, and in the video the path ahead
+is at the bottom.
+"""
 
 
 def card_place(
     groups: Sequence[GroupPlace], height_for: Callable[[int], int], taken: Sequence[Rect] = ()
 ) -> Rect | None:
-    """On the panel that is least missed of those that have room; None where none has.
+    """Rectangle over the least important panel with enough room; None if there is none.
 
-    On a picture and on what was said it is the upper end, as the ground before the robot and the newest words are lower
-    down; elsewhere the lower end.
-
-    Parameters
-    ----------
-    groups
-        The panels as they lie, in pixels of what holds them.
-    height_for
-        How tall the cards are together at a width, both in pixels.
-    taken
-        Where something lies already that asks for an answer: nothing comes over it.
+    At the upper end of video and transcript, because the ground ahead and the newest words are further down; at the
+    lower end elsewhere. ``groups``: tab groups as laid out, in px of the dock area. ``height_for``: height of the
+    popups for a width. ``taken``: areas of popups that ask a question and must not be covered.
     """
     rooms = {group.current: _below_title(group) for group in groups}
     tries = [(name, 1.0 if name == "face" else _SHARE) for name in _GIVES_WAY]
     if "video" in rooms and rooms["video"].width >= _WIDE_PX:
-        tries.append(("video", 1.0))  # beside its middle
+        tries.append(("video", 1.0))  # beside its centre
     for name, share in [*tries, *((name, _SHARE) for name in _LAST)]:
         room = rooms.get(name)
         if room is None:
@@ -54,7 +50,7 @@ def card_place(
 
 
 def in_the_corner(area: Rect, height_for: Callable[[int], int]) -> Rect:
-    """The lower right of ``area``, where nothing else has room."""
+    """Lower right corner of ``area``, the fallback."""
     width = max(_LEAST_PX, min(WIDEST_PX, area.width - 32))
     height = height_for(width)
     top = max(area.top, area.bottom - height - _FROM_EDGE_PX)

@@ -1,4 +1,4 @@
-"""One panel with its title bar, wherever it is shown: what is dragged by the title, closed, floated, opened large."""
+"""Dock widget: a panel with its title bar, which can be dragged, closed, floated and enlarged."""
 
 from PySide6.QtCore import QPoint, QSize, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QContextMenuEvent, QHideEvent, QMouseEvent, QResizeEvent, QShowEvent
@@ -26,14 +26,14 @@ _MOST_NAMED = 4
 
 
 class Dock(KeyPlace):
-    """Below the title lies the panel; where the dock is too small for it, the panel keeps the size that it needs at
-    least, and a button in the title says what is cut off.
+    """Title bar and panel. In a dock that is too small the panel keeps its minimum size, and a button in the title bar
+    lists what is cut off.
     """
 
-    drag_moved = Signal(object, object)  # the panel's name, QPoint on the desktop
+    drag_moved = Signal(object, object)  # PanelName, QPoint on the desktop
     drag_dropped = Signal(object, object)
     close_wanted = Signal(object)
-    float_wanted = Signal(object)  # out into a window of its own, or back
+    float_wanted = Signal(object)  # float or dock
     menu_wanted = Signal(object, object)
     drawer_wanted = Signal(object)
 
@@ -79,7 +79,7 @@ class Dock(KeyPlace):
         return self._title_bar
 
     def isFloating(self) -> bool:
-        """Whether it is in a window of its own, alone or with others."""
+        """Whether it is in a floating window, alone or with others."""
         return self._floating
 
     def set_place(self, *, floating: bool, locked: bool) -> None:
@@ -91,33 +91,33 @@ class Dock(KeyPlace):
         self._float.setToolTip(words)
 
     def set_drawer(self, is_drawer: bool) -> None:
-        """Whether it lies large over its neighbours for now."""
+        """Set whether it is the drawer, enlarged over its neighbours."""
         self._drawer = is_drawer
         self.fit()
 
     def set_shown(self, shown: bool) -> None:
-        """In front of its tabs, or behind another one, or nowhere."""
+        """Show the dock, or hide it behind another tab or entirely."""
         self.setVisible(shown)
         self._panel.set_in_view(shown)
 
     def least(self) -> Room:
-        """The least room it needs, title included."""
+        """Minimum size, including the title bar."""
         need = self._panel_need()
         return (max(need.width(), self._title_bar.minimumSizeHint().width()), need.height() + TITLE_PX)
 
     def _panel_need(self) -> QSize:
-        """What was set counts more than what the panel itself says."""
+        """Minimum size of the panel: an explicit one overrides its size hint."""
         hint, least = self._panel.minimumSizeHint(), self._panel.minimumSize()
         return QSize(least.width() or hint.width(), least.height() or hint.height())
 
-    # ---- what is cut off
+    # ---- cut-off content
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self.fit()
 
     def fit(self) -> None:
-        """Share the room between the title and the panel."""
+        """Lay out title bar and panel."""
         below = max(0, self.height() - TITLE_PX)
         self._title_bar.setGeometry(0, 0, self.width(), TITLE_PX)
         self._content.setGeometry(0, TITLE_PX, self.width(), below)
@@ -142,7 +142,7 @@ class Dock(KeyPlace):
         return not self._more.isHidden() and not self._drawer
 
     def cut_off(self) -> list[str]:
-        """The names of some of what is not seen whole because the dock is too small. What can be scrolled is not."""
+        """Names of some widgets cut off because the dock is too small; scrollable ones do not count."""
         seen = self._content.rect()
         names = []
         layout = self._panel.layout()
@@ -169,7 +169,7 @@ class Dock(KeyPlace):
             above = above.parentWidget()
         return False
 
-    # ---- the mouse on the title
+    # ---- dragging
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton and event.position().y() < TITLE_PX:
@@ -189,7 +189,7 @@ class Dock(KeyPlace):
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         at = event.globalPosition().toPoint()
-        # A quick hand lets go before the first move is told.
+        # A quick release can precede the first move event.
         dragging = self._dragging or self._is_far(at)
         self._dragging, self._pressed_at = False, None
         if dragging:
@@ -203,7 +203,7 @@ class Dock(KeyPlace):
         if event.y() < TITLE_PX:
             self.menu_wanted.emit(self.name, event.globalPos())
 
-    # ---- what Qt tells
+    # ---- Qt events
 
     def closeEvent(self, event: QCloseEvent) -> None:
         event.ignore()

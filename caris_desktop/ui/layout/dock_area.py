@@ -1,4 +1,4 @@
-"""Shows one tree of panels: docks, the tabs above them, and the handles between them."""
+"""Dock area widget: shows a layout tree as docks, tab bars and split handles."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
@@ -18,19 +18,19 @@ from caris_desktop.ui.layout.rect import Rect
 _Part = TypeVar("_Part", bound=QWidget)
 _LEAST = QSize(320, 200)
 _MORE_PX = 34
-_DRAG_PX_FACTOR = 2  # a click on a tab that slips is no drag
+_DRAG_PX_FACTOR = 2  # a click on a tab that slips is not a drag
 
 
 class DockArea(QWidget):
-    """Lays ``docks`` out; what the wizard does with them is told, and done by whoever knows the whole arrangement."""
+    """Lays out ``docks``; reports the wizard's edits to the owner of the whole layout."""
 
     laid_out = Signal()
     tab_chosen = Signal(object)  # PanelName
-    tab_gone_to = Signal(object)  # PanelName; by a click, so that the keys go there too
+    tab_gone_to = Signal(object)  # PanelName, clicked: focus it too
     tab_drag_moved = Signal(object, object)  # PanelName, QPoint on the desktop
     tab_drag_dropped = Signal(object, object)
     tab_menu_wanted = Signal(object, object)
-    resized_by_hand = Signal(object, object, bool)  # path, weights, whether the handle was let go
+    resized_by_hand = Signal(object, object, bool)  # path, weights, whether the handle was released
 
     def __init__(self, docks: Mapping[PanelName, Dock], parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -47,7 +47,7 @@ class DockArea(QWidget):
         return _LEAST
 
     def show_tree(self, tree: LayoutNode | None, shown: frozenset[PanelName]) -> None:
-        """The ``shown`` panels of the tree, each of which has its dock."""
+        """Show the ``shown`` panels of the tree; each has a dock."""
         for name in shown:
             dock = self.docks[name]
             if dock.parentWidget() is not self:
@@ -57,9 +57,9 @@ class DockArea(QWidget):
         self.lay_out()
 
     def _adopt(self, dock: Dock) -> None:
-        """The dock comes from another window."""
+        """Take a dock from another window."""
         dock.setParent(self)
-        dock.lower()  # below what lies over the panels
+        dock.lower()  # below popups
 
     def lay_out(self) -> None:
         tree = self.whole_tree
@@ -84,8 +84,8 @@ class DockArea(QWidget):
         self.laid_out.emit()
 
     def leave_room(self, tree: LayoutNode | None, shown: frozenset[PanelName]) -> None:
-        """As :meth:`show_tree`, of a tree with less in it, when it is laid out the next time: nothing moves yet, and
-        tabs of what is gone go at once.
+        """Like :meth:`show_tree` for a reduced tree, but deferred to the next layout: nothing moves yet, and only the
+        tabs of removed panels disappear.
         """
         self.whole_tree, self._shown, self._drawer = tree, shown, None
         for bar in [bar for bar in self._bars if not shown.issuperset(bar.panels)]:
@@ -101,7 +101,7 @@ class DockArea(QWidget):
         self.lay_out()
 
     def retitle(self) -> None:
-        """A panel has another title: its tab, too."""
+        """Update the tab titles."""
         for bar in self._bars:
             bar.show_titles([self.docks[name].windowTitle() for name in bar.panels])
 
@@ -109,11 +109,11 @@ class DockArea(QWidget):
 
     @property
     def drawer(self) -> PanelName | None:
-        """The panel that lies large over the others for now."""
+        """The panel enlarged over the others."""
         return self._drawer
 
     def open_drawer(self, name: PanelName | None) -> None:
-        """Show the panel as large as it is of use, over the others; None puts it back into its place."""
+        """Enlarge the panel over the others; None puts it back."""
         if name == self._drawer:
             name = None
         self._drawer = name
@@ -130,7 +130,7 @@ class DockArea(QWidget):
         top = max(0, min(body.top, self.height() - height))
         return Rect(left, top, width, height)
 
-    # ---- tabs and handles
+    # ---- tabs and split handles
 
     def _new_bar(self) -> "PanelTabs":
         bar = PanelTabs(self)
@@ -160,7 +160,7 @@ class DockArea(QWidget):
 
 
 def _match(parts: list[_Part], count: int, new: Callable[[], _Part]) -> None:
-    """As many parts as are needed; more than that go away."""
+    """Adjust the number of widgets, reusing existing ones."""
     while len(parts) > count:
         part = parts.pop()
         part.hide()
@@ -174,7 +174,7 @@ def qrect(rect: Rect) -> QRect:
 
 
 class PanelTabs(Bar, QTabBar):
-    """The tabs of one group. A tab that is dragged leaves its group alone; the others stay."""
+    """Tab bar of a group. Dragging a tab moves that panel only."""
 
     chosen = Signal(object)  # PanelName
     gone_to = Signal(object)
@@ -187,7 +187,7 @@ class PanelTabs(Bar, QTabBar):
         self.panels: tuple[PanelName, ...] = ()
         self.setExpanding(False)
         self.setDrawBase(False)
-        # Many tabs in a narrow dock stand in a list at the end: "D…" names no panel, and half a tab neither.
+        # Tabs that do not fit are in a list at the end: "D…" or half a tab identifies no panel.
         self.setElideMode(Qt.TextElideMode.ElideNone)
         self.setUsesScrollButtons(False)
         self._more = QPushButton("»", self)
@@ -216,7 +216,7 @@ class PanelTabs(Bar, QTabBar):
         self.blockSignals(blocked)
 
     def _show_what_fits(self) -> None:
-        """Whole tabs from the left, the one in front always among them; the others are in the list."""
+        """Show as many whole tabs as fit, always including the current one; the list has the others."""
         for index in range(self.count()):
             self.setTabVisible(index, True)
         widths = [self.tabSizeHint(index).width() for index in range(self.count())]
@@ -245,7 +245,7 @@ class PanelTabs(Bar, QTabBar):
         menu.popup(self._more.mapToGlobal(self._more.rect().bottomLeft()))
 
     def _chooser(self, panel: PanelName) -> Callable[[], None]:
-        # After the menu has closed: this bar may be another one then.
+        # Deferred until the menu has closed: this bar may be reused then.
         return lambda: self.gone_to.emit(panel)
 
     def minimumTabSizeHint(self, index: int) -> QSize:
@@ -257,7 +257,7 @@ class PanelTabs(Bar, QTabBar):
                 self.setTabText(index, title)
 
     def place_of(self, at: QPoint, panel: PanelName) -> int:
-        """Which place among the tabs a point of the bar means for a panel, counted without that panel."""
+        """Tab index for a drop at this point, not counting the panel itself."""
         others = [i for i, name in enumerate(self.panels) if name != panel and self.isTabVisible(i)]
         return sum(self.tabRect(index).center().x() < at.x() for index in others)
 
@@ -285,11 +285,11 @@ class PanelTabs(Bar, QTabBar):
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         super().mouseReleaseEvent(event)
         at = event.globalPosition().toPoint()
-        # A quick hand lets go before the first move is told.
+        # A quick release can precede the first move event.
         pressed, dragging = self._pressed, self._dragging or self._is_far(at)
         self._pressed, self._dragging = None, False
         if dragging and pressed is not None:
-            self.drag_dropped.emit(pressed, at)  # by it this bar may go away
+            self.drag_dropped.emit(pressed, at)  # this bar may be deleted by it
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
         index = self.tabAt(event.pos())
@@ -298,9 +298,9 @@ class PanelTabs(Bar, QTabBar):
 
 
 class SplitHandle(QWidget):
-    """The gap between two parts, by which they are made larger and smaller."""
+    """Split handle between two parts."""
 
-    moved = Signal(object, int, bool)  # Handle as it was, pixels since then, whether it was let go
+    moved = Signal(object, int, bool)  # Handle at the press, offset in px, whether it was released
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)

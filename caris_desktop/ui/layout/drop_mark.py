@@ -1,4 +1,4 @@
-"""What is seen while a panel is dragged: where it would go, and in words at the pointer."""
+"""Drag feedback: drop target highlight, and a description at the pointer."""
 
 from PySide6.QtCore import QPoint, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
@@ -11,7 +11,7 @@ _GROUND_ALPHA = 70
 
 
 class DropMark(QWidget):
-    """Lies over the place where the panel would go; the mouse passes through it."""
+    """Highlight of the drop target, transparent to the mouse."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -19,7 +19,7 @@ class DropMark(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        """See-through, as what lies there helps to aim."""
+        """Translucent: the content below helps to aim."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         ground = QColor(self.palette().highlight().color())
@@ -37,7 +37,7 @@ class DropMark(QWidget):
 
 
 class DragWords(QLabel):
-    """Goes with the pointer."""
+    """Label that follows the pointer."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent, Qt.WindowType.ToolTip)

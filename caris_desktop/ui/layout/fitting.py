@@ -1,4 +1,4 @@
-"""One tree on screens of different size: what does not fit becomes tabs, and where there is room tabs are spread."""
+"""Layout adaptation to screen size: folds panels into tabs on small screens and spreads tabs on large ones."""
 
 from collections.abc import Mapping
 
@@ -7,7 +7,7 @@ from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, Split
 from caris_desktop.ui.layout.placing import GAP_PX, Room, least_room, lengths
 from caris_desktop.ui.layout.tree import front_of, groups_in, panels_in, shares, tidy
 
-COMPACT_BELOW: Room = (1500, 700)  # what the panels have of a screen of 1366x768 is about 1350x630
+COMPACT_BELOW: Room = (1500, 700)  # A 1366x768 screen leaves about 1350x630 for panels.
 LARGE_FROM: Room = (2300, 1100)
 
 COMFORT: Mapping[PanelName, Room] = {
@@ -26,14 +26,14 @@ COMFORT: Mapping[PanelName, Room] = {
     "notes": (300, 200),
     "diagnostics": (340, 220),
 }
-"""What each panel needs to show what it is for, its title included."""
+"""Comfortable size of each panel, title bar included."""
 
 IMPORTANCE: tuple[PanelName, ...] = (
     "video", "speak", "conversation", "map", "assistant", "people", "drive", "notes", "session", "face", "robot",
     "photos", "motion", "diagnostics",
 )  # fmt: skip
-"""The picture and what the robot says next come first; the last ones are the first to become tabs."""
-ALWAYS_SEEN = 3  # so many of the most important never go behind a tab; they get smaller
+"""Panels by importance; the last ones are folded into tabs first."""
+ALWAYS_SEEN = 3  # this many of the most important panels are never folded; they shrink instead
 _OTHER_ROOM: Room = (280, 200)
 
 
@@ -44,7 +44,7 @@ def size_class(width: int, height: int) -> SizeClass:
 
 
 def fitted(tree: LayoutNode, width: int, height: int) -> LayoutNode:
-    """The tree as it is best shown in so much room."""
+    """The tree adapted to this size."""
     kind = size_class(width, height)
     if kind == "compact":
         return tidy(_compact(tidy(tree), width, height))
@@ -56,12 +56,12 @@ def _comfort(panel: PanelName) -> Room:
 
 
 def _need(node: LayoutNode, axis: int) -> int:
-    """So that each has its comfort, also what is behind a tab."""
+    """Extent in which every panel has its comfortable size, also those behind tabs."""
     return least_room(node, panels_in(node), _comfort)[axis]
 
 
 def _need_in_front(node: LayoutNode, axis: int) -> int:
-    """So that what is seen has its comfort; what is behind a tab takes what there is."""
+    """Extent in which every visible panel has its comfortable size."""
     fronts = {front_of(group) for group in groups_in(node)}
 
     def room(panel: PanelName) -> Room:
@@ -71,7 +71,7 @@ def _need_in_front(node: LayoutNode, axis: int) -> int:
 
 
 def _rank(node: LayoutNode) -> int:
-    """How unimportant the most important of its panels is."""
+    """Importance rank of the node's most important panel; lower is more important."""
     return min(map(_importance, panels_in(node)))
 
 
@@ -80,7 +80,7 @@ def _importance(panel: PanelName) -> int:
 
 
 def _compact(node: LayoutNode, width: int, height: int) -> LayoutNode:
-    """Fold the least important parts of each split into tabs until the rest have what they need."""
+    """Fold the least important parts of each split into tabs until the rest have enough space."""
     if not isinstance(node, SplitNode):
         return node
     axis = 0 if node.split == "horizontal" else 1
@@ -107,19 +107,19 @@ def _compact(node: LayoutNode, width: int, height: int) -> LayoutNode:
 
 
 def _with_tabs(node: LayoutNode, folded: LayoutNode) -> LayoutNode:
-    """The tree with the panels of ``folded`` behind the tabs of its least important group."""
+    """The tree with the panels of ``folded`` added to its least important tab group."""
     if isinstance(node, SplitNode):
         host = max(range(len(node.children)), key=lambda i: _rank(node.children[i]))
         children = list(node.children)
         children[host] = _with_tabs(children[host], folded)
         return SplitNode(node.split, tuple(children), node.weights)
-    # Each group has said itself who is in front; of those the most important is.
+    # The most important of the groups' current tabs stays in front.
     front: PanelName = min([front_of(node), *map(front_of, groups_in(folded))], key=_importance)
     return TabNode((*panels_in(node), *panels_in(folded)), front)
 
 
 def _spread(node: LayoutNode, width: int, height: int) -> LayoutNode:
-    """Tabs beside or below one another as far as each then has what it needs."""
+    """Spread tabs side by side or stacked as long as each has its comfortable size."""
     if isinstance(node, SplitNode):
         axis = 0 if node.split == "horizontal" else 1
         whole = (width, height)[axis] - GAP_PX * (len(node.children) - 1)
@@ -142,7 +142,7 @@ def _spread(node: LayoutNode, width: int, height: int) -> LayoutNode:
 
 
 def _first_alone(node: TabNode, count: int) -> tuple[LayoutNode, ...]:
-    """So many panels each by itself, beginning with the one in front; the rest in tabs."""
+    """The current and other panels alone, ``count`` in all; the rest in tabs."""
     front = front_of(node)
     ordered = (front, *(panel for panel in node.tabs if panel != front))
     rest = ordered[count:]

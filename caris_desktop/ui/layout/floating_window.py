@@ -1,4 +1,4 @@
-"""A window of its own for one or more panels, on whichever screen the wizard puts it."""
+"""Floating window with one or more panels, on any screen."""
 
 from collections.abc import Mapping
 
@@ -15,11 +15,11 @@ from caris_desktop.ui.tab_order import PanelWindow
 from caris_desktop.ui.window_above import WindowAbove
 
 _MARGIN_PX = 8
-_SETTLES_MS = 400  # meanwhile a window manager puts its frame around the window
+_SETTLES_MS = 400  # time for a window manager to add its frame
 
 
 class FloatingWindow(PanelWindow, WindowAbove):
-    """A tool window: it stays above the main window, whose keys work in it too."""
+    """Tool window: stays above the main window and shares its key bindings."""
 
     moved_by_hand = Signal(object)  # Rect
     close_wanted = Signal()
@@ -27,7 +27,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
     def __init__(self, docks: Mapping[PanelName, Dock], parent: QWidget) -> None:
         super().__init__(parent, Qt.WindowType.Tool)
         self.setObjectName("floating_panels")
-        # It comes back by itself when a card closes or a scenario changes; who goes to it gives it the keys.
+        # Shown without activation when a popup closes or the scenario changes; a click activates it.
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.area = DockArea(docks, self)
         column = boxes.column(self, margins_px=_MARGIN_PX)
@@ -52,7 +52,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
 
     def step_back(self, *, back: bool) -> None:
         super().step_back(back=back)
-        self._settling.start()  # whatever a window manager makes of that, nobody moved it
+        self._settling.start()  # geometry changes by the window manager are not the wizard's
         if not back and self._placed is not None:
             self.setGeometry(qrect(self._placed))
         self.setVisible(self._shown and not back)
@@ -75,9 +75,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
         self._on_geometry()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Its own cross puts the panels back. The program, which ends when all its windows let themselves be closed,
-        finds them here again next time.
-        """
+        """The close button docks the panels. When the program quits, the window stays in the saved layout."""
         if event.spontaneous():
             event.ignore()
             self.close_wanted.emit()

@@ -1,4 +1,4 @@
-"""Undo and redo of what was done to an arrangement."""
+"""Undo and redo of dock layout edits."""
 
 from caris_desktop.ui.layout.arrangement import Arrangement
 
@@ -6,21 +6,21 @@ MOST_KEPT = 200
 
 
 class History:
-    """Arrangements that were, and those that were undone; the present one is told to each call."""
+    """Undo and redo stacks of layouts; each call gets the current one."""
 
     def __init__(self) -> None:
         self._before: list[tuple[str, Arrangement]] = []
         self._after: list[tuple[str, Arrangement]] = []
 
     def note(self, what: str, before: Arrangement) -> None:
-        """``what`` is about to be done to ``before``; what was undone cannot be done again then."""
+        """Record an edit ``what`` of ``before``; clears the redo stack."""
         self._before.append((what, before))
         del self._before[:-MOST_KEPT]
         self._after.clear()
 
     @property
     def undoes(self) -> str:
-        """What would be undone, in words; empty where there is nothing."""
+        """Description of the edit to undo; empty if none."""
         return self._before[-1][0] if self._before else ""
 
     @property

@@ -1,4 +1,4 @@
-"""What a wizard keeps of arrangements from run to run: working copies, the lock, and whether sizes are followed."""
+"""Saved layouts of a wizard: working copies, lock, and adaptation to screen size."""
 
 import json
 import logging
@@ -17,20 +17,20 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """A working copy. ``of_another``: it was made of an arrangement that the file does not have any more."""
+    """A working copy. ``of_another``: made from a layout that the scenario file no longer has."""
 
     arrangement: Arrangement
     of_another: bool
 
 
 class KeptLayouts:
-    """By scenario file and size of screen, for the wizard who is at the console."""
+    """Saved layouts of the current wizard, by scenario file and screen size class."""
 
     def __init__(self, values: WizardProfiles) -> None:
         self._values = values
 
     def working(self, scenario: str, kind: SizeClass, file_tree: LayoutNode) -> Kept | None:
-        """Raises ValueError where it cannot be read: it is put aside then, and there is none from now on."""
+        """The working copy, or None. Raises ValueError if unreadable; it is then set aside."""
         text = str(self._values.value(_WORKING, "{}"))
         everything = _read(text)
         if not isinstance(everything, dict) or not isinstance(everything.get(scenario, {}), dict):
@@ -51,7 +51,7 @@ class KeptLayouts:
             raise ValueError(str(error)) from error
 
     def keep(self, scenario: str, kind: SizeClass, file_tree: LayoutNode, arrangement: Arrangement | None) -> None:
-        """None: it is as the file says, and there is nothing to keep."""
+        """Save a working copy; None if the layout equals the file's."""
         entry = None
         if arrangement is not None:
             entry = {"of": layout_data(file_tree), "arrangement": arrangement_data(arrangement)}
@@ -64,7 +64,7 @@ class KeptLayouts:
 
     @property
     def adapts(self) -> bool:
-        """Whether a small or a large screen gets an arrangement of its own."""
+        """Whether small and large screens get a layout of their own."""
         return str(self._values.value(_ADAPTS, "yes")) != "no"
 
     def set_adapts(self, adapts: bool) -> None:
@@ -98,7 +98,7 @@ class KeptLayouts:
         return known if isinstance(known, dict) else {}
 
     def _put_aside(self, scenario: str, text: str) -> None:
-        """Nothing is lost: whoever looks into the settings finds it."""
+        """Keep unreadable data under another settings key for inspection."""
         _log.warning("the arrangement that was kept for %s cannot be read, and is put aside", scenario)
         self._values.set_value(_ASIDE, text)
 

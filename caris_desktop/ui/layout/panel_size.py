@@ -1,4 +1,4 @@
-"""Panels made larger and smaller a step at a time, without a mouse."""
+"""Keyboard resizing of panels in steps."""
 
 from collections.abc import Callable, Mapping
 from typing import Protocol
@@ -13,11 +13,11 @@ from caris_desktop.ui.layout.placing import grown
 from caris_desktop.ui.layout.tree import panels_in
 
 RESIZE_PX = 48
-"""So much larger or smaller a panel gets at once."""
+"""Step in px."""
 
 
 class Arranged(Protocol):
-    """Where panels lie as their arrangement says."""
+    """A dock area with its layout, as needed for resizing."""
 
     docks: Mapping[PanelName, Dock]
 
@@ -25,11 +25,11 @@ class Arranged(Protocol):
     def arrangement(self) -> Arrangement | None: ...
 
     def edit(self, what: str, after: Arrangement | None) -> bool:
-        """The wizard did ``what``; whether it was done."""
+        """Apply the wizard's edit ``what``; returns whether it was applied."""
 
 
 def resized(docks: Arranged, name: PanelName, by_px: int) -> Arrangement | None:
-    """The panel larger by so much, or smaller where that is below zero; None where its neighbours leave no room."""
+    """Layout with the panel larger by this much, or smaller if negative; None if its neighbours leave no room."""
     arrangement = docks.arrangement
     area = docks.docks[name].parentWidget() if name in docks.docks else None
     if arrangement is None or not arrangement.is_shown(name) or not isinstance(area, DockArea):
