@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status: 0 when everything was exported, 1 when not (stderr says what), 130 when cancelled by Ctrl-C."""
+    """Exit status: 0 if everything was exported, 1 if not (reasons on stderr), 130 if cancelled by Ctrl-C."""
     try:
         sessions = sessions_in(args.session)
     except ExportError as error:
@@ -100,9 +100,9 @@ def _formats(text: str) -> tuple[str, ...]:
 
 
 def _verify(sessions: Sequence[Path]) -> list[str]:
-    """What is not as it was when the session closed, a sentence each; sessions without checksums are named too.
+    """Differences from the manifest, a sentence each; sessions without checksums are listed too.
 
-    What a repair found to be missing from a session that had been closed stays told, whatever the checksums say.
+    What a repair found missing from a closed session is reported even if the checksums match.
     """
     found = []
     for folder in sessions:

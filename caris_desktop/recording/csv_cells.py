@@ -1,4 +1,4 @@
-"""Cells of CSV files that spreadsheets show and do not run: what people say may begin like a formula."""
+"""CSV cells that spreadsheets display and never execute: recorded speech may begin like a formula."""
 
 import argparse
 import csv
@@ -15,19 +15,19 @@ _NUMBERS = re.compile(rf"{_NUMBER}([; ]{_NUMBER})*")
 
 
 def shown_cell(text: str) -> str:
-    """``text`` with an apostrophe before it where a spreadsheet would take it for a formula. Numbers stay numbers."""
+    """Prefix ``text`` with an apostrophe if a spreadsheet would run it as a formula. Numbers stay numbers."""
     return f"'{text}" if _FORMULA.match(text) and not _NUMBERS.fullmatch(text) else text
 
 
 def read_cell(cell: str) -> str:
-    """What :func:`shown_cell` was given."""
+    """Inverse of :func:`shown_cell`."""
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell[1:]) else cell
 
 
 @dataclass(frozen=True, slots=True)
 class CsvStyle:
-    """How CSV files are written. ``plain``: cells as they are, for programs. ``byte_order_mark``: for spreadsheets that
-    take UTF-8 for something else.
+    """Format of CSV files. ``plain``: cells unescaped, for programs. ``byte_order_mark``: for spreadsheets that do not
+    assume UTF-8.
     """
 
     plain: bool = False
@@ -46,7 +46,7 @@ SHOWN = CsvStyle()
 
 
 class CsvWriter:
-    """Rows of one CSV file."""
+    """Writer of one CSV file."""
 
     def __init__(self, file: IO[str], style: CsvStyle) -> None:
         self._rows = csv.writer(file)
@@ -61,7 +61,7 @@ class CsvWriter:
 
 
 def add_csv_arguments(parser: argparse.ArgumentParser) -> None:
-    """Of every command that writes CSV files."""
+    """Add the options that all CSV-writing commands share."""
     parser.add_argument(
         "--plain-csv",
         action="store_true",

@@ -1,4 +1,4 @@
-"""Files of a running session: what happens when the disk is full is decided here."""
+"""Files of a running session, and the handling of a full disk."""
 
 import os
 import tempfile
@@ -12,14 +12,14 @@ from caris_desktop.domain.file_replacement import no_room
 
 
 class Reserve:
-    """Room that is set aside at the start for what must still be written once the disk is full.
+    """Disk space reserved at the start for data that must still be written once the disk is full.
 
-    It is given back in ``steps``, so that what others write on the same disk cannot take all of it at once.
+    It is released in ``steps``, so that other writers on the disk cannot use all of it at once.
     """
 
     def __init__(self, folder: Path, size_bytes: int, *, steps: int = 1) -> None:
-        """Raises OSError when there is not that much room."""
-        # Without a name on the disk, so that a kill leaves nothing behind.
+        """Reserve the space. Raises OSError if there is not enough."""
+        # Unlinked, so that a kill leaves no file behind.
         self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 - open until release
         self._step_bytes = -(-size_bytes // steps)
         self._left_bytes = size_bytes
@@ -40,11 +40,11 @@ class Reserve:
 
     @property
     def left_bytes(self) -> int:
-        """What is still set aside."""
+        """Bytes still reserved."""
         return self._left_bytes if self.held else 0
 
     def release_step(self) -> bool:
-        """Give some room back; True when this made room. Any thread."""
+        """Release one step; True if this freed space. Any thread."""
         with self._releasing:
             left_bytes = max(self._left_bytes - self._step_bytes, 0)
             if not self.held:
@@ -60,7 +60,7 @@ class Reserve:
             return True
 
     def release(self) -> bool:
-        """Give all the room back; True when this made room."""
+        """Release everything; True if this freed space."""
         with self._releasing:
             was_held = self.held
             self._file.close()
@@ -68,15 +68,14 @@ class Reserve:
 
 
 class DiskFile:
-    """An unbuffered file whose bytes are with the operating system when ``write`` returns.
+    """Unbuffered file: its bytes are with the operating system when ``write`` returns.
 
-    ``on_full`` is asked for room when the disk is full; when it has made some, the write goes on where it stopped.
-    What is not taken whole at the end of the file is taken back, so that no half record remains. Writing belongs to one
-    thread; ``sync`` may be called from another.
+    ``on_full`` is called when the disk is full; if it freed space, the write continues. An incomplete write at the end
+    is truncated, so that no partial record remains. Only one thread may write; ``sync`` may be called from another.
     """
 
     def __init__(self, path: Path, *, on_full: Callable[[], bool] = lambda: False) -> None:
-        """Raises OSError when the file is there already or cannot be made."""
+        """Create the file. Raises OSError if it exists or cannot be created."""
         self.path = path
         self._on_full = on_full
         self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
@@ -94,11 +93,11 @@ class DiskFile:
 
     @property
     def written_bytes(self) -> int:
-        """How much went to the disk: less than the size where the file has holes."""
+        """Bytes written to the disk: less than the size if the file has holes."""
         return self._written
 
     def take_slowest_write_s(self) -> float:
-        """How long the slowest write since the last call took. Any thread."""
+        """Return and reset the longest write time since the last call. Any thread."""
         slowest_s, self._slowest_write_s = self._slowest_write_s, 0.0
         return slowest_s
 
@@ -128,7 +127,7 @@ class DiskFile:
         return len(data)
 
     def patch(self, offset: int, data: bytes) -> None:
-        """Change what is written already; the next write goes on where it would have."""
+        """Overwrite earlier bytes; the position for the next write is unchanged."""
         position = self._position
         self.seek(offset)
         try:
@@ -137,9 +136,7 @@ class DiskFile:
             self.seek(position)
 
     def end_at(self, size_bytes: int) -> None:
-        """Take back what was written last, or grow with zeros, which take no room where the file system can; then write
-        from there.
-        """
+        """Truncate the file, or extend it with zeros (sparse where supported); the next write continues there."""
         os.ftruncate(self._descriptor, size_bytes)
         self._size = size_bytes
         self._written += 1
@@ -156,20 +153,20 @@ class DiskFile:
         return self._position
 
     def flush(self) -> None:
-        """Nothing is buffered here; writers of formats ask for it."""
+        """Do nothing: there is no buffer, but format writers call it."""
 
     def hold_back(self) -> None:
-        """From now on writes wait for :meth:`commit`."""
+        """Defer writes until :meth:`commit`."""
         self._held_back = []
 
     def discard(self) -> None:
-        """Forget what is held back, now and later: the file stays as it is."""
+        """Discard deferred writes, present and future: the file stays as it is."""
         self._held_back = []
 
     def commit(self) -> None:
-        """Write what was held back: first what comes after the present end, then what changes the front.
+        """Write the deferred data: first past the present end, then over the front.
 
-        Until the last step the file is what it was before with something behind it, also after a kill.
+        Until the last step the old content is intact with data appended, even after a kill.
         """
         waiting, self._held_back = self._held_back or [], None
         old_size = self._size
@@ -187,7 +184,7 @@ class DiskFile:
             self.write(data)
 
     def sync(self) -> bool:
-        """Bring what was written to the disk itself; False when it was there already. Raises OSError."""
+        """Flush to the disk (fsync); False if nothing was pending. Raises OSError."""
         with self._closing:
             written = self._written
             if self._closed or written == self._synced:
@@ -204,7 +201,7 @@ class DiskFile:
 
 
 def _bring_to_disk(descriptor: int) -> None:
-    """With the size of the file, without its dates, where the system can tell the two apart."""
+    """Flush data and size, without timestamps where the system can separate the two."""
     if hasattr(os, "fdatasync"):
         os.fdatasync(descriptor)
     else:

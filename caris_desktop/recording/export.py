@@ -1,4 +1,4 @@
-"""Exports recorded sessions for analysis: the list of formats, and how one is written whole or not at all."""
+"""Export of recorded sessions: format table, atomic writing, progress and cancellation."""
 
 import contextlib
 import importlib
@@ -29,21 +29,21 @@ from caris_desktop.recording.session.session_reader import Session, SessionError
 _log = logging.getLogger(__name__)
 _PARTIAL_SUFFIX = ".exporting"
 _PROGRESS_EVERY_S = 0.1
-# What a session counts beside the size of its log: opening, and formats that do not depend on it.
+# Fixed cost of a session in progress weights: opening, and formats that do not depend on the log's size.
 _BASE_WEIGHT_BYTES = 1_000_000
 
 
 def _no_progress(_fraction: float) -> None:
-    """Nobody watches."""
+    """Ignore progress."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExportContext:
-    """What a format gets to work with. ``progress`` takes 0..1, as often as one likes.
+    """Context of an exporter. ``progress`` gets 0..1 at any rate.
 
-    ``licence`` is an SPDX identifier or an address, empty where none was chosen. ``warn`` takes a sentence on
-    something that had to be left out while the export as such succeeds. Pseudonyms stand for wizards, coders and the
-    robot's address unless ``with_names``: ``pseudonyms`` where several exports are to use the same, else the study's.
+    ``licence`` is an SPDX identifier or an address, empty if none was chosen. ``warn`` takes a sentence on data that
+    was left out of a successful export. Wizards, coders and the robot's address are pseudonymised unless
+    ``with_names``: with ``pseudonyms`` if several exports share them, else with the study's.
     """
 
     progress: Callable[[float], None] = _no_progress
@@ -62,10 +62,9 @@ StudyExporter = Callable[[Sequence[Session], Path, ExportContext], list[Path]]
 
 @dataclass(frozen=True, slots=True)
 class ExportFormat:
-    """One format. ``module`` and ``function`` name its Exporter, which is imported when it is used.
+    """Export format. ``module`` and ``function`` name its Exporter, imported on use.
 
-    ``of_study`` names a function of the module that takes all sessions in place of one: of several sessions the format
-    is then written once, for all of them.
+    ``of_study`` names a function of the module that exports all sessions together, once.
     """
 
     name: str
@@ -137,10 +136,10 @@ BY_FORMAT: dict[str, ExportFormat] = {fmt.name: fmt for fmt in FORMATS}
 
 @dataclass(frozen=True, slots=True)
 class ExportRequest:
-    """Sessions to write in one or several formats.
+    """Sessions to export in one or several formats.
 
-    Each session gets the folder ``out/NAME``, or ``out`` itself without ``folder_per_session`` (of one session only);
-    of several formats, each has a folder of its name in there. ``with_names``: see ExportContext.
+    Each session gets the folder ``out/NAME``, or ``out`` itself without ``folder_per_session`` (single session only);
+    with several formats, each gets a subfolder. ``with_names``: see ExportContext.
     """
 
     sessions: tuple[Path, ...]
@@ -154,7 +153,7 @@ class ExportRequest:
 
 @dataclass(frozen=True, slots=True)
 class ExportProgress:
-    """How far an ExportRequest is, 0..1, and what is being written, in words."""
+    """Progress of an ExportRequest, 0..1, and the item being written, as text."""
 
     fraction: float
     what: str
@@ -162,9 +161,9 @@ class ExportProgress:
 
 @dataclass(frozen=True, slots=True)
 class ExportFinished:
-    """The folders written, one for each session, and a sentence for everything that was not.
+    """Folders written, one per session, and a sentence per failure.
 
-    ``notices`` say what was repaired in sessions that had not been closed properly, and what they lack.
+    ``notices`` list repairs and missing data of sessions that were not closed properly.
     """
 
     written: tuple[Path, ...]
@@ -173,21 +172,20 @@ class ExportFinished:
 
 
 class ExportError(Exception):
-    """An export that was not made; the text is for people. Nothing was overwritten."""
+    """Export that was not made, with the reason as user text. Nothing was overwritten."""
 
 
 class _DiskFullError(ExportError):
-    """No session that follows would fare better."""
+    """Full disk: the remaining sessions would fail too."""
 
 
 def run_exports(connection: Connection, request: ExportRequest) -> None:
-    """Process body: sends ExportProgress as it goes and ExportFinished at the end.
+    """Process entry point: send ExportProgress, then ExportFinished.
 
-    Whoever started it cancels by killing it and then calls :func:`remove_partial_exports`; it also ends when the
-    other end of ``connection`` is gone.
+    To cancel, kill the process and call :func:`remove_partial_exports`; it also ends when ``connection`` is closed.
     """
     if hasattr(os, "nice"):
-        # The robot may be driven meanwhile.
+        # The robot may be in use at the same time.
         os.nice(10)
 
     def tell(fraction: float, what: str) -> None:
@@ -205,10 +203,10 @@ def export_all(
     *,
     on_written: Callable[[Path], None] = lambda _: None,
 ) -> ExportFinished:
-    """Write everything that ``request`` asks for. What fails is told in the result and does not stop the rest.
+    """Write everything in ``request``. Failures go into the result and do not stop the rest.
 
-    ``on_written`` gets each session's folder when it is whole. Whatever interrupts this (KeyboardInterrupt, an
-    exception of ``progress``) leaves whole exports only.
+    ``on_written`` gets each completed folder. An interruption (KeyboardInterrupt, an exception of ``progress``) leaves
+    complete exports only.
     """
     told = _Throttled(progress)
     unknown = [name for name in request.formats if name not in BY_FORMAT]
@@ -232,7 +230,7 @@ def export_all(
         def tell(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
             told((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what)
 
-        tell(0.0, filled("{session}", session=folder.absolute().name))  # a name, and no text of ours
+        tell(0.0, filled("{session}", session=folder.absolute().name))  # a name, not a translatable text
         try:
             session = _opened(folder, pseudonyms)
             damaged = missing_words(session.header, Counter(session.lost) - Counter(lost_values(session.header)))
@@ -268,7 +266,7 @@ def export_all(
 
 
 def export_folders(request: ExportRequest) -> tuple[Path, ...]:
-    """Where each session of ``request`` goes. Sessions of one name are told apart by the names of their studies."""
+    """Output folder of each session. Sessions of the same name are distinguished by their studies."""
     out = request.out.absolute()
     if not request.folder_per_session:
         return (out,) * len(request.sessions)
@@ -288,9 +286,9 @@ def export_folders(request: ExportRequest) -> tuple[Path, ...]:
 
 
 def sessions_in(path: Path) -> tuple[Path, ...]:
-    """The session folders that ``path`` names: itself, or those of a study.
+    """Session folders under ``path``: itself, or those of a study.
 
-    Folders of a study that hold something and yet are no sessions are among them, so that they are told.
+    Non-empty folders of a study that are not sessions are included, so that they are reported.
 
     Raises
     ------
@@ -326,7 +324,7 @@ def sessions_in(path: Path) -> tuple[Path, ...]:
 
 
 def export_session(folder: Path, fmt: str, out: Path, context: ExportContext | None = None) -> list[Path]:
-    """Write the session in ``folder`` as ``fmt`` into the folder ``out``, whole or not at all; the paths written.
+    """Write the session in ``folder`` as ``fmt`` atomically into the folder ``out``; return the paths.
 
     Raises
     ------
@@ -344,7 +342,7 @@ def export_session(folder: Path, fmt: str, out: Path, context: ExportContext | N
 
 
 def remove_partial_exports(out: Path) -> None:
-    """Remove what killed exports into ``out`` left behind; those that are still being written stay."""
+    """Remove partial folders of killed exports into ``out``, except those still being written."""
     out = out.absolute()
     candidates = [*_entries(out.parent, f".{out.name[:_NAME_CHARACTERS]}."), *_entries(out, ".")]
     for path in candidates:
@@ -360,7 +358,7 @@ def remove_partial_exports(out: Path) -> None:
 def _export_formats(
     session: Session, request: ExportRequest, out: Path, tell: Callable[[float, str], None]
 ) -> tuple[str, ...]:
-    """Write one session in all formats; what went wrong or was left out. Raises ExportError when nothing is left."""
+    """Write one session in all formats; return problems and warnings. Raises ExportError if every format failed."""
     name, formats = session.folder.absolute().name, request.formats
     problems: list[str] = []
     failed = 0
@@ -419,13 +417,13 @@ def _write(fmt: str, session: Session, out: Path, context: ExportContext) -> lis
 
 
 def _told(write: Callable[[], list[Path]], what: str, fmt: str, out: Path) -> list[Path]:
-    """Raises ExportError, whatever went wrong: the next format or session may fare better."""
+    """Convert any exception to ExportError: the next format or session may succeed."""
     try:
         return write()
     except (SessionError, ExportError) as error:
         raise ExportError(str(error)) from error
     except (BrokenPipeError, EOFError):
-        # Nobody listens to the progress any more.
+        # The receiver of the progress is gone.
         raise
     except OSError as error:
         _log.info("export of %s as %s", what, fmt, exc_info=True)
@@ -447,9 +445,9 @@ def _told(write: Callable[[], list[Path]], what: str, fmt: str, out: Path) -> li
 
 @contextlib.contextmanager
 def _whole_folder(out: Path, session_folder: Path) -> Iterator[Path]:
-    """A folder to fill that takes the place of ``out`` when the block ends well, and is gone when it does not.
+    """Temporary folder that replaces ``out`` on success and is removed otherwise.
 
-    Raises ExportError if ``out`` cannot be made or holds files already.
+    Raises ExportError if ``out`` cannot be created or is not empty.
     """
     out = out.absolute()
     _refuse_inside(out, session_folder)
@@ -480,7 +478,7 @@ def _whole_folder(out: Path, session_folder: Path) -> Iterator[Path]:
 
 
 def _refuse_inside(out: Path, session_folder: Path) -> None:
-    """Inside the session's own folder only a new one beside its files may be written, and none that it may need."""
+    """Inside a session's folder, allow only a new export folder that no session file uses."""
     session_folder = session_folder.resolve()
     place = out.resolve()
     if session_folder not in (place, *place.parents):
@@ -510,7 +508,7 @@ def _failure(out: Path, error: OSError) -> ExportError:
 
 
 def _told_of(name: str, told: object) -> Filled:
-    """Whose a sentence is, before it; both keep what they are filled with."""
+    """Prefix a message with a session's name; both keep their template values."""
     return filled(QT_TR_NOOP("{name}: {told}"), name=name, told=filled(str(told)))
 
 
@@ -530,7 +528,7 @@ def _size_bytes(path: Path) -> int:
         return 0
 
 
-# Folders that are not whole yet say in their names who writes them: .NAME.HOST.PID-STARTED.RANDOM.exporting
+# Partial folders name their writer: .NAME.HOST.PID-STARTED.RANDOM.exporting
 
 _NAME_CHARACTERS = 80
 _PARTIAL_NAME = re.compile(r"\..*\.([^.]*)\.(\d+)-(\d+)\.[^.]*" + re.escape(_PARTIAL_SUFFIX))
@@ -544,14 +542,14 @@ def _new_partial(out: Path) -> Path:
 
 
 def _writer_of(name: str) -> tuple[str, int, int] | None:
-    """Host, process id and start of the process that writes a partial export of this name; None for other names."""
+    """Host, process id and start time of the writer of a partial export; None for other names."""
     match = _PARTIAL_NAME.fullmatch(name)
     return (match[1], int(match[2]), int(match[3])) if match else None
 
 
 def _is_running(host: str, pid: int, started: int) -> bool:
     if host != _host():
-        # A study on a shared disk: nobody here knows.
+        # A study on a shared disk: processes of other hosts cannot be checked.
         return True
     try:
         process = psutil.Process(pid)
@@ -578,7 +576,7 @@ def _entries(folder: Path, beginning: str) -> Sequence[Path]:
 
 
 class _Throttled:
-    """Passes progress on ten times a second, and always when something else is being written."""
+    """Limits progress to ten reports per second, and always reports a new item."""
 
     def __init__(self, progress: Callable[[float, str], None]) -> None:
         self._progress = progress

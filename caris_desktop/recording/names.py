@@ -1,7 +1,7 @@
-"""Pseudonyms for those who made a recording: what exports say in place of wizards, coders and the robot's address.
+"""Pseudonyms of wizards, coders and robot addresses in exports.
 
-Which pseudonym is whose is kept in the study's own folder, beside the database with the names of the people that were
-met. It goes nowhere else. Words that were said or written during a session are part of the record and stay as they are.
+The assignment is stored in the study's own folder, next to the database with participants' names, and nowhere else.
+Speech and notes of a session are data and stay as they are.
 """
 
 import json
@@ -30,7 +30,7 @@ _FORMAT, _FORMAT_VERSION = "caris-desktop pseudonyms", 1
 _MAX_BYTES = 1024 * 1024
 _WIZARD, _CODER = "W", "C"
 _ROBOT = "robot"
-# A host that says nothing of where it is.
+# Hosts that do not identify a location.
 _OWN_HOSTS = ("localhost", "127.0.0.1", "::1", "0.0.0.0")  # noqa: S104 - told apart, not bound
 _ACTOR_BEGINS = f'"{OTHER_WIZARD}'.encode()
 _ACTOR = re.compile(rb'("actor"\s*:\s*)(' + _ACTOR_BEGINS + rb'(?:[^"\\]|\\.)*")')
@@ -40,7 +40,9 @@ _ADDRESS = re.compile(rb"wss?://[^\s\"'\\<>(),;]+")
 
 @dataclass(frozen=True, slots=True)
 class Pseudonyms:
-    """Of each wizard (by name without case) and coder of a study. Those that are codes already stay as they are."""
+    """Pseudonyms of the wizards (by case-insensitive name) and coders of a study. Names that are codes already are
+    unchanged.
+    """
 
     wizards: dict[str, str]
     coders: dict[str, str]
@@ -53,9 +55,9 @@ class Pseudonyms:
 
 
 def pseudonyms_of(sessions: Sequence[Path]) -> Pseudonyms:
-    """Those of the study that ``sessions`` lie in, where names that are new in it get the next numbers.
+    """Pseudonyms of the study of ``sessions``; new names get the next numbers.
 
-    Sessions that lie in no study get numbers of their own, by when they were.
+    Sessions outside of a study are numbered separately, in chronological order.
     """
     studies: dict[Path, list[Path]] = {}
     for folder in sessions:
@@ -77,8 +79,8 @@ def pseudonyms_of(sessions: Sequence[Path]) -> Pseudonyms:
 
 
 def pseudonymised(session: Session, of: Pseudonyms) -> Session:
-    """The session as others may see it: pseudonyms in its head and for each wizard who did something in it, and its
-    robot's profile for each address of a robot.
+    """Session with pseudonyms in its header and for each acting wizard, and the robot's profile name in place of its
+    address.
     """
     without_addresses, without_actors = _scrubber(session), _actor_scrubber(of)
 
@@ -93,7 +95,7 @@ def pseudonymised(session: Session, of: Pseudonyms) -> Session:
 
 
 def coding_of(session: Session, *, on_damaged: Callable[[str], None]) -> AnnotationDocument:
-    """What all coders made of the session, under the names that ``session`` has for them. Raises AnnotationError."""
+    """Annotations of all coders, under the names that ``session`` gives them. Raises AnnotationError."""
     document = load_documents(session.folder, on_damaged=on_damaged)
     return with_coders_called(document, session.coder_name)
 
@@ -103,7 +105,7 @@ def _key(name: str) -> str:
 
 
 def _scrubber(session: Session) -> Callable[[bytes], bytes]:
-    """Puts the robot's profile for its address, wherever JSON or a text has that."""
+    """Replace robot addresses by the profile name in JSON and text."""
     robot = session.header.get("robot")
     told = robot if isinstance(robot, dict) else {}
     chosen = [(str(told.get("profile") or ""), str(told.get("address") or ""))]
@@ -122,7 +124,7 @@ def _scrubber(session: Session) -> Callable[[bytes], bytes]:
             places.setdefault(f"{host}:{port}".encode(), name)
         if host and host not in _OWN_HOSTS:
             places.setdefault(host.encode(), name)
-    # The longest first: a host is the beginning of the same with its port.
+    # Longest first: a host is a prefix of itself with a port.
     ordered = sorted(places, key=len, reverse=True)
     words = b"|".join(map(re.escape, ordered))
     of_host = re.compile(rb"(?<![\w.-])(?:" + words + rb")(?![\w-])(?!\.\w)", re.IGNORECASE) if ordered else None
@@ -142,7 +144,7 @@ def _scrubber(session: Session) -> Callable[[bytes], bytes]:
 
 
 def _actor_scrubber(of: Pseudonyms) -> Callable[[bytes], bytes]:
-    """Puts their pseudonyms for other wizards. One who wizards no session of the study has none, and is "another"."""
+    """Replace other wizards by pseudonyms; a wizard without a session in the study becomes "another"."""
 
     def in_place(match: re.Match[bytes]) -> bytes:
         try:
@@ -164,11 +166,11 @@ def _is_code(name: str, letter: str) -> bool:
     return re.fullmatch(rf"{letter}\d+", name, re.IGNORECASE) is not None
 
 
-# Which is whose
+# Assignment
 
 
 def _numbered(names: Iterable[str], known: dict[str, str], letter: str) -> dict[str, str]:
-    """``known``, and the next free numbers for names that are not in there."""
+    """``known`` plus the next free numbers for new names."""
     numbered = dict(known)
     names = [name for name in dict.fromkeys(names) if name.strip()]
     taken = {name.upper() for name in names if _is_code(name, letter)} | set(known.values())
@@ -184,7 +186,7 @@ def _numbered(names: Iterable[str], known: dict[str, str], letter: str) -> dict[
 
 
 def _wizards_of(folders: Iterable[Path]) -> list[str]:
-    """By when their sessions began."""
+    """Wizards in chronological order of their sessions."""
     found: list[tuple[int, str]] = []
     for folder in folders:
         try:
@@ -237,7 +239,7 @@ def _kept(path: Path) -> Pseudonyms:
 
 
 def _keep(path: Path, pseudonyms: Pseudonyms) -> None:
-    """Numbers that could not be kept are the same next time, as long as the sessions are."""
+    """Store the assignment. Without it the numbers are the same as long as the sessions are."""
     data = {
         "format": _FORMAT,
         "format_version": _FORMAT_VERSION,

@@ -1,4 +1,4 @@
-"""Files of photos, and what they tell of themselves: texts in the PNG, which viewers show and which go with it."""
+"""Photo files: PNG with text metadata, which viewers show and copies retain."""
 
 import shutil
 import struct
@@ -26,14 +26,13 @@ _HEAD = struct.Struct(">I4s")
 
 
 class PhotoFileError(ValueError):
-    """It is no PNG file, or a damaged one."""
+    """Not a PNG file, or a damaged one."""
 
 
 def with_texts(png: bytes, texts: Mapping[str, str]) -> bytes:
-    """The same picture with these texts in place of those of the same names; an empty one is left out.
+    """Replace texts of a PNG by name; an empty text removes it.
 
-    Texts are written as the PNG standard has them for any language (iTXt, UTF-8, not compressed). Raises
-    PhotoFileError.
+    Texts are written as iTXt (UTF-8, uncompressed), which holds any language. Raises PhotoFileError.
     """
     parts = [_SIGNATURE]
     for kind, content, whole in _chunks(png):
@@ -50,17 +49,17 @@ def with_texts(png: bytes, texts: Mapping[str, str]) -> bytes:
 
 
 def texts_of(png: bytes) -> dict[str, str]:
-    """The texts in a PNG file, by name. Raises PhotoFileError."""
+    """Texts of a PNG file by name. Raises PhotoFileError."""
     return dict(told for told in (_text(kind, content) for kind, content, _ in _chunks(png)) if told is not None)
 
 
 def change_texts(path: Path, texts: Mapping[str, str]) -> None:
-    """As :func:`with_texts`, in the file, whole or not at all. Raises OSError, PhotoFileError."""
+    """Apply :func:`with_texts` to a file atomically. Raises OSError, PhotoFileError."""
     replace_file(path, with_texts(path.read_bytes(), texts), durable=False, on_full=lambda: False)
 
 
 def previews(path: Path, *most_px: int) -> list[bytes]:
-    """JPEGs of the photo, each neither wider nor higher than that, in falling order. Raises OSError, PhotoFileError."""
+    """JPEGs of the photo, each within the given size, in descending order. Raises OSError, PhotoFileError."""
     try:
         image_bgr = decoded(path.read_bytes())
     except PictureError as error:
@@ -85,24 +84,24 @@ def jpegs_of(image_bgr: NDArray[Any], *most_px: int) -> list[bytes]:
 
 
 def move_photo(path: Path, to: Path) -> None:
-    """Raises OSError."""
+    """Move a photo, creating its folder. Raises OSError."""
     to.parent.mkdir(parents=True, exist_ok=True)
     shutil.move(path, to)
 
 
 def remove_photos(paths: Iterable[Path]) -> None:
-    """Those that are there. Raises OSError."""
+    """Remove the files that exist. Raises OSError."""
     for path in paths:
         path.unlink(missing_ok=True)
 
 
 def remove_all(folder: Path) -> None:
-    """The folder with all that is in it, as far as that is possible."""
+    """Remove a folder and its content as far as possible."""
     shutil.rmtree(folder, ignore_errors=True)
 
 
 def _chunks(png: bytes) -> list[tuple[bytes, bytes, bytes]]:
-    """Kind, content, and the bytes of each chunk as they stand."""
+    """Type, content and raw bytes of each chunk."""
     if not png.startswith(_SIGNATURE):
         raise PhotoFileError("it is no PNG file")
     chunks, at = [], len(_SIGNATURE)
@@ -123,7 +122,7 @@ def _chunk(kind: bytes, content: bytes) -> bytes:
 
 
 def _text(kind: bytes, content: bytes) -> tuple[str, str] | None:
-    """Name and text of a text chunk that is not compressed; None of any other chunk."""
+    """Name and text of an uncompressed text chunk; None for other chunks."""
     if kind not in (b"tEXt", b"iTXt") or len(content) > _LONGEST_TEXT_BYTES:
         return None
     name, _, rest = content.partition(b"\0")

@@ -1,4 +1,4 @@
-"""What commands show in a terminal: how far long work is, and tables."""
+"""Terminal output of commands: progress line and aligned tables."""
 
 import shutil
 import sys
@@ -9,7 +9,7 @@ from caris_desktop.domain.printable import printable
 
 
 class ProgressLine:
-    """One line on stderr that is written over and over; nothing where stderr is no terminal."""
+    """Progress line on stderr, rewritten in place; silent if stderr is not a terminal."""
 
     def __init__(self) -> None:
         self._out: TextIO = getattr(sys.stderr, "plain", sys.stderr)
@@ -22,7 +22,7 @@ class ProgressLine:
         self.clear()
 
     def show(self, fraction: float, what: str) -> None:
-        """``fraction`` of all, 0..1, and what is being done."""
+        """Show ``fraction``, 0..1, and the present item."""
         if self._shows:
             room = max(20, shutil.get_terminal_size().columns - 8)
             self._out.write(f"\r{fraction:4.0%}  {printable(what[:room])}\033[K")
@@ -35,7 +35,7 @@ class ProgressLine:
 
 
 def aligned(rows: Sequence[Sequence[str]], *, to_the_right: Callable[[int], bool]) -> list[str]:
-    """A line for each row, its columns below one another; ``to_the_right`` tells by its number which ends there."""
+    """Rows as text with aligned columns; ``to_the_right`` selects right-aligned ones by index."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     return [
         "  ".join(

@@ -1,8 +1,8 @@
-"""How far two coders agree: Cohen's kappa, per unit of time and per annotation.
+"""Inter-coder agreement: Cohen's kappa per unit of time and per annotation, and boundary offsets.
 
 Cohen, J. (1960). A coefficient of agreement for nominal scales. Educational and Psychological Measurement, 20, 37-46.
-Per unit of time every stretch counts by its length, also the ones where both coders saw nothing; per annotation each
-annotation counts once, and one without a counterpart counts as a disagreement.
+Per unit of time, each interval counts by its length, including time that neither coder annotated. Per annotation, each
+annotation counts once; one without a counterpart counts as a disagreement.
 """
 
 from collections import Counter
@@ -14,18 +14,19 @@ from caris_desktop.recording.annotation.editing import AnnotationError, coders_o
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
 
 NOTHING = ""  # the code of a unit of time without an annotation
-UNNAMED = "(no value)"  # the code of an annotation that says nothing
-UNMATCHED = "(unmatched)"  # the code of an annotation that the other coder has no counterpart of
+UNNAMED = "(no value)"  # the code of an annotation with an empty value
+UNMATCHED = "(unmatched)"  # the code of an annotation without a counterpart from the other coder
 LEAST_OVERLAP = 0.5
 _MOST_UNITS = 50_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """``matrix[i][j]`` counts what the first coder called ``labels[i]`` and the second ``labels[j]``.
+    """Confusion matrix and kappa: ``matrix[i][j]`` counts ``labels[i]`` of the first coder against ``labels[j]`` of the
+    second.
 
-    ``kappa`` is None where it is not defined: nothing was coded, or both used one and the same label throughout.
-    ``observed`` is the share on which they agree, None where nothing was coded.
+    ``kappa`` is None where it is undefined: no codes, or a single label throughout. ``observed`` is the share of equal
+    codes, None without any code.
     """
 
     labels: tuple[str, ...]
@@ -35,15 +36,15 @@ class Agreement:
 
     @property
     def count(self) -> int:
-        """How many codes of each coder were compared."""
+        """Number of compared codes per coder."""
         return sum(map(sum, self.matrix))
 
 
 @dataclass(frozen=True, slots=True)
 class BoundaryOffsets:
-    """Second coder minus first, over the matched annotations, in milliseconds: of their starts and of their ends.
+    """Second coder minus first, in milliseconds, over the matched annotations: offsets of starts and of ends.
 
-    ``mean`` keeps the sign: positive where the second coder is later. ``worst`` is the largest, without sign.
+    ``mean`` is signed: positive where the second coder is later. ``worst`` is the largest absolute offset.
     """
 
     matched: int
@@ -55,10 +56,10 @@ class BoundaryOffsets:
 
 @dataclass(frozen=True, slots=True)
 class TierAgreement:
-    """Two coders' tiers compared. ``per_unit`` is by units of ``unit_ms``.
+    """Comparison of two coders' tiers; ``per_unit`` counts units of ``unit_ms``.
 
-    ``per_annotation`` is by annotations: two match where both boundaries lie within ``tolerance_ms`` of one another,
-    or where they share at least half of the time that they cover together.
+    ``per_annotation`` counts annotations: two match if both boundaries lie within ``tolerance_ms``, or if their overlap
+    is at least half of their union.
     """
 
     tier: str
@@ -71,7 +72,7 @@ class TierAgreement:
 
 
 def agreement(first: Sequence[str], second: Sequence[str]) -> Agreement:
-    """Cohen's kappa of two sequences of codes, which stand side by side. Raises ValueError for unequal lengths."""
+    """Cohen's kappa of two sequences of codes of equal length. Raises ValueError for unequal lengths."""
     return _agreement(Counter(zip(first, second, strict=True)))
 
 
@@ -83,7 +84,7 @@ def compare_tiers(
     unit_ms: int = 100,
     tolerance_ms: int = 500,
 ) -> TierAgreement:
-    """Two tiers compared over the whole session. Raises AnnotationError for a tier that is not there."""
+    """Compare two tiers over the whole session. Raises AnnotationError for an unknown tier."""
     first, second = tier_of(document, first_tier_id), tier_of(document, second_tier_id)
     one, other = document.of_tier(first_tier_id), document.of_tier(second_tier_id)
     ended_ms = max([document.duration_ms, *(item.end_ms for item in (*one, *other))])
@@ -114,9 +115,9 @@ def compare_coders(
     unit_ms: int = 100,
     tolerance_ms: int = 500,
 ) -> tuple[TierAgreement, ...]:
-    """All tiers that both coders have under one name, or the one named ``tier``.
+    """Compare all tiers that both coders have under the same name, or only the one named ``tier``.
 
-    Raises AnnotationError where there is nothing to compare.
+    Raises AnnotationError if there is nothing to compare.
     """
     coders = coders_of(document)
     for coder in (first, second):
@@ -158,7 +159,7 @@ def compare_coders(
 
 
 def unit_codes(annotations: Sequence[Annotation], ended_ms: int, unit_ms: int) -> list[str]:
-    """What a tier says in each unit of time: the code that holds at the middle of the unit."""
+    """Code of a tier in each unit of time: the value at the middle of the unit."""
     count = -(-ended_ms // unit_ms)
     codes = [NOTHING] * count
     for item in annotations:
@@ -170,7 +171,7 @@ def unit_codes(annotations: Sequence[Annotation], ended_ms: int, unit_ms: int) -
 
 
 def report(result: TierAgreement) -> str:
-    """The result in words and tables, for people."""
+    """Report of a comparison as plain text with tables."""
     first, second = result.coders
     units, items = result.per_unit, result.per_annotation
     lines = [
@@ -206,7 +207,7 @@ def _agreement(pairs: Counter[tuple[str, str]]) -> Agreement:
     agreed = sum(matrix[index][index] for index in range(len(labels)))
     of_first = [sum(row) for row in matrix]
     of_second = [sum(column) for column in zip(*matrix, strict=True)]
-    # In whole numbers until the last step, so that the result is exact.
+    # Integers until the last step, so that the result is exact.
     by_chance = sum(one * other for one, other in zip(of_first, of_second, strict=True))
     kappa = None if by_chance == total * total else (agreed * total - by_chance) / (total * total - by_chance)
     return Agreement(labels, matrix, kappa, agreed / total)
@@ -215,11 +216,11 @@ def _agreement(pairs: Counter[tuple[str, str]]) -> Agreement:
 def _matched(
     first: Sequence[Annotation], second: Sequence[Annotation], tolerance_ms: int
 ) -> tuple[Counter[tuple[str, str]], BoundaryOffsets | None]:
-    """The best pairs first, each annotation in one pair at most; what remains has no counterpart."""
+    """Greedy matching, best pairs first, each annotation in at most one pair; the rest has no counterpart."""
     candidates: list[tuple[float, int, int, int]] = []
     begin = 0
     for number, one in enumerate(first):
-        # Both sequences are in order and do not overlap: whatever ends too early for this one does for the next.
+        # Both sequences are sorted and free of overlaps: what ends too early for this one does for the next.
         while begin < len(second) and second[begin].end_ms + tolerance_ms < one.start_ms:
             begin += 1
         for index in range(begin, len(second)):
@@ -262,7 +263,7 @@ def _figure(kappa: float | None) -> str:
 
 
 def _in_words(kappa: float | None) -> str:
-    """After Landis and Koch (1977)."""
+    """Grade after Landis and Koch (1977)."""
     if kappa is None:
         return ""
     grades = ((0.0, "poor"), (0.2, "slight"), (0.4, "fair"), (0.6, "moderate"), (0.8, "substantial"))
@@ -288,7 +289,7 @@ def _matches(result: TierAgreement) -> str:
 
 
 def _table(counts: Agreement, first: str, second: str) -> list[str]:
-    """Rows are the first coder's codes, columns the second's; columns are numbered so that long codes fit."""
+    """Confusion matrix as text: first coder in rows, second in columns, which are numbered so that long codes fit."""
     if not counts.labels:
         return []
     names = [" ".join(label.split()) or "(nothing)" for label in counts.labels]

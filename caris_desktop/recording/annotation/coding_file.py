@@ -1,4 +1,4 @@
-"""What the file of one coder says, declared: its check, reading, writing and JSON Schema follow from that."""
+"""Schema of a coder's annotation file; checks, reading, writing and JSON Schema derive from it."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -53,6 +53,6 @@ class Coding:
 
 
 def reference_files() -> dict[Path, str]:
-    """The schema of these files, for others who read them."""
+    """JSON Schema of annotation files, for third-party readers."""
     path = resources_dir() / "schemas" / "annotations.schema.json"
     return {path: schema_text(Coding, title="CARIS Desktop annotations")}

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status: 0 when compared, 1 when not (stderr says why)."""
+    """Exit status: 0 if compared, 1 if not (reason on stderr)."""
     try:
         read_header(args.session)
         document = load_documents(args.session)

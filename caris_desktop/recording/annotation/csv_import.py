@@ -1,4 +1,4 @@
-"""Reads annotations from tables: CSV with any delimiter, our own annotations.csv, ELAN's tab-delimited export."""
+"""Import annotations from tables: CSV with any delimiter, our annotations.csv, ELAN's tab-delimited text, BORIS."""
 
 import csv
 import io
@@ -35,7 +35,7 @@ _MOST_ROWS = 500_000
 _BORIS_HEADED_WITHIN = 50
 _SNIFFED_CHARACTERS = 50_000
 _LATEST_MS = 2**32 - 1
-# Lengths of whole numbers below are seconds, from the second on milliseconds; in between nobody can tell.
+# Integer lengths below the first are seconds, from the second on milliseconds; in between is ambiguous.
 _SECONDS_BELOW, _MILLISECONDS_FROM = 30, 100
 _NAMES = {
     "tier": ("tier", "tier name", "tier_name"),
@@ -59,14 +59,15 @@ _NO_TIERS = ("begin time", "end time", "duration", "participant", "annotator", "
 
 
 def read_csv(path: Path, *, coder: str = "", skipped: list[str] | None = None) -> AnnotationDocument:
-    """Tiers and annotations of a table. ``coder`` is whose the tiers are that name none; ``skipped`` gets a sentence on
-    each kind of rows that were left out.
+    """Read tiers and annotations of a table.
 
-    A table has a row of headings with ``start`` and ``end`` (with ``_s`` or ``_ms``, or times as hh:mm:ss.mmm), and
-    ``value``; ``tier``, ``coder``, ``participant`` and ``vocabulary`` where it has them. ELAN's tab-delimited text is
-    read with its headings, with a column for each tier, and without headings. Numbers without a unit are seconds if
-    they have fractions; whole ones are told by how long the annotations are. Tables of BORIS, aggregated and tabular,
-    become a tier for each behaviour of each subject. What has no length is a moment.
+    ``coder`` owns the tiers that name no coder; ``skipped`` receives a sentence for each kind of row that was left out.
+
+    A table has a header row with ``start`` and ``end`` (with ``_s`` or ``_ms``, or times as hh:mm:ss.mmm) and
+    ``value``; ``tier``, ``coder``, ``participant`` and ``vocabulary`` are optional. ELAN's tab-delimited text is read
+    with headers, with one column per tier, and without headers. Numbers without a unit are seconds if they have
+    fractions; for integers the unit is inferred from the lengths of the annotations. BORIS tables (aggregated and
+    tabular) yield one tier per behaviour and subject. A row without a length is a point event.
 
     Raises
     ------
@@ -87,7 +88,7 @@ def read_csv(path: Path, *, coder: str = "", skipped: list[str] | None = None) -
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """One row; ``number`` is that of the line in the file where it ends, from 1."""
+    """One row; ``number`` is the number of its last line in the file, from 1."""
 
     number: int
     cells: list[str]
@@ -95,9 +96,9 @@ class _Line:
 
 @dataclass(frozen=True, slots=True)
 class _Columns:
-    """Where things are. ``factors`` turn numbers of the start and end columns into milliseconds.
+    """Column positions. ``factors`` convert the start and end columns to milliseconds.
 
-    ``tiers`` has the columns that are tiers by themselves, with their names.
+    ``tiers`` lists columns that hold one tier each, with their names.
     """
 
     start: int
@@ -145,7 +146,7 @@ def _lines(text: str) -> list[_Line]:
 
 
 def _most_alike(head: str, delimiter: str) -> tuple[int, int]:
-    """How many rows have as many cells as the first one, where that is more than one; then how many cells."""
+    """Number of rows as wide as the first one (0 if that has a single cell), then that width."""
     rows = [row for row in csv.reader(io.StringIO(head, newline=""), delimiter=delimiter) if row]
     width = len(rows[0]) if rows else 0
     return (sum(len(row) == width for row in rows), width) if width > 1 else (0, 0)
@@ -166,7 +167,7 @@ class _Row:
 
 
 def _document(lines: list[_Line], coder: str) -> tuple[AnnotationDocument, list[str]]:
-    """With sentences on what was left out."""
+    """Document and sentences on rows that were left out."""
     of_boris = _rows_of_boris(lines)
     rows, skipped = of_boris if of_boris is not None else (_rows(lines), [])
     tiers: dict[tuple[str, str, str], Tier] = {}
@@ -230,9 +231,10 @@ def _rows(lines: list[_Line]) -> list[_Row]:
 
 
 def _rows_of_boris(lines: list[_Line]) -> tuple[list[_Row], list[str]] | None:
-    """The rows of a table of BORIS, and what was left out of it; None for another table. See its user guide, "Export
-    events": aggregated events have a start and a stop, tabular ones a row for each of them, behind lines on the
-    observation in older versions.
+    """Rows of a BORIS table and what was left out of it; None for other tables.
+
+    See its user guide, "Export events": aggregated events have a start and a stop; tabular ones have a row for each,
+    and older versions precede them with lines on the observation.
     """
     for at, line in enumerate(lines[:_BORIS_HEADED_WITHIN]):
         headings = [cell.strip().lower() for cell in line.cells]
@@ -299,7 +301,7 @@ def _aggregated(line: _Line, start: int, stop: int) -> _Told:
 
 
 class _Pairing:
-    """Puts the starts and stops of states together, row by row."""
+    """Pairs the starts and stops of BORIS state events row by row."""
 
     def __init__(self, time: int, kind: int, where: dict[str, int]) -> None:
         self._time, self._kind = time, kind
@@ -354,7 +356,7 @@ def _refuse_overlaps(annotations: Sequence[Annotation], names: dict[str, str], l
 
 
 def _vocabularies(tiers: Sequence[Tier], annotations: Sequence[Annotation]) -> tuple[Vocabulary, ...]:
-    """Those that the tiers name, with the values that are used."""
+    """Vocabularies that the tiers name, with the values in use."""
     values: dict[str, dict[str, None]] = {tier.vocabulary: {} for tier in tiers if tier.vocabulary}
     vocabulary_of_tier = {tier.tier_id: tier.vocabulary for tier in tiers}
     for item in annotations:
@@ -366,12 +368,12 @@ def _vocabularies(tiers: Sequence[Tier], annotations: Sequence[Annotation]) -> t
 
 
 def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
-    """None where the first row is none of headings. Raises AnnotationError for headings that are not enough."""
+    """Columns from a header row; None if the first row is none. Raises AnnotationError if headings are missing."""
     parsed = [_HEADING.fullmatch(heading) for heading in headings]
     bases = [match["base"] if match else "" for match in parsed]
     units = [(match["elan"] or match["bracketed"] or match["unit"] or "") if match else "" for match in parsed]
     if _WHOLE_SESSION in headings:
-        # A table of this program: these columns say of every row which session it is of, and who took part in that.
+        # A table of this program: these columns repeat the session and its participant in every row.
         bases[headings.index(_WHOLE_SESSION)] = ""
     start, end = _time_column(bases, units, _START), _time_column(bases, units, _END)
     where = {
@@ -416,7 +418,7 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
 
 
 def _time_column(bases: list[str], units: list[str], names: Sequence[str]) -> int | None:
-    """The column whose heading is earliest in ``names``, of several units the most exact one."""
+    """Column whose heading comes first in ``names``; of several units, the most exact."""
     exactness = {"ms": 0, "msec": 0, "milliseconds": 0, "hh:mm:ss.ms": 1}
     found = [
         (names.index(base), exactness.get(units[column], 2), column)
@@ -427,7 +429,7 @@ def _time_column(bases: list[str], units: list[str], names: Sequence[str]) -> in
 
 
 def _factors_of(lines: list[_Line], start: int, end: int, start_unit: str, end_unit: str) -> tuple[int, int]:
-    """From the headings, else from the numbers themselves. Raises AnnotationError where they do not tell."""
+    """Time factors from the headings, else from the numbers. Raises AnnotationError if they are ambiguous."""
     if start_unit in _FACTORS and end_unit in _FACTORS:
         return _FACTORS[start_unit], _FACTORS[end_unit]
     pairs = [(_cell(line, start), _cell(line, end)) for line in lines]
@@ -445,7 +447,9 @@ def _factors_of(lines: list[_Line], start: int, end: int, start_unit: str, end_u
 
 
 def _without_headings(lines: list[_Line]) -> _Columns:
-    """As ELAN exports: tier, participant, then begin, end and duration in one to three forms each, then the value."""
+    """Columns of ELAN's export without headers: tier, participant, then begin, end and duration in one to three formats
+    each, then the value.
+    """
     width = max(len(line.cells) for line in lines)
     timely = [all(_is_time(_cell(line, column)) for line in lines) for column in range(width)]
     begin = timely.index(True) if True in timely else width
@@ -483,7 +487,7 @@ def _adds_up(line: _Line, columns: list[int], factors: list[int]) -> bool:
 
 
 def _factor_of_column(lines: list[_Line], column: int) -> int:
-    """ELAN's seconds have a fraction, its milliseconds none."""
+    """ELAN writes seconds with a fraction and milliseconds without."""
     return 1000 if any("." in _cell(line, column) or "," in _cell(line, column) for line in lines) else 1
 
 
@@ -492,7 +496,7 @@ def _is_time(text: str) -> bool:
 
 
 def _milliseconds(text: str, factor: int) -> int | None:
-    """None for what is no time. A clock time is that whatever the column's unit."""
+    """Time in milliseconds, None if it is not a time. A clock time ignores the column's unit."""
     if len(text) > 30:
         return None
     if clock := _CLOCK.fullmatch(text):
@@ -513,7 +517,7 @@ def _time_of(line: _Line, column: int, factor: int, *, start: bool) -> int:
 
 
 def _no_time(*, start: bool, told: bool) -> str:
-    """Of a start or an end that something is told of, or nothing."""
+    """Message for an invalid (``told``) or missing start or end."""
     if told and start:
         return QT_TR_NOOP("Line {number}, start: “{word}” is no time. Write seconds, or hh:mm:ss.mmm.")
     if told:

@@ -1,4 +1,4 @@
-"""Reads annotations from ELAN files, ours and others'.
+"""Import annotations from ELAN files (.eaf), from this program or others.
 
 Format: https://www.mpi.nl/tools/elan/EAFv3.0.xsd; older versions with plain vocabularies are read too.
 """
@@ -33,22 +33,21 @@ from caris_desktop.recording.annotation.model import (
 )
 from caris_desktop.recording.annotation.store import file_content
 
-PROPERTY = "caris-desktop"  # what the exporter notes for what ELAN has no place for
+PROPERTY = "caris-desktop"  # property with the exporter's notes on data that ELAN has no field for
 _MOST_ELEMENTS = 2_000_000
 _LATEST_MS = 2**32 - 1
 _log = logging.getLogger(__name__)
 
 
 def read_eaf(path: Path, *, coder: str = "", media_began_ms: Mapping[str, int] | None = None) -> AnnotationDocument:
-    """Tiers, vocabularies and annotations of an .eaf, in milliseconds of the document.
+    """Read tiers, vocabularies and annotations of an .eaf, in milliseconds of the document.
 
-    Somebody may have coded a video of the session itself, not our export: ``media_began_ms`` (see
-    :func:`media_began_ms_of`) says when each of its files began, and a document about one of them is moved to the
-    session's time.
+    The coded media may be a session's own video rather than our export: ``media_began_ms`` (see
+    :func:`media_began_ms_of`) gives the start of each media file, and the times are shifted to session time.
 
-    ``coder`` is whose the tiers are that name no annotator; those that this program made from the record stay
-    nobody's. Times that ELAN leaves open lie evenly between the known ones, annotations that refer to others take
-    (equal parts of) their time. Values that a vocabulary lacks are added to it, as ELAN shows them too.
+    ``coder`` owns the tiers without an annotator; tiers that this program derived from the recording stay without a
+    coder. Time slots without a value are spread evenly between known ones, and annotations that refer to others share
+    their time. Values that a vocabulary lacks are added to it, as ELAN displays them too.
 
     Raises
     ------
@@ -66,7 +65,7 @@ def read_eaf(path: Path, *, coder: str = "", media_began_ms: Mapping[str, int] |
 
 
 def media_began_ms_of(header: Mapping[str, Any]) -> dict[str, int]:
-    """For each video and sound file of a session, by its name: when it began, from what ``session.json`` says."""
+    """Start of each video and audio file of a session by name, in ms from the session start, from ``session.json``."""
     began_ms: dict[str, int] = {}
     for key in ("videos", "audio"):
         rows = header.get(key)
@@ -81,7 +80,7 @@ def media_began_ms_of(header: Mapping[str, Any]) -> dict[str, int]:
 
 @dataclass(frozen=True, slots=True)
 class _Ours:
-    """What the exporter noted: the duration, (tier id, name) of each TIER_ID, our id of each ANNOTATION_ID."""
+    """Notes of our exporter: the duration, (tier id, name) per TIER_ID, our id per ANNOTATION_ID."""
 
     duration_ms: int
     tiers: dict[str, tuple[str, str]]
@@ -90,7 +89,7 @@ class _Ours:
 
 @dataclass(slots=True)
 class _Item:
-    """One annotation of the file; either its slots are known or the one it refers to."""
+    """One annotation of the file: either its slots or the annotation that it refers to is known."""
 
     xml_id: str
     tier_name: str
@@ -120,9 +119,9 @@ def _parse(content: bytes) -> Element:
 
 
 def _moved_ms(root: Element, began_ms: Mapping[str, int]) -> int:
-    """How much later the session's time is than the document's: by what it plays first, if that is a file of ours."""
+    """Offset from document time to session time in ms, by the first linked media file that belongs to the session."""
     if any(item.get("NAME") == PROPERTY for item in root.iterfind("HEADER/PROPERTY")):
-        return 0  # our own export, whose time is the session's
+        return 0  # our export, already in session time
     for media in root.iterfind("HEADER/MEDIA_DESCRIPTOR"):
         name = unquote(media.get("MEDIA_URL", "")).replace("\\", "/").rpartition("/")[2]
         origin = media.get("TIME_ORIGIN", "0")
@@ -153,7 +152,7 @@ def _document(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
         tiers[xml_name] = Tier(
             tier_id=tier_id or f"eaf-{len(tiers) + 1}",
             name=name or plain_text(xml_name)[:LONGEST_NAME],
-            # A tier that was ours and is nobody's is one from the record.
+            # One of our tiers without a coder was derived from the recording.
             coder=whose or ("" if tier_id else coder),
             vocabulary=vocabulary if vocabulary in vocabularies else "",
             participant=plain_text(element.get("PARTICIPANT", "")),
@@ -183,7 +182,7 @@ def _document(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
 
 
 def _noted(root: Element) -> _Ours:
-    """Absent, changed or damaged notes cost the ids, nothing else."""
+    """Exporter notes; if they are absent, changed or damaged, only the ids are lost."""
     nothing = _Ours(0, {}, {})
     texts = [item.text or "" for item in root.iterfind("HEADER/PROPERTY") if item.get("NAME") == PROPERTY]
     if not texts:
@@ -197,7 +196,7 @@ def _noted(root: Element) -> _Ours:
         _log.warning("notes of the exporter are left out: %r", error)
         return nothing
     latest = max((int(slot.get("TIME_VALUE", "0")) for slot in root.iter("TIME_SLOT") if _is_time(slot)), default=0)
-    # ELAN knows no end of the session: annotations that were added there may lie later.
+    # ELAN has no session end: annotations added there may lie later.
     return _Ours(duration_ms if duration_ms >= latest else 0, tiers, annotations)
 
 
@@ -247,7 +246,7 @@ def _items(root: Element) -> Iterator[_Item]:
 
 
 def _slot_times(root: Element, items: dict[str, _Item]) -> dict[str, int]:
-    """When each time slot is; those without a value lie evenly on the chain of annotations that they part."""
+    """Time of each slot; slots without a value are spread evenly along their chain of annotations."""
     times: dict[str, int] = {}
     unknown: set[str] = set()
     for slot in root.iterfind("TIME_ORDER/TIME_SLOT"):
@@ -310,7 +309,7 @@ def _spans(items: dict[str, _Item], times: dict[str, int]) -> dict[str, tuple[in
 
 
 def _in_sequence(parts: list[_Item]) -> list[_Item]:
-    """Each after the one that it names as the previous one; as in the file where that is not told."""
+    """Parts sorted by their previous-annotation references; in file order if these are incomplete."""
     following = {item.previous: item for item in parts if item.previous}
     ordered: list[_Item] = []
     at = next((item for item in parts if not item.previous), None)

@@ -1,8 +1,8 @@
-"""Editing annotations: each function takes a document and gives the changed one, or says why that cannot be.
+"""Edit annotations: pure functions from a document to the changed one; AnnotationError gives the reason for a refusal.
 
-The rules are ELAN's: annotations of a tier do not overlap, a tier with a vocabulary holds its values only (or nothing
-yet), times lie within the session. Tiers made from the record are read only. Texts are what XML can hold: other
-control characters become U+FFFD, ends of lines become line feeds.
+The rules are ELAN's: annotations of a tier do not overlap, a tier with a vocabulary holds its values only (or an empty
+one), times lie within the session. Tiers derived from the recording are read only. Texts hold what XML can: other
+control characters become U+FFFD, line ends become line feeds.
 """
 
 import re
@@ -30,8 +30,8 @@ _NOT_IN_XML = re.compile("[^\t\n\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 
 
 class AnnotationError(Exception):
-    """What cannot be done with annotations, and why; the text is for people, its ``{names}`` filled with ``values``.
-    Nothing was changed.
+    """Refused edit, import or file, with the reason as user text; ``values`` fill its ``{names}``. The document is
+    unchanged.
     """
 
     def __init__(self, text: str, **values: object) -> None:
@@ -39,7 +39,7 @@ class AnnotationError(Exception):
 
 
 def plain_text(text: str) -> str:
-    """``text`` as every format of annotations can hold it."""
+    """``text`` limited to characters that every annotation format can hold."""
     return _NOT_IN_XML.sub("\ufffd", text.replace("\r\n", "\n").replace("\r", "\n"))
 
 
@@ -49,7 +49,7 @@ def plain_text(text: str) -> str:
 def add_tier(
     document: AnnotationDocument, name: str, coder: str, vocabulary: str = "", *, participant: str = ""
 ) -> AnnotationDocument:
-    """A new tier of ``coder`` below the others; its id is :func:`next_tier_id`."""
+    """Add a tier of ``coder`` below the others; its id is :func:`next_tier_id`."""
     coder = _name(coder, QT_TR_NOOP("A coder needs a name."))
     name = _name(name, QT_TR_NOOP("A tier needs a name."))
     _refuse_taken_name(document, name, coder)
@@ -60,7 +60,7 @@ def add_tier(
 
 
 def rename_tier(document: AnnotationDocument, tier_id: str, name: str) -> AnnotationDocument:
-    """The tier is called ``name`` from now on."""
+    """Rename the tier to ``name``."""
     tier = _own_tier(document, tier_id)
     name = _name(name, QT_TR_NOOP("A tier needs a name."))
     if name != tier.name:
@@ -69,7 +69,7 @@ def rename_tier(document: AnnotationDocument, tier_id: str, name: str) -> Annota
 
 
 def remove_tier(document: AnnotationDocument, tier_id: str) -> AnnotationDocument:
-    """Without the tier and its annotations."""
+    """Remove the tier and its annotations."""
     _own_tier(document, tier_id)
     return replace(
         document,
@@ -79,7 +79,7 @@ def remove_tier(document: AnnotationDocument, tier_id: str) -> AnnotationDocumen
 
 
 def move_tier(document: AnnotationDocument, tier_id: str, position: int) -> AnnotationDocument:
-    """The tier becomes number ``position`` of the timeline, from 0; beyond the ends counts as the ends."""
+    """Move the tier to index ``position`` of the timeline, from 0, clamped to the ends."""
     tier = _own_tier(document, tier_id)
     others = [item for item in document.tiers if item is not tier]
     position = min(max(position, 0), len(others))
@@ -88,7 +88,7 @@ def move_tier(document: AnnotationDocument, tier_id: str, position: int) -> Anno
 
 
 def set_tier_vocabulary(document: AnnotationDocument, tier_id: str, vocabulary: str) -> AnnotationDocument:
-    """The tier holds values of ``vocabulary`` from now on; free text where that is empty."""
+    """Bind the tier to ``vocabulary``; empty: free text."""
     tier = _own_tier(document, tier_id)
     if vocabulary:
         permitted = _values_of(vocabulary_of(document, vocabulary))
@@ -112,7 +112,7 @@ def set_tier_vocabulary(document: AnnotationDocument, tier_id: str, vocabulary: 
 def add_annotation(
     document: AnnotationDocument, tier_id: str, start_ms: int, end_ms: int, value: str = ""
 ) -> AnnotationDocument:
-    """A new annotation; its id is :func:`next_annotation_id`."""
+    """Add an annotation; its id is :func:`next_annotation_id`."""
     tier = _own_tier(document, tier_id)
     annotation = Annotation(
         next_annotation_id(document, tier.coder), tier_id, start_ms, end_ms, _value(document, tier, value)
@@ -123,7 +123,7 @@ def add_annotation(
 def move_annotation(
     document: AnnotationDocument, annotation_id: str, start_ms: int, end_ms: int, tier_id: str | None = None
 ) -> AnnotationDocument:
-    """The annotation lies from ``start_ms`` to ``end_ms``, on another tier where ``tier_id`` says so."""
+    """Move the annotation to ``start_ms``..``end_ms``, and to the tier ``tier_id`` if given."""
     annotation = _own_annotation(document, annotation_id)
     tier = _own_tier(document, annotation.tier_id if tier_id is None else tier_id)
     if tier.tier_id != annotation.tier_id:
@@ -139,7 +139,7 @@ def move_annotation(
 
 
 def split_annotation(document: AnnotationDocument, annotation_id: str, at_ms: int) -> AnnotationDocument:
-    """Two annotations of the same value that meet at ``at_ms``; the second one has the :func:`next_annotation_id`."""
+    """Split the annotation at ``at_ms`` into two of the same value; the second one gets :func:`next_annotation_id`."""
     annotation = _own_annotation(document, annotation_id)
     if not annotation.start_ms < at_ms < annotation.end_ms:
         raise AnnotationError(
@@ -159,7 +159,7 @@ def split_annotation(document: AnnotationDocument, annotation_id: str, at_ms: in
 
 
 def rename_annotation(document: AnnotationDocument, annotation_id: str, value: str) -> AnnotationDocument:
-    """The annotation says ``value`` from now on."""
+    """Set the annotation's value."""
     annotation = _own_annotation(document, annotation_id)
     tier = tier_of(document, annotation.tier_id)
     renamed = replace(annotation, value=_value(document, tier, value))
@@ -170,13 +170,13 @@ def rename_annotation(document: AnnotationDocument, annotation_id: str, value: s
 
 
 def remove_annotation(document: AnnotationDocument, annotation_id: str) -> AnnotationDocument:
-    """Without the annotation."""
+    """Remove the annotation."""
     _own_annotation(document, annotation_id)
     return _without(document, annotation_id)
 
 
 def free_stretch(document: AnnotationDocument, tier_id: str, start_ms: int, end_ms: int) -> tuple[int, int] | None:
-    """The longest part of the stretch that is free on the tier and within the session; None where nothing is."""
+    """The longest free part of the interval on the tier within the session; None if it is fully covered."""
     start_ms, end_ms = max(start_ms, 0), min(end_ms, document.duration_ms) if document.duration_ms else end_ms
     best: tuple[int, int] | None = None
     at_ms = start_ms
@@ -195,7 +195,7 @@ def free_stretch(document: AnnotationDocument, tier_id: str, start_ms: int, end_
 
 
 def add_vocabulary(document: AnnotationDocument, vocabulary: Vocabulary) -> AnnotationDocument:
-    """A new vocabulary, which tiers can use from now on."""
+    """Add a vocabulary that tiers can use."""
     vocabulary = _plain_vocabulary(vocabulary)
     if any(item.name == vocabulary.name for item in document.vocabularies):
         raise AnnotationError(_TAKEN, vocabulary=quoted(vocabulary.name))
@@ -205,10 +205,9 @@ def add_vocabulary(document: AnnotationDocument, vocabulary: Vocabulary) -> Anno
 def change_vocabulary(
     document: AnnotationDocument, name: str, vocabulary: Vocabulary, *, renamed: Mapping[str, str] | None = None
 ) -> AnnotationDocument:
-    """The vocabulary ``name`` becomes ``vocabulary``, also under another name.
+    """Replace the vocabulary ``name`` by ``vocabulary``, which may have another name.
 
-    ``renamed`` maps values of before to values of now; annotations of the tiers that use it change with them. Values
-    that annotations still use cannot be taken out.
+    ``renamed`` maps old values to new ones; annotations of its tiers change with them. Values in use cannot be removed.
     """
     vocabulary_of(document, name)
     vocabulary = _plain_vocabulary(vocabulary)
@@ -241,11 +240,11 @@ def change_vocabulary(
     )
 
 
-# Looking things up
+# Lookup
 
 
 def tier_of(document: AnnotationDocument, tier_id: str) -> Tier:
-    """Raises AnnotationError where there is none."""
+    """Tier with that id. Raises AnnotationError if there is none."""
     for tier in document.tiers:
         if tier.tier_id == tier_id:
             return tier
@@ -253,7 +252,7 @@ def tier_of(document: AnnotationDocument, tier_id: str) -> Tier:
 
 
 def annotation_of(document: AnnotationDocument, annotation_id: str) -> Annotation:
-    """Raises AnnotationError where there is none."""
+    """Annotation with that id. Raises AnnotationError if there is none."""
     for annotation in document.annotations:
         if annotation.annotation_id == annotation_id:
             return annotation
@@ -261,7 +260,7 @@ def annotation_of(document: AnnotationDocument, annotation_id: str) -> Annotatio
 
 
 def vocabulary_of(document: AnnotationDocument, name: str) -> Vocabulary:
-    """Raises AnnotationError where there is none."""
+    """Vocabulary with that name. Raises AnnotationError if there is none."""
     for vocabulary in document.vocabularies:
         if vocabulary.name == name:
             return vocabulary
@@ -269,7 +268,7 @@ def vocabulary_of(document: AnnotationDocument, name: str) -> Vocabulary:
 
 
 def annotation_at(document: AnnotationDocument, tier_id: str, at_ms: int) -> Annotation | None:
-    """What the tier says at that moment; an annotation ends just before its ``end_ms``."""
+    """Annotation of the tier at that time; ``end_ms`` is exclusive."""
     for annotation in document.of_tier(tier_id):
         if annotation.start_ms <= at_ms < annotation.end_ms:
             return annotation
@@ -277,12 +276,12 @@ def annotation_at(document: AnnotationDocument, tier_id: str, at_ms: int) -> Ann
 
 
 def next_tier_id(document: AnnotationDocument, coder: str) -> str:
-    """The id that the next new tier of ``coder`` gets."""
+    """Id of the next new tier of ``coder``."""
     return next_id(f"{id_part(coder)}-tier-", (tier.tier_id for tier in document.tiers))
 
 
 def next_annotation_id(document: AnnotationDocument, coder: str) -> str:
-    """The id that the next new annotation of ``coder`` gets."""
+    """Id of the next new annotation of ``coder``."""
     return next_id(f"{id_part(coder)}-", (item.annotation_id for item in document.annotations))
 
 
@@ -290,9 +289,7 @@ def next_annotation_id(document: AnnotationDocument, coder: str) -> str:
 
 
 def with_coders_called(document: AnnotationDocument, name_of: Callable[[str], str]) -> AnnotationDocument:
-    """The document with another name for each coder, in the ids too, which begin with it. ``name_of`` must give
-    different coders different names.
-    """
+    """Rename each coder, including in the ids, which begin with the coder. ``name_of`` must be injective."""
 
     def renamed(identifier: str, coder: str) -> str:
         before, after = f"{id_part(coder)}-", f"{id_part(name_of(coder))}-"
@@ -317,7 +314,7 @@ def with_coders_called(document: AnnotationDocument, name_of: Callable[[str], st
 
 
 def merge_documents(*documents: AnnotationDocument) -> AnnotationDocument:
-    """All tiers one below the other. Ids that occur twice get a number; vocabularies of one name are united."""
+    """Concatenate all tiers. Duplicate ids get a number; vocabularies of the same name are merged."""
     tiers: dict[str, Tier] = {}
     annotations: list[Annotation] = []
     taken: set[str] = set()
@@ -345,11 +342,11 @@ def merge_documents(*documents: AnnotationDocument) -> AnnotationDocument:
 
 
 def take_over(document: AnnotationDocument, imported: AnnotationDocument) -> AnnotationDocument:
-    """``document`` with the coders' tiers of ``imported``; tiers from the record are not taken.
+    """Merge the coders' tiers of ``imported`` into ``document``; tiers derived from the recording are ignored.
 
-    A tier that came from here (its coder and its id are the same) takes the place of what it was. Others come below;
-    where their coder has a tier of that name already, they get a number, and so do ids. Raises AnnotationError where
-    there is nothing to take, or where it does not fit the session.
+    A tier exported from here (same coder and id) replaces the original. Others are appended; where their coder already
+    has a tier of that name, names and ids get a number. Raises AnnotationError if there is nothing to import or it does
+    not fit the session.
     """
     known = {(tier.coder, tier.tier_id) for tier in document.tiers}
     order = {tier.tier_id: number for number, tier in enumerate(document.tiers)}
@@ -388,7 +385,7 @@ def take_over(document: AnnotationDocument, imported: AnnotationDocument) -> Ann
 
 
 def tiers_of_coder(document: AnnotationDocument, coder: str) -> AnnotationDocument:
-    """Only what ``coder`` made, with the vocabularies that nobody else uses."""
+    """Only the tiers of ``coder``, with the vocabularies that no other coder uses."""
     mine = {tier.tier_id for tier in document.tiers if tier.coder == coder}
     theirs = {tier.vocabulary for tier in document.tiers if tier.coder != coder}
     used = {tier.vocabulary for tier in document.tiers if tier.coder == coder}
@@ -401,12 +398,12 @@ def tiers_of_coder(document: AnnotationDocument, coder: str) -> AnnotationDocume
 
 
 def coders_of(document: AnnotationDocument) -> tuple[str, ...]:
-    """Everybody who has tiers, in the order of the timeline."""
+    """All coders who have tiers, in timeline order."""
     return tuple(dict.fromkeys(tier.coder for tier in document.tiers if tier.coder))
 
 
 def with_moments(annotations: Sequence[Annotation]) -> list[Annotation]:
-    """Point events get a length: ``MOMENT_MS``, less where the next one on the tier follows sooner."""
+    """Give point events a length: ``MOMENT_MS``, or less up to the next one on the tier."""
     starts: dict[str, list[int]] = {}
     for item in sorted(annotations, key=lambda item: item.start_ms):
         starts.setdefault(item.tier_id, []).append(item.start_ms)
@@ -422,13 +419,13 @@ def with_moments(annotations: Sequence[Annotation]) -> list[Annotation]:
 
 
 def sorted_document(document: AnnotationDocument) -> AnnotationDocument:
-    """The same with its annotations in order."""
+    """Document with sorted annotations."""
     key = _key(document)
     return replace(document, annotations=tuple(sorted(document.annotations, key=key)))
 
 
 def check_document(document: AnnotationDocument) -> None:
-    """Raises AnnotationError where a document breaks the rules, as one that was read from a file may."""
+    """Raise AnnotationError if a document breaks the rules, as one read from a file may."""
     tiers = {tier.tier_id: tier for tier in document.tiers}
     if len(tiers) < len(document.tiers):
         raise AnnotationError(QT_TR_NOOP("Two tiers have the same id."))
@@ -573,7 +570,7 @@ def _name(name: str, refusal: str) -> str:
 
 
 def _values_of(vocabulary: Vocabulary) -> set[str]:
-    """Nothing at all is permitted too: a stretch is often marked first and named later."""
+    """The empty value is permitted too: an interval is often marked first and labelled later."""
     return {"", *(entry.value for entry in vocabulary.entries)}
 
 

@@ -1,4 +1,4 @@
-"""An event in one line, whatever its type is."""
+"""One-line summaries of events of any type."""
 
 import dataclasses
 import re
@@ -54,8 +54,8 @@ EVENTS_IN_WORDS = (
 
 
 def summary_of(value: Any) -> str:
-    """What an event says, in one line: its fields but for times and ids, without the names where there is only one; and
-    who did it, where that is neither the wizard nor the console.
+    """Summarise an event: its fields except times and ids, without the field name if there is only one, and the actor
+    unless it is the wizard or the console.
     """
     parts = [
         (field.name, _cell(getattr(value, field.name)))
@@ -76,7 +76,7 @@ def _named(field: str) -> str:
 
 
 def _short(text: str) -> str:
-    """The first line, of whole files too."""
+    """First line, shortened; texts may be whole files."""
     first, _, rest = text.strip().partition("\n")
     return f"{first[:79]}…" if rest or len(first) > 80 else first
 

@@ -1,4 +1,4 @@
-"""Undo and redo of edits. Documents are values, so a step back is the document that was there before."""
+"""Undo and redo of annotation edits; documents are immutable, so each step is a document."""
 
 from collections import deque
 from collections.abc import Callable
@@ -9,7 +9,7 @@ Edit = Callable[[AnnotationDocument], AnnotationDocument]
 
 
 class EditHistory:
-    """The document that is being edited, with the ``limit`` last states before it."""
+    """The edited document with its last ``limit`` states."""
 
     def __init__(self, document: AnnotationDocument, *, limit: int = 1000) -> None:
         self._document = document
@@ -21,10 +21,10 @@ class EditHistory:
         return self._document
 
     def apply(self, edit: Edit) -> AnnotationDocument:
-        """The document as ``edit`` makes it.
+        """Apply ``edit`` and return the new document.
 
-        Whatever ``edit`` raises (an AnnotationError says what cannot be done) leaves everything as it was. An edit
-        that changes nothing is no step.
+        An exception of ``edit`` (AnnotationError if refused) changes nothing. An edit without an effect is not an undo
+        step.
         """
         after = edit(self._document)
         if after != self._document:
@@ -34,14 +34,14 @@ class EditHistory:
         return self._document
 
     def undo(self) -> AnnotationDocument:
-        """One step back, where there is one."""
+        """Undo one step, if any."""
         if self._done:
             self._undone.append(self._document)
             self._document = self._done.pop()
         return self._document
 
     def redo(self) -> AnnotationDocument:
-        """The step that was taken back last, again, where there is one."""
+        """Redo the last undone step, if any."""
         if self._undone:
             self._done.append(self._document)
             self._document = self._undone.pop()

@@ -1,4 +1,4 @@
-"""Annotations of a session: tiers of labelled stretches of time, as in ELAN. Plain values; editing gives new ones."""
+"""Annotation data model: tiers of labelled intervals as in ELAN, as immutable values."""
 
 from collections.abc import Iterable
 from typing import Annotated
@@ -32,10 +32,10 @@ class Vocabulary:
 
 @dataclass(frozen=True, slots=True)
 class Tier:
-    """One row of the timeline. ``coder`` is empty for tiers made from the record, which nobody edits.
+    """One row of the timeline. ``coder`` is empty for read-only tiers derived from the recording.
 
-    ``vocabulary`` names a vocabulary of the document; free text without one. Annotations of a tier do not overlap.
-    ``participant`` says whom the tier is about, where it is about one.
+    ``vocabulary`` names a vocabulary of the document; empty: free text. Annotations of a tier do not overlap.
+    ``participant`` is the person that the tier is about, if any.
     """
 
     tier_id: str
@@ -46,12 +46,12 @@ class Tier:
 
     @property
     def title(self) -> str:
-        """The name, for ``tr_filled``: what a coder wrote stays as it is."""
+        """Tier name for ``tr_filled``; a coder's own text is never translated."""
         return refilled(self.name, (DEFAULT_TIER, QT_TR_NOOP("Annotations ({number})"))) if self.coder else self.name
 
 
 def shown_names(tiers: Iterable[Tier]) -> dict[str, str]:
-    """The name of each tier id, with the coder where several tiers are called so."""
+    """Display name per tier id, with the coder where several tiers share a name."""
     tiers = tuple(tiers)
     names = [tier.name for tier in tiers]
     return {
@@ -62,7 +62,7 @@ def shown_names(tiers: Iterable[Tier]) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Annotation:
-    """A labelled stretch, in whole milliseconds since the session began; ``end_ms`` is after ``start_ms``."""
+    """Labelled interval, in whole milliseconds from the session start; ``end_ms`` is after ``start_ms``."""
 
     annotation_id: str
     tier_id: str
@@ -73,9 +73,9 @@ class Annotation:
 
 @dataclass(frozen=True, slots=True)
 class AnnotationDocument:
-    """Tiers in the order of the timeline; ``annotations`` sorted by tier, then start.
+    """Tiers in timeline order; ``annotations`` sorted by tier, then start.
 
-    ``duration_ms`` is how long the session is: no annotation ends later. 0: not known.
+    ``duration_ms`` is the length of the session, which limits annotations; 0: unknown.
     """
 
     tiers: tuple[Tier, ...] = ()

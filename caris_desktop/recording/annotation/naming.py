@@ -1,4 +1,4 @@
-"""Ids as XML can hold them, each given once; and how messages show a name."""
+"""XML-safe ids, unique per document, and quoted names in messages."""
 
 import re
 from collections.abc import Iterable
@@ -7,12 +7,12 @@ from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
 
 
 def id_part(coder: str) -> str:
-    """Ids are those of XML too: letters, digits, hyphens, and no digit first."""
+    """XML-safe id from a coder's name: letters, digits, hyphens, and no leading digit."""
     return "c-" + (re.sub(r"[^A-Za-z0-9]+", "-", coder).strip("-")[:30] or "coder")
 
 
 def next_id(prefix: str, taken: Iterable[str]) -> str:
-    """Numbers are not used again while a higher one is there, so that an id keeps its meaning in the eyes of people."""
+    """Next numbered id. It is higher than all present ones, so that an id keeps its meaning for people."""
     numbers = [item[len(prefix) :] for item in taken if item.startswith(prefix)]
     return f"{prefix}{max((int(number) for number in numbers if number.isascii() and number.isdigit()), default=0) + 1}"
 
@@ -26,7 +26,7 @@ def untaken(name: str, taken: Iterable[str]) -> str:
 
 
 def quoted(text: str) -> str:
-    """As messages show it: one line, not too long."""
+    """Quote a text for messages: one line, shortened."""
     if isinstance(text, Filled):
         return filled(QT_TR_NOOP("“{name}”"), name=text)
     text = " ".join(text.split())

@@ -1,4 +1,4 @@
-"""What the timeline of a session shows beside the coders' own tiers."""
+"""Data of the session timeline apart from the coders' tiers: moments, waveforms, speed curve."""
 
 from dataclasses import field
 from typing import Literal
@@ -13,7 +13,7 @@ from caris_desktop.recording.session.protocol import StepRecord
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Something to jump to."""
+    """Seek target on the timeline."""
 
     kind: Literal["mark", "utterance"]
     at_ns: int
@@ -22,7 +22,9 @@ class Moment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waveform:
-    """One sound file. ``peaks`` is float32, shape (buckets, 2), smallest and largest, -1..1, from ``first_ns`` on."""
+    """Waveform of one audio file: ``peaks`` is float32, shape (buckets, 2), min and max in -1..1,
+    from ``first_ns`` on.
+    """
 
     source: str
     first_ns: int
@@ -32,8 +34,8 @@ class Waveform:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionOverview:
-    """``tiers`` are those made from the record. ``speed`` is float32, shape (n, 3): session seconds, metres per
-    second, radians per second. ``cameras`` are those with video, ``steps`` those of the protocol.
+    """``tiers`` are those derived from the recording. ``speed`` is float32, shape (n, 3): session seconds, m/s, rad/s.
+    ``cameras`` are those with video, ``steps`` those of the protocol.
     """
 
     tiers: AnnotationDocument

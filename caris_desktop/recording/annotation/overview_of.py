@@ -1,4 +1,4 @@
-"""Makes the overview of a session: all that its timeline shows, read once."""
+"""Build the overview of a session for its timeline: tiers, waveforms and speed curve in one pass."""
 
 import logging
 import math
@@ -25,20 +25,20 @@ from caris_desktop.recording.session.utterances import SpokenUtterance
 
 BUCKET_NS = 20_000_000
 _SPEED_EVERY_NS = 50_000_000
-_POSE_EVERY_NS = 200_000_000  # the speed between poses that are closer is mostly noise
+_POSE_EVERY_NS = 200_000_000  # the speed between closer poses is mostly noise
 _LONGEST_STEP_NS = 2_000_000_000
 _READ_SAMPLES = 1 << 20
-_LONGEST_NS = 48 * 3600 * 1_000_000_000  # a stamp far outside the session must not cost all memory
+_LONGEST_NS = 48 * 3600 * 1_000_000_000  # a stamp far outside the session must not exhaust memory
 _SPEAKERS = {"participant": QT_TR_NOOP("participant"), "robot": QT_TR_NOOP("robot"), "wizard": QT_TR_NOOP("wizard")}
 _MARKS = {"wizard_error": QT_TR_NOOP("Wizard error"), "note": QT_TR_NOOP("Note"), "mark": QT_TR_NOOP("Mark")}
 _log = logging.getLogger(__name__)
 
 
 def build_overview(session: Session, progress: Callable[[float], None] | None = None) -> SessionOverview:
-    """Any thread; ``progress`` takes 0..1, and what it raises ends the work. Raises SessionError.
+    """Build the overview. Any thread; ``progress`` gets 0..1 and may raise to cancel. Raises SessionError.
 
-    Reads events, odometry (where there is none, poses or else commands) and the index of the sound; scans, maps and
-    pictures are passed over. A sound file that cannot be read is left out and logged.
+    Reads events, odometry (else poses, else commands) and the audio index; skips scans, maps and video. An unreadable
+    audio file is logged and left out.
     """
     tell = progress or (lambda _fraction: None)
     record, speed, sound = SessionRecord(session), _Speed(session.started_ns), _Sound(session)
@@ -68,7 +68,7 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
 
 
 def run_overview(connection: Connection, session: Session) -> None:
-    """Process body: sends the SessionOverview and ends."""
+    """Process entry point: send the SessionOverview and exit."""
     if hasattr(os, "nice"):
         os.nice(5)
     connection.send(build_overview(session))
@@ -92,7 +92,7 @@ def _cameras(session: Session) -> tuple[str, ...]:
 
 
 class _Speed:
-    """The speed curve, at most 20 points a second."""
+    """Speed curve, at most 20 points per second."""
 
     def __init__(self, started_ns: int) -> None:
         self._started_ns = started_ns
@@ -127,7 +127,7 @@ class _Speed:
 
 @dataclass(slots=True)
 class _Track:
-    """The sound of one file: where its samples lie in time, block by block."""
+    """Audio of one file: time of its samples, chunk by chunk."""
 
     source: str
     file_name: str
@@ -135,7 +135,7 @@ class _Track:
 
 
 class _Sound:
-    """Finds out how loud each moment was."""
+    """Computes the waveforms of the session's audio files."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -158,7 +158,7 @@ class _Sound:
 
 
 def _waveform(track: _Track, folder: Path) -> Waveform:
-    """Raises OSError, and ValueError for what is no sound of ours."""
+    """Waveform of one file. Raises OSError, and ValueError if it is not a session's audio file."""
     if not re.fullmatch(r"[\w .-]+", track.file_name):
         raise ValueError("not a file of the session")
     runs = sound_runs(track.blocks, within_ns=BUCKET_NS // 2)
@@ -180,10 +180,10 @@ def _waveform(track: _Track, folder: Path) -> Waveform:
 
 
 def sound_runs(blocks: Sequence[tuple[int, int, int, int]], *, within_ns: int) -> list[tuple[int, int, int, int]]:
-    """Pieces of a sound file that keep time, from blocks of (stamp_ns, first_sample, sample_count, sample_rate_hz).
+    """Continuous runs of an audio file, from blocks of (stamp_ns, first_sample, sample_count, sample_rate_hz).
 
-    One piece where a moment of the session is found by its seconds in the file, to ``within_ns``, as the recorder
-    writes them. Elsewhere blocks are joined that follow one another in the file and in time.
+    A single run if file time maps to session time within ``within_ns``, as the recorder writes it; otherwise blocks are
+    joined where they are contiguous in file and in time.
     """
     begins_ns = sorted(stamp_ns - first * 1_000_000_000 // rate for stamp_ns, first, _, rate in blocks)
     begin_ns = begins_ns[len(begins_ns) // 2]
@@ -203,10 +203,10 @@ def sound_runs(blocks: Sequence[tuple[int, int, int, int]], *, within_ns: int) -
 
 
 class WavReader:
-    """Samples of a 16 bit PCM WAV file, also of one whose header was never completed."""
+    """Samples of a 16-bit PCM WAV file, even if its header was never completed."""
 
     def __init__(self, path: Path) -> None:
-        """Raises OSError, and ValueError for another kind of file."""
+        """Open the file. Raises OSError, and ValueError for another format."""
         self._file = path.open("rb")
         try:
             self.channels, self.sample_rate_hz, self._offset, self.samples = self._layout(path.stat().st_size)
@@ -221,7 +221,7 @@ class WavReader:
         self._file.close()
 
     def read(self, first: int, count: int) -> Iterator[tuple[int, NDArray[np.float32]]]:
-        """The loudest channel of ``count`` samples from ``first`` on, as (number of the first, -1..1), in pieces."""
+        """Yield (index, float32 in -1..1) of the loudest channel in pieces: ``count`` samples from ``first`` on."""
         for content in self.read_bytes(first, count):
             block = np.frombuffer(content, "<i2").reshape(-1, self.channels)
             loudest = block[:, 0]
@@ -231,7 +231,7 @@ class WavReader:
             first += len(block)
 
     def read_bytes(self, first: int, count: int) -> Iterator[bytes]:
-        """The samples as they are in the file, all channels, in pieces."""
+        """Yield the raw samples of all channels in pieces."""
         end = min(first + count, self.samples)
         frame_bytes = 2 * self.channels
         while first < end:
@@ -258,7 +258,7 @@ class WavReader:
                     raise ValueError("not 16 bit PCM")
             elif name == b"data" and channels:
                 offset = self._file.tell()
-                # A recording that was killed has no length, or one that is too large.
+                # A killed recording leaves a zero or too large length.
                 length = min(length or size_bytes, size_bytes - offset)
                 return channels, rate, offset, length // (2 * channels)
             else:

@@ -1,8 +1,7 @@
-"""Tiers made from the record of a session: what was said, driven, marked and seen, and every other kind of event.
+"""Tiers derived from a recording: speech, driving, marks, people, and every other event type.
 
-An event type that this file does not name becomes a tier of its own: moments, or stretches where it has ``start_ns``
-and ``end_ns``. Names and states are English in files, and are looked up where the window shows them; what somebody
-said, wrote or named is none of them.
+An event type without a rule here gets a tier of point events, or of intervals if it has ``start_ns`` and ``end_ns``.
+Names and states are English in files and translated for display; texts by people are not translated.
 """
 
 import dataclasses
@@ -65,8 +64,8 @@ from caris_desktop.recording.session.visits import VISIT_EVENTS, Visit, VisitEve
 
 MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")
 ERRORS_VOCABULARY = QT_TR_NOOP("Wizard errors")
-UNNAMED = states.state("unspecified")  # a mark that nobody named
-MOST_PEOPLE = 12  # in a crowd only how many there are is worth a tier
+UNNAMED = states.state("unspecified")  # an unlabelled mark
+MOST_PEOPLE = 12  # with more people, only their number gets a tier
 _STILL_MPS, _STILL_RADPS = 0.02, 0.05
 _TROUBLE = ("connecting", "trouble", "lost")
 _SPEECH = {
@@ -88,15 +87,15 @@ _ANSWER_USES = {
     "dismissed": "",
     "unheard": "It was to be said, but silenced before anybody heard it.",
 }
-# Measured every second, or the edges of the timeline itself: tables show these, not tiers.
+# Periodic measurements, and the ends of the timeline: shown in tables, not as tiers.
 _NO_TIERS: tuple[type[Any], ...] = (LinkQuality, TrafficMeasured, SessionStarted, SessionEnded)
 
 
 def session_tiers(session: Session, progress: Callable[[float], None] | None = None) -> AnnotationDocument:
-    """The record as tiers that nobody edits (``coder`` is empty); those that would be empty are left out.
+    """Derive read-only tiers (``coder`` is empty) from the recording; empty ones are left out.
 
-    Stretches that overlap continue on a second tier of the same name with a number. ``progress`` takes 0..1.
-    Raises SessionError.
+    Overlapping intervals continue on a second tier with the same name and a number. ``progress`` gets 0..1. Raises
+    SessionError.
     """
     record = SessionRecord(session)
     for number, (_, value) in enumerate(session.values(*streams_of_tiers())):
@@ -107,13 +106,13 @@ def session_tiers(session: Session, progress: Callable[[float], None] | None = N
 
 
 def streams_of_tiers() -> tuple[str, ...]:
-    """The streams that :class:`SessionRecord` makes tiers of."""
+    """Streams that :class:`SessionRecord` needs."""
     return tuple(spec.name for spec in _event_streams())
 
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """Something on a tier; ``end_ns`` None: a moment."""
+    """Interval on a tier; ``end_ns`` None: a point event."""
 
     start_ns: int
     end_ns: int | None
@@ -122,7 +121,7 @@ class _Stretch:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """A tier before times are in order and overlaps are resolved."""
+    """Tier before sorting and resolution of overlaps."""
 
     name: str
     stretches: list[_Stretch]
@@ -131,7 +130,7 @@ class _Row:
 
 
 class SessionRecord:
-    """Takes the values of a session in the order of recording, and folds them. Keeps what tiers show, no more."""
+    """Builds tiers from the values of a session, added in recording order; retains only what tiers show."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -167,7 +166,7 @@ class SessionRecord:
         }
 
     def add(self, value: Any) -> None:
-        """Values of no event stream are passed over."""
+        """Add a value; values of non-event streams are ignored."""
         kind = type(value)
         fold = self._folded.get(kind)
         if fold is not None:
@@ -181,7 +180,7 @@ class SessionRecord:
             self._others.setdefault(kind, []).append(stretch)
 
     def fraction_of(self, stamp_ns: int) -> float:
-        """How far into the session that is, 0..1."""
+        """Position in the session, 0..1."""
         whole_ns = max(self._session.ended_ns - self._session.started_ns, 1)
         return min(max((stamp_ns - self._session.started_ns) / whole_ns, 0.0), 1.0)
 
@@ -212,7 +211,7 @@ class SessionRecord:
         return step_visits_of(self._protocol, ended_ns=self._session.ended_ns, pauses=self._paused_spans())
 
     def tiers(self) -> AnnotationDocument:
-        """Everything that was added, as tiers."""
+        """Tiers of all values added so far."""
         rows = [
             *self._speech_rows(),
             self._protocol_row(),
@@ -283,7 +282,7 @@ class SessionRecord:
         driven = [(*one, end_ns) for one, end_ns in zip(commands, held_ns, strict=True) if one[1] != Twist2D()]
         motion = _joined([_Stretch(stamp_ns, end_ns, motion_of(twist)) for stamp_ns, twist, _, end_ns in driven])
         if commands:
-            # Nothing commanded is standing: before the first command and wherever commands went silent.
+            # No command means standing: before the first one and wherever commands stopped.
             motion = _filled(motion, "standing", self._session.started_ns, ended_ns, self._paused_spans())
         sources = _joined([_Stretch(stamp_ns, end_ns, source) for stamp_ns, _, source, end_ns in driven])
         yield _Row(QT_TR_NOOP("Motion"), _in_states(motion), "Motion", "Robot")
@@ -378,7 +377,7 @@ class SessionRecord:
         return pauses_of(self._pauses, ended_ns=self._session.ended_ns)
 
     def _presence(self) -> dict[str, list[tuple[int, int]]]:
-        """When each person was there."""
+        """Intervals of presence per person."""
         spans: dict[str, list[tuple[int, int]]] = {}
         for visit in self._visits():
             spans.setdefault(visit.person_id, []).append((visit.start_ns, visit.end_ns))
@@ -427,7 +426,7 @@ class SessionRecord:
         for name, (description, entries) in known.items():
             values = used.get(name, set())
             if name in used or (name == MARKS_VOCABULARY and labels):
-                # Wizards mark with labels of their own too, and with none.
+                # Wizards also mark with labels of their own, or without one.
                 others = dict.fromkeys(sorted(values - set(entries) - {""}), "")
                 vocabularies.append(
                     Vocabulary(
@@ -438,8 +437,8 @@ class SessionRecord:
 
 
 def _person(person_id: str, numbers: dict[str, int]) -> str:
-    """As the wizard saw it. By the id where the record does not tell the number, or tells it of somebody else too: the
-    people of another study begin at 1 again.
+    """Person as the wizard saw them. The id is added, or used alone, where the number is unknown or ambiguous: people
+    of another study are numbered from 1 again.
     """
     number = numbers.get(person_id)
     if number is None:
@@ -459,7 +458,7 @@ def _event_streams() -> tuple[StreamSpec, ...]:
 
 
 def motion_of(twist: Twist2D) -> str:
-    """In a word of the vocabulary Motion. However slow, it is not standing: the largest part of it counts then."""
+    """Motion as a word of the vocabulary Motion. However slow, it is not "standing": the largest component counts."""
     parts = {
         "forward" if twist.forward_mps > 0 else "backward": abs(twist.forward_mps) / _STILL_MPS,
         "sideways": abs(twist.left_mps) / _STILL_MPS,
@@ -473,7 +472,7 @@ def motion_of(twist: Twist2D) -> str:
 def _filled(
     runs: list[_Stretch], value: str, start_ns: int, end_ns: int, pauses: list[tuple[int, int]]
 ) -> list[_Stretch]:
-    """The gaps of ``runs`` hold ``value``, but not while the recording paused; neighbours are joined."""
+    """Fill the gaps of ``runs`` with ``value`` except while recording was paused; merge neighbours."""
     filled: list[_Stretch] = []
     at_ns = start_ns
     fixed = sorted([*runs, *(_Stretch(begin_ns, until_ns, "") for begin_ns, until_ns in pauses)], key=_start_ns)
@@ -486,7 +485,7 @@ def _filled(
 
 
 def _joined(runs: list[_Stretch]) -> list[_Stretch]:
-    """Equal values that follow on one another are one; those that last no time are left out."""
+    """Merge contiguous intervals of equal value; drop empty ones."""
     joined: list[_Stretch] = []
     for run in runs:
         before = joined[-1] if joined else None
@@ -502,7 +501,7 @@ def _start_ns(stretch: _Stretch) -> int:
 
 
 def _until_next(changes: list[Any], ended_ns: int) -> list[tuple[Any, int]]:
-    """Each with the moment of the next one: states hold until then."""
+    """Each state change with the time of the next one, which ends the state."""
     ends_ns = [*(change.stamp_ns for change in changes[1:]), ended_ns][: len(changes)]
     return [(change, max(change.stamp_ns, end_ns)) for change, end_ns in zip(changes, ends_ns, strict=True)]
 
@@ -522,18 +521,18 @@ def _in_states(stretches: list[_Stretch]) -> list[_Stretch]:
 def _lanes(
     stretches: list[_Stretch], *, started_ns: int, duration_ms: int, joined: bool
 ) -> list[list[tuple[int, int, str]]]:
-    """Rows of (start, end, value) in which nothing overlaps, as few as needed.
+    """Distribute intervals over as few rows of (start, end, value) as needed without overlap.
 
-    Moments are as wide as MOMENT_MS, less where the next one on the same row follows sooner; ``joined`` makes moments
-    of one and the same millisecond one. What lies before the session or after it is brought to its edge.
+    Point events are MOMENT_MS wide, less if the next one on the row follows sooner; ``joined`` merges point events of
+    the same millisecond. Times are clamped to the session.
     """
     lanes: list[list[tuple[int, int, str]]] = []
-    # For each lane, where its last item really ends: what was made wider than that can be cut again.
+    # For each lane, the true end of its last item: its widened part may be cut again.
     ends_ms: list[int] = []
     for stretch in sorted(stretches, key=_start_ns):
         value = plain_text(stretch.value)[:LONGEST_VALUE]
         if value == stretch.value:
-            value = stretch.value  # with its text and values apart
+            value = stretch.value  # translatable text and values kept apart
         start_ms = min(max((stretch.start_ns - started_ns) // 1_000_000, 0), duration_ms - 1)
         moment = stretch.end_ns is None or stretch.end_ns <= stretch.start_ns
         end_ms = start_ms if moment else min(((stretch.end_ns or 0) - started_ns) // 1_000_000, duration_ms)
@@ -544,7 +543,7 @@ def _lanes(
                 if value != last_value:
                     lane[-1] = (last_start_ms, last_shown_ms, f"{last_value} | {value}"[:LONGEST_VALUE])
                 break
-            # An item is a millisecond wide at least, and a stretch after it gives way for that.
+            # An item is at least a millisecond wide; a following interval starts later for that.
             begin_ms = start_ms if moment else max(start_ms, last_start_ms + 1)
             if ends_ms[number] <= start_ms and last_start_ms < begin_ms < shown_ms:
                 lane[-1] = (last_start_ms, min(last_shown_ms, begin_ms), last_value)

@@ -1,4 +1,4 @@
-"""What stands on the tiers of the record for a state: English in files, and apart from names for whoever shows it."""
+"""State labels on derived tiers: English in files, translatable for display."""
 
 from caris_desktop.domain.events import EmergencyStopChanged, LinkChanged, LlmExchange
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
@@ -24,12 +24,12 @@ STATES_IN_WORDS = (
 
 
 def state(word: str) -> str:
-    """As the record has it, and for ``tr``; what is no state of ours, as the name of another wizard, stays."""
+    """State for the file and for ``tr``; an unknown word, such as another wizard's name, stays as it is."""
     return filled(word) if word in STATES_IN_WORDS else word
 
 
 def error_words(label: str) -> str:
-    """What a wizard calls an error in their own words stays."""
+    """Wizard error label; a wizard's own wording is not translated."""
     return filled(label) if label in WIZARD_ERRORS else label
 
 
@@ -44,7 +44,7 @@ def goal_words(goal: NavigationGoal) -> str:
 
 
 def answer_words(asked: LlmExchange) -> str:
-    """What the language model said, or why it said nothing."""
+    """Answer of the language model, or the reason why there is none."""
     why = filled(QT_TR_NOOP("({outcome}: {detail})"), outcome=state(asked.outcome), detail=filled(asked.detail))
     whole = filled(QT_TR_NOOP("{answer} (cut off)"), answer=asked.answer) if asked.cut else asked.answer
     return whole if asked.answer else why

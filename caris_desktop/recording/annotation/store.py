@@ -1,7 +1,7 @@
-"""Annotations on the disk: ``SESSION/annotations/CODER.json``, one file for each coder.
+"""Annotation files ``SESSION/annotations/CODER.json``, one for each coder.
 
-The files lie outside the manifest of the session, which ends with the recording, while coding goes on. Nothing is
-ever written over a file that this program cannot read.
+They are outside the session's manifest, which is final when recording ends, while coding continues. A file that this
+program cannot read is never overwritten.
 """
 
 import errno
@@ -32,14 +32,14 @@ from caris_desktop.recording.session.session_header import SessionError, read_he
 
 _FOLDER = "annotations"
 _MAX_FILE_MB = 64
-_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)  # names that Windows gives no file
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)  # file names that Windows reserves
 _log = logging.getLogger(__name__)
 
 
 def load_documents(folder: Path, *, on_damaged: Callable[[str], None] | None = None) -> AnnotationDocument:
-    """What all coders made of the session in ``folder``, each in tiers of their own; empty where nobody did.
+    """Annotations of all coders in ``folder``, each in tiers of their own; empty if there are none.
 
-    A file that cannot be used is told to ``on_damaged`` and left out; without that the first one raises
+    An unusable file is reported to ``on_damaged`` and left out; without that callback the first one raises
     AnnotationError.
     """
     documents = []
@@ -57,12 +57,12 @@ def load_documents(folder: Path, *, on_damaged: Callable[[str], None] | None = N
 
 
 def load_coding(path: Path) -> AnnotationDocument:
-    """What one coder made, in the file ``path``. Raises AnnotationError."""
+    """Annotations of one coder, from the file ``path``. Raises AnnotationError."""
     return _load(path)[0]
 
 
 def save_coder(folder: Path, document: AnnotationDocument, coder: str) -> Path:
-    """Write the tiers of ``coder`` into the session in ``folder``, whole or not at all; the file written.
+    """Write the tiers of ``coder`` atomically into the session in ``folder``; return the path.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def save_coder(folder: Path, document: AnnotationDocument, coder: str) -> Path:
 
 
 def annotation_files(folder: Path) -> tuple[Path, ...]:
-    """The files of all coders of the session in ``folder``."""
+    """Annotation files of all coders in ``folder``."""
     try:
         paths = (folder / _FOLDER).glob("*.json")
         return tuple(sorted(path for path in paths if path.is_file() and not path.name.startswith(".")))
@@ -103,7 +103,7 @@ def _duration_ms(folder: Path) -> int:
 
 
 def _path_of(folder: Path, coder: str) -> Path:
-    """The coder's own file: the one that says so, or a new name that nobody has."""
+    """The coder's file: the one that names this coder, or an unused name."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", "-", coder).strip("-")[:60]
     suffix = hashlib.sha256(coder.encode("utf-8", "replace")).hexdigest()[:8]
     if plain == coder and not _RESERVED.fullmatch(plain):
@@ -112,7 +112,7 @@ def _path_of(folder: Path, coder: str) -> Path:
         names = [f"{plain or 'coder'}-{suffix}.json"]
     files = {path.name.casefold(): path for path in annotation_files(folder)}
     for name in names:
-        # File systems that do not tell Anna from anna must not lose one of them.
+        # On case-insensitive file systems, Anna and anna must not overwrite each other.
         path = files.get(name.casefold())
         if path is None:
             return folder / _FOLDER / name
@@ -125,7 +125,7 @@ def _path_of(folder: Path, coder: str) -> Path:
 
 
 def coding_jsonable(document: AnnotationDocument, coder: str) -> dict[str, Any]:
-    """The content of a coder's file."""
+    """Content of a coder's file."""
     tiers = tuple(
         CodedTier(
             tier.tier_id,
@@ -147,7 +147,7 @@ def coding_jsonable(document: AnnotationDocument, coder: str) -> dict[str, Any]:
 
 
 def file_content(path: Path) -> bytes:
-    """What is in a file with annotations of whatever format. Raises AnnotationError, also for one that is too large."""
+    """Content of an annotation file of any format. Raises AnnotationError, also if it is too large."""
     try:
         with path.open("rb") as file:
             content = file.read(_MAX_FILE_MB * 2**20 + 1)
@@ -165,7 +165,7 @@ def file_content(path: Path) -> bytes:
 
 
 def _load(path: Path) -> tuple[AnnotationDocument, str]:
-    """The document in one file, and whose it is."""
+    """Document in one file, and its coder."""
     try:
         data = json.loads(file_content(path))
     except (ValueError, RecursionError) as error:

@@ -1,6 +1,6 @@
-"""A session as tidy tables: one CSV for each kind of value and event that occurs, and a dictionary of all columns.
+"""CSV export: tidy tables, one for each stream and event type that occurs, and a data dictionary.
 
-Every row begins with the session that it is of, so that the tables of several can be put under one another.
+Every row begins with its session, so that tables of several sessions can be concatenated.
 """
 
 from contextlib import ExitStack
@@ -25,7 +25,7 @@ from caris_desktop.recording.session.session_reader import Session
 
 
 def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
+    """Fill the empty folder ``out``. Raises OSError, SessionError."""
     writers: dict[str, tuple[Table, Any]] = {}
     whose = whose_columns(session)
     of_this = [_cell(column, column.read(None, None)) for column in whose]  # type: ignore[arg-type] # constants
@@ -50,7 +50,7 @@ def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]
 
 
 def _cell(column: Column, value: Any) -> str:
-    """As text that reads back as the same value; nothing where it is not known."""
+    """Text that reads back as the same value; empty if unknown."""
     if value is None:
         return ""
     match column.kind:
@@ -65,13 +65,13 @@ def _cell(column: Column, value: Any) -> str:
         case "integers" if column.name.endswith("_shape"):
             return "x".join(map(str, value))
         case "numbers" | "integers":
-            # Of arrays the numbers' own digits: a float32 has fewer than the float it would become.
+            # The digits of the array's type: a float32 has fewer than the float it would become.
             return ";".join(map(str, value.ravel()) if isinstance(value, np.ndarray) else map(scalar_text, value))
     return scalar_text(value)
 
 
 def _utc(utc_ns: int) -> str:
-    """ISO 8601, microseconds; nothing for what no calendar has."""
+    """ISO 8601 with microseconds; empty if outside the calendar."""
     seconds, nanoseconds = divmod(utc_ns, 1_000_000_000)
     try:
         return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanoseconds // 1000:06d}Z"

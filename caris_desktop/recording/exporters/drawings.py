@@ -1,4 +1,4 @@
-"""The drawings of a report, as SVG that takes its colours from the style sheet of the page around it."""
+"""SVG drawings of the HTML report: time line, map, histogram and share bar, coloured by the page's style sheet."""
 
 import base64
 import itertools
@@ -34,7 +34,7 @@ _UNKNOWN = (0x7A, 0x8A, 0x9B, 0x38)
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """Something on a row: from ``start_s`` to ``end_s`` of the session, or a moment. ``look`` is a CSS class."""
+    """Interval from ``start_s`` to ``end_s`` of the session, or a point event. ``look`` is a CSS class."""
 
     start_s: float
     end_s: float | None
@@ -53,7 +53,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """A row that shows a value over time, filled from zero to ``top``."""
+    """Row with a curve over time, filled from zero to ``top``."""
 
     label: str
     seconds: NDArray[np.float64]
@@ -64,7 +64,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of a whole, such as a share of the talk."""
+    """Part of a share bar, such as a speaker's share of the talk."""
 
     label: str
     value: float
@@ -74,7 +74,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Pin:
-    """Something to show on the map."""
+    """Marker on the map."""
 
     x_m: float
     y_m: float
@@ -86,7 +86,9 @@ class Pin:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Way:
-    """Where the robot was: ``points_m`` float64, shape (n, 2), at ``seconds``; ``by_itself`` where it navigated."""
+    """Trajectory of the robot: ``points_m`` float64, shape (n, 2), at ``seconds``; ``by_itself`` while navigating
+    autonomously.
+    """
 
     seconds: NDArray[np.float64]
     points_m: NDArray[np.float64]
@@ -117,7 +119,7 @@ def _attributes(values: dict[str, Any]) -> str:
 
 
 def _element(name: str, *inside: str | Markup, **attributes: Any) -> Markup:
-    """An element; whatever is not markup already is escaped."""
+    """SVG or HTML element; content that is not Markup is escaped."""
     content = "".join(part if isinstance(part, Markup) else escape(str(part)) for part in inside)
     opening = f"<{name}{_attributes(attributes)}"
     return Markup(f"{opening}>{content}</{name}>" if content else f"{opening}/>")  # noqa: S704 - escaped above
@@ -147,7 +149,7 @@ def _step(span: float, most: int, steps: Sequence[float]) -> float:
 
 
 def time_line(rows: Sequence[Row], curves: Sequence[Curve], shades: Sequence[Item], lasts_s: float) -> list[Markup]:
-    """The session as strips of at most ten minutes or so, one below the other; ``shades`` lie behind all rows."""
+    """Time line of the session as strips of about ten minutes; ``shades`` lie behind all rows."""
     if lasts_s <= 0.0:
         return []
     strip_s = lasts_s
@@ -269,7 +271,7 @@ def _curve(curve: Curve, y: float, begins_s: float, ends_s: float, x: Any) -> Ma
     line = _element("line", x1=_LABEL_PX, x2=x(ends_s), y1=base, y2=base, class_="rail")
     if not seconds.size or curve.top <= 0.0:
         return line
-    # The largest in each pixel: a short jerk must not vanish.
+    # The maximum per pixel: a short jerk must not vanish.
     pixels = np.array([round(x(float(moment)) * 2) for moment in seconds])
     firsts = np.flatnonzero(np.diff(pixels, prepend=pixels[0] - 1))
     tops = np.maximum.reduceat(values, firsts)
@@ -281,11 +283,11 @@ def _curve(curve: Curve, y: float, begins_s: float, ends_s: float, x: Any) -> Ma
     return _element("g", line, _element("path", d=outline, class_=curve.look))
 
 
-# The way on the map
+# Trajectory on the map
 
 
 def way_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> Markup:
-    """Where the robot was, on the map that it knew. ``grid`` may be None; there must be at least one point."""
+    """Trajectory on the map. ``grid`` may be None; at least one point is required."""
     left, bottom, right, top = _bounds(way, grid)
     scale = _MAP_PX / (right - left)
     width, height = _MAP_PX, (top - bottom) * scale
@@ -293,7 +295,7 @@ def way_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> M
     def spot(x_m: float, y_m: float) -> tuple[float, float]:
         return (x_m - left) * scale, (top - y_m) * scale
 
-    # Below the map, so that its scale covers nothing.
+    # Below the map, so that the scale bar covers no data.
     whole = height + _SCALE_PX
     parts = [_element("rect", x=0.0, y=0.0, width=width, height=whole, class_="floor", rx=8.0)]
     if grid is not None:
@@ -326,7 +328,7 @@ def _bounds(way: Way, grid: OccupancyGrid | None) -> tuple[float, float, float, 
     margin = 0.5
     left, right = float(x_m.min()) - margin, float(x_m.max()) + margin
     bottom, top = float(y_m.min()) - margin, float(y_m.max()) + margin
-    # As wide as the page, whatever shape the way has, so that words are of one size everywhere.
+    # Always as wide as the page, so that text has the same size everywhere.
     width = max(4.0, right - left, (top - bottom) * _MAP_PX / _MAP_MAX_HEIGHT_PX)
     height = max(width / 4, top - bottom)
     middle_x, middle_y = (left + right) / 2, (bottom + top) / 2
@@ -348,7 +350,7 @@ def _map_picture(grid: OccupancyGrid, spot: Any, scale: float) -> Markup:
 
 
 def _beyond(grid: OccupancyGrid, spot: Any, width: float, height: float) -> Markup:
-    """What lies outside of the map is as unknown as what is unknown in it."""
+    """Area outside the map, drawn like its unknown cells."""
     rows, columns = grid.cells.shape
     across_m, along_m = columns * grid.resolution_m, rows * grid.resolution_m
     origin = grid.origin_in_map
@@ -364,13 +366,13 @@ def _beyond(grid: OccupancyGrid, spot: Any, width: float, height: float) -> Mark
 
 
 def map_png(grid: OccupancyGrid) -> bytes:
-    """The map as PNG with its free floor transparent, so that it stands on a light and on a dark page."""
+    """Map as PNG with transparent free space, for light and dark pages."""
     import cv2
 
     cells = np.flipud(grid.cells)
     largest = 2000
     if max(cells.shape) > largest:
-        # Walls are thin: the most occupied cell of each block stands for it.
+        # Walls are thin: each block of cells takes its most occupied one.
         block = math.ceil(max(cells.shape) / largest)
         padded = np.pad(cells, [(0, -size % block) for size in cells.shape], constant_values=-1)
         rows, columns = (size // block for size in padded.shape)
@@ -387,7 +389,7 @@ def map_png(grid: OccupancyGrid) -> bytes:
 
 
 def _way_lines(way: Way, spot: Any) -> list[Markup]:
-    """The way in pieces, the later the stronger; dashed where the robot drove by itself."""
+    """Trajectory in pieces that darken with time; dashed where the robot navigated autonomously."""
     count = len(way.points_m)
     if count < 2:
         return []
@@ -411,7 +413,7 @@ def _way_lines(way: Way, spot: Any) -> list[Markup]:
 
 
 def _thinned(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Without points that no eye would miss; the last one stays."""
+    """Drop points closer than a visible distance; the last one stays."""
     kept = points[:1]
     for point in points[1:-1]:
         if math.dist(point, kept[-1]) >= 1.5:
@@ -420,7 +422,7 @@ def _thinned(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def _minutes(way: Way, spot: Any, places_px: Sequence[tuple[float, float]]) -> list[Markup]:
-    """Where the robot was at each full minute (or five, ten...), where it had moved since the last one shown."""
+    """Position at each full minute (or five, ten...), if the robot moved since the last one shown."""
     begins_s, ends_s = float(way.seconds[0]), float(way.seconds[-1])
     step_s = _step(ends_s - begins_s, 12, (30, 60, 120, 300, 600, 1200, 1800, 3600, 7200))
     parts: list[Markup] = []
@@ -456,7 +458,7 @@ def _start(at_px: tuple[float, float]) -> Markup:
 
 
 def _robot(at_px: tuple[float, float], heading_rad: float) -> Markup:
-    """A map pin with its heading, as in the console's own map."""
+    """Robot marker with heading, as on the console's map."""
     x, y = at_px
     turn = -math.degrees(heading_rad)
     return _element(
@@ -484,7 +486,7 @@ def _scale_bar(width: float, height: float, scale: float) -> Markup:
 
 
 def histogram(values: Sequence[float], *, unit: str, median: float, title: str, look: str) -> Markup:
-    """How often which value came, each one as a dot below, and the median as a line. At least one value."""
+    """Histogram with one dot per value below and a line at the median. At least one value."""
     width, plot_top, plot_height, left = 520.0, 26.0, 150.0, 34.0
     largest = max(*values, 1.0)
     bin_width = _step(largest, 18, (0.1, 0.2, 0.25, 0.5, 1, 2, 5, 10))
@@ -535,7 +537,7 @@ def histogram(values: Sequence[float], *, unit: str, median: float, title: str, 
 
 
 def share_bar(parts: Sequence[Part], *, title: str) -> Markup:
-    """Parts of a whole side by side; the words are for the table beside it."""
+    """Stacked bar of parts; labels are in the table next to it."""
     whole = sum(part.value for part in parts)
     width, height = 520.0, 22.0
     if whole <= 0.0:

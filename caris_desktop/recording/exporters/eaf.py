@@ -1,8 +1,8 @@
-"""A session as a project of ELAN: annotations, and beside them the media that they are about.
+"""ELAN export: a project with annotations and its media files.
 
-ELAN plays a file at document time plus its ``TIME_ORIGIN``, so it can leave out the beginning of a file but not start
-one later than the others. A camera or microphone that began after the session is therefore brought to begin with it:
-the first picture stands until the second was taken, sound is filled up with silence. Nothing is encoded again.
+ELAN plays a file at document time plus its ``TIME_ORIGIN``, so it can skip the beginning of a file but cannot start one
+later. A camera or microphone that began after the session is therefore padded: the first frame is held until the
+second, audio is filled with silence. Nothing is re-encoded.
 
 Format: https://www.mpi.nl/tools/elan/EAFv3.0.xsd
 """
@@ -48,7 +48,7 @@ _CONSTRAINTS = {
     "Symbolic_Association": "1-1 association with a parent annotation",
     "Included_In": "Time alignable annotations within the parent annotation's time interval, gaps are allowed",
 }
-# Readers take the number from an id, so there is one; time slots and languages share one space of names with it.
+# Readers parse a number from an id, so there is one; time slots and languages share one namespace with it.
 _USABLE_ID = re.compile(r"(?!ts\d|und$)[A-Za-z_][A-Za-z0-9_.-]*\d[A-Za-z0-9_.-]*")
 _PLAIN_NAME = re.compile(r"[\w][\w .-]*")
 _COPY_BYTES = 1 << 20
@@ -60,7 +60,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class LinkedMedia:
-    """One file beside the .eaf. ELAN shows it at document time plus ``time_origin_ms``."""
+    """One media file next to the .eaf, shown at document time plus ``time_origin_ms``."""
 
     file_name: str
     mime_type: str
@@ -69,7 +69,7 @@ class LinkedMedia:
 
 
 def write_eaf(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
+    """Fill the empty folder ``out``. Raises OSError, SessionError."""
     coded = coding_of(session, on_damaged=context.warn)
     record = session_tiers(session, lambda fraction: context.progress(0.3 * fraction))
     document = merge_documents(record, coded)
@@ -83,9 +83,9 @@ def write_eaf(session: Session, out: Path, context: ExportContext) -> list[Path]
 
 
 def eaf_text(document: AnnotationDocument, *, media: Iterable[LinkedMedia] = (), licence: str = "") -> str:
-    """The document as the text of an .eaf file; ``read_eaf`` gives the same document back.
+    """Text of an .eaf file; ``read_eaf`` restores the same document.
 
-    Texts are written as :func:`plain_text` has them.
+    Texts are written as :func:`plain_text` returns them.
     """
     root = ElementTree.Element(
         "ANNOTATION_DOCUMENT",
@@ -140,8 +140,8 @@ def eaf_text(document: AnnotationDocument, *, media: Iterable[LinkedMedia] = (),
         _child(root, "CONSTRAINT", DESCRIPTION=description, STEREOTYPE=stereotype)
     for vocabulary in document.vocabularies:
         element = _child(root, "CONTROLLED_VOCABULARY", CV_ID=plain_text(vocabulary.name))
-        # ELAN takes the languages of a vocabulary from its descriptions: without one, even an empty one, no entry has
-        # a language to be in, and its parser fails on the first.
+        # ELAN takes the languages of a vocabulary from its descriptions: without one, even an empty one, no entry has a
+        # language, and its parser fails on the first.
         _child(element, "DESCRIPTION", plain_text(vocabulary.description), LANG_REF="und")
         for entry in vocabulary.entries:
             holder = _child(element, "CV_ENTRY_ML", CVE_ID=entry_ids[vocabulary.name, entry.value])
@@ -160,7 +160,7 @@ def _add_header(
 ) -> None:
     header = _child(root, "HEADER", MEDIA_FILE="", TIME_UNITS="milliseconds")
     for item in media:
-        # Beside the .eaf, wherever that is; no path of this computer goes out with it.
+        # Relative to the .eaf: no path of this computer leaves with it.
         url = f"./{quote(item.file_name)}"
         attributes = {"MEDIA_URL": url, "MIME_TYPE": item.mime_type, "RELATIVE_MEDIA_URL": url}
         if item.time_origin_ms:
@@ -178,7 +178,7 @@ def _add_header(
 
 
 def _add_time_order(root: ElementTree.Element, document: AnnotationDocument) -> dict[str, tuple[str, str]]:
-    """Two slots for each annotation, in the order of time; the names of both."""
+    """Write two time slots for each annotation, in order of time; return the names of both."""
     moments = sorted(
         moment
         for item in document.annotations
@@ -203,7 +203,7 @@ def _child(parent: ElementTree.Element, tag: str, text: str | None = None, /, **
 
 
 def _unique(wanted: dict[str, str]) -> dict[str, str]:
-    """The same with texts that differ from one another and from the name of free text."""
+    """Same mapping with texts made unique and different from the name of free text."""
     taken = {FREE_TEXT}
     unique = {}
     for key, text in wanted.items():
@@ -217,7 +217,7 @@ def _unique(wanted: dict[str, str]) -> dict[str, str]:
 
 
 def _annotation_ids(document: AnnotationDocument) -> dict[str, str]:
-    """Ours where XML allows them, else ELAN's kind."""
+    """Our ids where ELAN accepts them, else ids of its own form."""
     own = {item.annotation_id for item in document.annotations}
     fresh = (f"a{number}" for number in range(1, 2 * len(own) + 2) if f"a{number}" not in own)
     return {
@@ -257,14 +257,14 @@ def _rows(videos: Any) -> list[dict[str, Any]]:
 
 
 def _is_ours(session: Session, name: Any) -> bool:
-    """A plain file in the session's folder: a header may come from anywhere."""
+    """True for a plain file in the session's folder: header fields are untrusted."""
     if not isinstance(name, str) or not _PLAIN_NAME.fullmatch(name):
         return False
     path = session.folder / name
     try:
         return path.is_file() and not path.is_symlink()
     except OSError:
-        # A name that is too long for any file.
+        # The name is too long for a file.
         return False
 
 
@@ -284,7 +284,9 @@ def _video(session: Session, name: str, first_ns: int, out: Path, progress: Call
 
 
 def _delay_video(source: Path, target: Path, delay_s: float, progress: Callable[[float], None]) -> None:
-    """The same pictures, later; the first one also at the beginning. Raises OSError, ValueError for a broken video."""
+    """Remux the video with a delay; the first frame is also shown at the beginning. Raises OSError, ValueError for a
+    broken video.
+    """
     import av
 
     try:
@@ -310,14 +312,14 @@ def _delay_video(source: Path, target: Path, delay_s: float, progress: Callable[
             if first:
                 raise ValueError("no picture in it")
     except av.error.FFmpegError as error:
-        # PyAV's errors of the operating system are OSErrors too: a full disk must not pass for a broken video.
+        # PyAV's operating system errors are OSErrors too: a full disk must not pass for a broken video.
         if isinstance(error, OSError) and error.errno in (28, 122):
             raise
         raise ValueError(str(error)) from error
 
 
 def _copy(source: Path, target: Path, progress: Callable[[float], None]) -> None:
-    """A copy rather than a link: what others do to it must not touch the recording."""
+    """Copy rather than link: changes to the export must not affect the recording."""
     size = max(source.stat().st_size, 1)
     with source.open("rb") as reading, target.open("wb") as writing:
         while block := reading.read(_COPY_BYTES):
@@ -343,7 +345,7 @@ def _sound(session: Session, name: str, blocks: list[tuple[int, int, int, int]],
 
 
 def _place_sound(session: Session, source: Path, runs: list[tuple[int, int, int, int]], target: Path) -> None:
-    """Each sample at its moment of the session. Raises OSError, ValueError for what is no sound of ours."""
+    """Place each sample at its session time. Raises OSError, ValueError if it is not a session's audio file."""
     with WavReader(source) as wav, target.open("wb") as writing:
         rate, frame_bytes = wav.sample_rate_hz, 2 * wav.channels
         last_ns = max(stamp_ns + count * 1_000_000_000 // rate for stamp_ns, _, count, _ in runs)

@@ -1,4 +1,4 @@
-"""What the wizard did in which situation, for learning: episodes of driving and turns of dialogue, as JSON lines."""
+"""Training data for robot learning: driving episodes and dialogue turns as JSON lines."""
 
 import bisect
 import json
@@ -42,7 +42,7 @@ _STREAMS = (
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What was written: the files, and how many episodes (or turns) and steps there are."""
+    """Files written, and the number of episodes (or turns) and steps."""
 
     paths: tuple[Path, ...]
     episodes: int
@@ -50,12 +50,12 @@ class Written:
 
 
 def whose(session: Session) -> dict[str, str]:
-    """What every line begins with, so that the lines of several sessions can be told apart."""
+    """Session columns that begin every line, so that lines of several sessions can be distinguished."""
     return {column.name: column.read(None, None) for column in whose_columns(session)}  # type: ignore[arg-type] # constants
 
 
 def write_driving(session: Session, out: Path, progress: Callable[[float], None]) -> Written:
-    """``episodes.jsonl``, a file of steps for each episode and the pictures that they name, in the folder ``out``.
+    """Write ``episodes.jsonl``, a steps file for each episode and the images they reference into ``out``.
 
     Raises OSError, SessionError.
     """
@@ -97,7 +97,7 @@ _Known = dict[type[Any] | str, tuple[Any, int]]
 
 
 class _Situation:
-    """What the console had: the newest of everything, by arrival, with the moment it was measured."""
+    """Latest value of each type by arrival, with its measurement time: the console's knowledge at a step."""
 
     def __init__(self, clock: RobotClock) -> None:
         self._clock = clock
@@ -116,7 +116,7 @@ class _Situation:
         return dict(self._newest)
 
     def action(self, at_ns: int) -> dict[str, Any]:
-        """The velocity in force; zero where the newest command no longer holds."""
+        """Velocity in force; zero if the newest command has expired."""
         twist, source = Twist2D(), "none"
         if self._command is not None and at_ns - self._command[1] <= COMMAND_HOLDS_S * 1e9:
             twist, source = self._command[0].twist, self._command[0].source
@@ -157,7 +157,7 @@ def _goal(known: _Known) -> dict[str, Any] | None:
 
 
 def _frames(known: _Known, at_ns: int) -> list[tuple[FrameRef, float]]:
-    """The newest frame of each camera, with its age in seconds."""
+    """Newest frame of each camera, with its age in seconds."""
     return [
         (value, (at_ns - moment_ns) / 1e9)
         for value, moment_ns in known.values()
@@ -166,7 +166,7 @@ def _frames(known: _Known, at_ns: int) -> list[tuple[FrameRef, float]]:
 
 
 class _StepPictures:
-    """Writes the pictures that steps name, each once. Quickest in the order of time."""
+    """Writes the images that steps reference, each once. Fastest in order of time."""
 
     def __init__(self, videos: VideoReader, out: Path) -> None:
         self._videos = videos
@@ -176,7 +176,7 @@ class _StepPictures:
         self.paths: list[Path] = []
 
     def names(self, frames: list[tuple[FrameRef, float]]) -> dict[str, dict[str, Any]]:
-        """For each camera the file, from the folder of the steps; cameras whose video lacks the frame are left out."""
+        """Image path per camera, relative to the steps' folder; omits cameras without the frame in their video."""
         found = {}
         for frame, age_s in frames:
             stamp_ns, name = self._written.get(frame.camera, (None, None))
@@ -199,7 +199,7 @@ class _StepPictures:
 
 
 class _EpisodeWriter:
-    """Cuts steps into episodes: from the first that drives to the last, with a moment of rest behind it."""
+    """Cuts steps into episodes, from the first that moves to the last, plus a short rest."""
 
     def __init__(self, session: Session, out: Path, pictures: _StepPictures) -> None:
         self._session = session
@@ -285,7 +285,7 @@ class _EpisodeWriter:
 
 
 def write_dialogue(session: Session, out: Path) -> Written:
-    """``turns.jsonl`` in the folder ``out``: one line for everything the robot said. Raises OSError, SessionError."""
+    """Write ``turns.jsonl``: one line per robot utterance. Raises OSError, SessionError."""
     out.mkdir()
     facts = read_facts(session)
     said = [utterance for utterance in facts.utterances if utterance.said]
@@ -342,7 +342,7 @@ def _decided_ns(utterance: SpokenUtterance) -> int | None:
 
 
 def _known_at(utterance: SpokenUtterance, at_ns: int) -> bool:
-    """Whether it had begun; of what is being heard the words are not known before it is over."""
+    """True if the utterance had begun; transcripts of heard speech are known only after its end."""
     if utterance.start_ns is None or utterance.start_ns >= at_ns:
         return False
     return utterance.speaker == "robot" or (utterance.end_ns is not None and utterance.end_ns <= at_ns)
@@ -386,7 +386,7 @@ def _edited_answer(text: str, at_ns: int, uses: tuple[AnswerUsed, ...]) -> bool:
 
 
 def _counts_in_view(session: Session) -> dict[str, tuple[list[int], list[int]]]:
-    """Moments and numbers of people, by camera, at each change."""
+    """Times and numbers of people per camera, at each change."""
     counts: dict[str, tuple[list[int], list[int]]] = {}
     for _, people in session.values("people"):
         moments, numbers = counts.setdefault(people.camera, ([], []))

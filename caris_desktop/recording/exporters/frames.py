@@ -1,4 +1,4 @@
-"""A session as material for learning: pictures with boxes (YOLO, MOT), episodes of driving, turns of dialogue."""
+"""Training data export: images with person boxes (YOLO, MOT), driving episodes and dialogue turns."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -33,7 +33,7 @@ _BOX_COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class _Box:
-    """A box within the picture, in its pixels, from its left upper corner."""
+    """Box in pixels of the image, from the upper left corner, clipped to it."""
 
     left: float
     top: float
@@ -50,7 +50,7 @@ def write_frames(
     yolo_hz: float | None = YOLO_HZ,
     mot_hz: float | None = MOT_HZ,
 ) -> list[Path]:
-    """Fill the folder ``out``. The rates bound the pictures of each camera; None takes every one that was perceived.
+    """Fill the folder ``out``. The rates limit images per camera; None: every frame with detections.
 
     Raises OSError, SessionError.
     """
@@ -71,7 +71,7 @@ def write_frames(
 
 
 def _write_pictures(session: Session, yolo: "_Yolo", mot: "_Mot", progress: Callable[[float], None]) -> int:
-    """How many moments with people had no picture."""
+    """Write images; return the number of detections without a frame."""
     missing = 0
     span_ns = max(1, session.ended_ns - session.started_ns)
     with VideoReader(session) as videos, yolo, mot:
@@ -94,9 +94,9 @@ def _write_pictures(session: Session, yolo: "_Yolo", mot: "_Mot", progress: Call
 
 
 def _boxes(people: People, image_bgr: NDArray[np.uint8]) -> list[_Box]:
-    """The boxes in the picture's own pixels, cut at its borders; those that lie outside of it are left out."""
+    """Boxes in pixels of the image, clipped to its borders; those outside are left out."""
     height, width = image_bgr.shape[:2]
-    # A video lacks an odd last row or column; more than that is a picture of another size.
+    # Encoders drop an odd last row or column; a larger difference means a different resolution.
     same = abs(people.frame_width_px - width) <= 1 and abs(people.frame_height_px - height) <= 1
     across = 1.0 if same else width / max(1, people.frame_width_px)
     down = 1.0 if same else height / max(1, people.frame_height_px)
@@ -111,7 +111,7 @@ def _boxes(people: People, image_bgr: NDArray[np.uint8]) -> list[_Box]:
 
 
 class _Yolo:
-    """``data.yaml``, ``images/``, ``labels/``, and ``boxes.csv`` with what YOLO's labels cannot say."""
+    """YOLO dataset: ``data.yaml``, ``images/``, ``labels/``, and ``boxes.csv`` with columns that YOLO labels lack."""
 
     def __init__(self, session: Session, folder: Path, most_hz: float | None, style: CsvStyle) -> None:
         self._csv = style
@@ -147,7 +147,7 @@ class _Yolo:
         self._files.close()
 
     def add(self, people: People, boxes: list[_Box], image_bgr: NDArray[np.uint8]) -> Path:
-        """Write the labels; the path of the picture."""
+        """Write the labels; return the path for the image."""
         part = "train" if people.stamp_ns < self._train_until_ns else "val"
         self.images[part] += 1
         name = f"{camera_file_name(people.camera)}-{self.images.total():06d}"
@@ -183,7 +183,7 @@ class _Yolo:
 
 @dataclass(slots=True)
 class _Sequence:
-    """One MOT sequence in the making."""
+    """MOT sequence in progress."""
 
     folder: Path
     width_px: int
@@ -196,7 +196,7 @@ class _Sequence:
 
 
 class _Mot:
-    """Sequences as the MOTChallenge lays them out; their tracks are those of the recording's own tracker."""
+    """MOTChallenge sequences, with the tracks of the recording's own tracker."""
 
     def __init__(self, session: Session, folder: Path, most_hz: float | None, style: CsvStyle) -> None:
         self._csv = style
@@ -219,7 +219,7 @@ class _Mot:
                 self._describe(sequence)
 
     def add(self, people: People, boxes: list[_Box], image_bgr: NDArray[np.uint8]) -> Path:
-        """Write detections and tracks; the path of the picture."""
+        """Write detections and tracks; return the path for the image."""
         height, width = image_bgr.shape[:2]
         sequence = self.sequences.get((people.camera, width, height))
         if sequence is None:

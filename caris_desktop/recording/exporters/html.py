@@ -1,7 +1,4 @@
-"""A report of a session for people: one page that needs nothing else, on screen and on paper.
-
-Long because the report and its drawings come from one template.
-"""
+"""HTML report of a session: one self-contained page for screen and print."""
 
 import base64
 import logging
@@ -103,7 +100,7 @@ _CUTS = {"": "", "length": "cut off at its limit", "filter": "cut off by a filte
 
 @dataclass(frozen=True, slots=True)
 class _Legend:
-    """An entry of a legend: a small drawing and words."""
+    """Entry of a legend: a small drawing and its text."""
 
     drawing: Markup
     words: str
@@ -256,7 +253,7 @@ def spread_text(spread: Spread) -> str:
 
 
 class _Seen:
-    """The rows of the time line, and the legend of those that are there."""
+    """Rows of the time line, and the legend of those present."""
 
     def __init__(self, facts: SessionFacts, coding: AnnotationDocument) -> None:
         self._facts = facts
@@ -379,7 +376,7 @@ class _Seen:
 
 
 def mark_words(mark: FinalMark) -> str:
-    """The label, or what an unlabelled mark is."""
+    """Label of the mark, or its kind."""
     return mark.label or {"wizard_error": "Wizard error", "note": "Note"}.get(mark.kind, "Mark")
 
 
@@ -402,7 +399,7 @@ def _sample(shape: str, look: str) -> Markup:
     return Markup('<svg viewBox="0 0 22 14" aria-hidden="true">{}</svg>').format(inside)
 
 
-# The way on the map
+# Trajectory on the map
 
 
 def _way(
@@ -598,7 +595,7 @@ def _driving(measures: Measures) -> dict[str, Any]:
 
 
 def _protocol(measures: Measures) -> dict[str, Any]:
-    """Each step, planned against actual."""
+    """Protocol section: each step, planned against actual."""
     steps = measures.steps
     late = sum(step.late_s >= LATE_FROM_S for step in steps)
     skipped = sum(step.skipped > 0 for step in steps)
@@ -726,7 +723,7 @@ def _photos(facts: SessionFacts) -> dict[str, Any]:
 
 
 def _thumbnail(folder: Path, file_name: str) -> str:
-    """A small JPEG in base64; empty where the picture is not there, or is named outside of the session."""
+    """Small JPEG in base64; empty if the image is missing or lies outside the session."""
     path = folder / file_name
     try:
         if not path.resolve().is_relative_to(folder.resolve()):
@@ -734,7 +731,7 @@ def _thumbnail(folder: Path, file_name: str) -> str:
             return ""
         image = decoded(path.read_bytes())
     except (OSError, ValueError) as error:
-        # ValueError: a name that none can be, with a zero or half a character in it.
+        # ValueError: an impossible file name, with a NUL or a lone surrogate.
         _log.warning("%.300r cannot be read: %.300s", str(path), error)
         return ""
     return base64.b64encode(jpeg_of(image, quality=82, most_px=_PHOTO_WIDTH_PX)).decode("ascii")
@@ -754,7 +751,7 @@ def _transcript(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
 def _turns(utterances: Iterable[SpokenUtterance], replies: dict[str, Reply]) -> Iterator[dict[str, Any]]:
     for item in utterances:
         if not item.said and item.origin == "heard" and not item.text:
-            continue  # nobody's voice
+            continue  # without a speaker
         chips = []
         reply = replies.get(item.utterance_id)
         if reply is not None:
@@ -793,7 +790,7 @@ def _asides(facts: SessionFacts) -> Iterator[dict[str, Any]]:
 
 
 def _alarms(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
-    """What was wrong, for how long, and how it ended."""
+    """Alarms section: cause, duration and end of each."""
     when = facts.session.clock.session_s
     alarms = measures.alarms
     ended = {True: "stood to the end", False: "ended by itself"}

@@ -1,4 +1,4 @@
-"""What a paper has to report of a Wizard-of-Oz study, as Markdown and as a page."""
+"""Methods sheet export: reporting items of a Wizard-of-Oz study, as Markdown and as a page."""
 
 import re
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from caris_desktop.recording.studies.completeness import counted
 
 
 def write_methods(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """The sheet of one session, as ``methods.md`` and ``methods.html``. Raises OSError, SessionError."""
+    """Write the sheet of one session as ``methods.md`` and ``methods.html``. Raises OSError, SessionError."""
     return write_methods_of_study([session], out, context)
 
 
 def write_methods_of_study(sessions: Sequence[Session], out: Path, context: ExportContext) -> list[Path]:
-    """One sheet of all ``sessions`` together (at least one) in the folder ``out``: ``methods.md`` and ``methods.html``.
+    """Write one sheet for all ``sessions`` (at least one) into ``out``: ``methods.md`` and ``methods.html``.
 
-    Practice sessions among them, and those that lie beside them, count as the wizards' training; the other figures
-    are those of the rest. Raises OSError, SessionError.
+    Practice sessions among them or in the same folders count as the wizards' training; all other values exclude them.
+    Raises OSError, SessionError.
     """
     sheet = methods_sheet(sessions, context.progress)
     markdown = out / "methods.md"
@@ -31,7 +31,7 @@ def write_methods_of_study(sessions: Sequence[Session], out: Path, context: Expo
 
 
 def as_markdown(sheet: MethodsSheet) -> str:
-    """The sheet as Markdown; whatever comes from the record stands there as it is, not as markup."""
+    """Sheet as Markdown; text from the recording is escaped."""
     lines = [f"# {_plain(sheet.title)}", "", sheet.about, "", f"Still to be filled in by hand: {_open(sheet)}.", ""]
     for section in sheet.sections:
         lines += [f"## {section.title}", ""]

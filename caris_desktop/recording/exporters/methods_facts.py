@@ -1,4 +1,4 @@
-"""What the methods sheet needs to know of the sessions of a study, read once each."""
+"""Data of a study for the methods sheet; each session is read once."""
 
 import logging
 from collections import Counter
@@ -36,8 +36,8 @@ PRACTICE = "practice"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownSession:
-    """What the sheet needs of one session; its values themselves are let go. ``said_by`` counts what the robot said by
-    who had it say that, in words.
+    """Data of one session for the sheet, without the values themselves. ``said_by`` counts robot utterances by who
+    triggered them, as text.
     """
 
     session: Session
@@ -100,7 +100,7 @@ def _streams(session: Session) -> frozenset[str]:
 
 @dataclass(frozen=True, slots=True)
 class PracticeSession:
-    """A practice session of a wizard. ``score`` (of 100) is that of the guided exercise; None for practice without."""
+    """Practice session of a wizard. ``score`` (0..100) of the guided exercise; None without it."""
 
     wizard: str
     started_utc_ns: int
@@ -109,7 +109,7 @@ class PracticeSession:
 
 
 def practice_beside(sessions: Sequence[Session]) -> list[PracticeSession]:
-    """The practice sessions in the folders that ``sessions`` lie in."""
+    """Practice sessions in the parent folders of ``sessions``."""
     found: dict[Any, PracticeSession] = {}
     for parent in sorted({session.folder.absolute().parent for session in sessions}):
         try:
@@ -126,20 +126,20 @@ def practice_beside(sessions: Sequence[Session]) -> list[PracticeSession]:
                 _log.info("not counted as practice: %s", error)
                 continue
             utc_ns = session.clock.anchor.utc_ns_at(session.started_ns)
-            # A copy of it is not a second one.
+            # Copies count once.
             wizard = sessions[0].wizard_name(wizard_of(session))
             found.setdefault(session.identity, PracticeSession(wizard, utc_ns, session.duration_s, _score(session)))
     return list(found.values())
 
 
 def _score(session: Session) -> int | None:
-    """What the guided exercise came to; the last one counts."""
+    """Score of the last guided exercise."""
     scores = [event.score for _, event in session.values("event/practice_ended")]
     return scores[-1] if scores else None
 
 
 def _head_purpose(folder: Path) -> str:
-    """Raises SessionError. A look at the head alone: there may be hundreds of sessions."""
+    """Purpose from the session header alone, since there may be hundreds of sessions. Raises SessionError."""
     trial = read_header(folder).get("trial")
     return purpose_of(trial if isinstance(trial, dict) else {})
 
@@ -153,9 +153,9 @@ def wizard_of(session: Session) -> str:
 
 
 class StudyFacts:
-    """The sessions that count, in the order in which they were, and what they tell together.
+    """Sessions that count, in chronological order, and their aggregates.
 
-    ``practice`` are the wizards' practice sessions, which do not count, and neither do ``copies`` of sessions.
+    ``practice`` sessions and ``copies`` of sessions do not count.
     """
 
     def __init__(self, known: Sequence[KnownSession], practice: Sequence[PracticeSession], copies: int = 0) -> None:
@@ -188,7 +188,7 @@ class StudyFacts:
         return distinct(name for one in self.known for name in one.robots)
 
     def steps(self) -> dict[tuple[str, str], list[StepRecord]]:
-        """Each step of a protocol with what became of it in every session that had it, by scenario and id."""
+        """Each protocol step with its records in all sessions that had it, by scenario and id."""
         found: dict[tuple[str, str], list[StepRecord]] = {}
         for one in self.known:
             title = one.scenarios[-1].title if one.scenarios else ""
@@ -200,14 +200,14 @@ class StudyFacts:
         return sum(one.measures.recorded_s for one in self.known)
 
     def gaps(self) -> list[Response]:
-        """Every answer of every session."""
+        """All answers of all sessions."""
         return [response for one in self.known for response in one.measures.gaps]
 
     def responses(self) -> list[float]:
         return [seconds for one in self.known for seconds in one.measures.response_times_s]
 
     def system_prompts(self) -> dict[str, int]:
-        """Each system prompt, with how many questions it was sent with."""
+        """Number of requests per system prompt."""
         prompts: Counter[str] = Counter()
         for one in self.known:
             for exchange in one.exchanges:
@@ -217,7 +217,7 @@ class StudyFacts:
         return dict(prompts)
 
     def counted(self, of: Callable[[Measures], dict[str, int]]) -> dict[str, int]:
-        """A counter of the figures, over all sessions; the most frequent first."""
+        """Sum of a counter of the measures over all sessions, most frequent first."""
         whole: Counter[str] = Counter()
         for one in self.known:
             whole.update(of(one.measures))

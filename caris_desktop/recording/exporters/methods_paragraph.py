@@ -1,4 +1,4 @@
-"""The methods paragraph of a paper; what stands in square brackets in it is still to be filled in."""
+"""Methods paragraph of a paper; parts in square brackets are for the researcher to fill in."""
 
 import json
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ from caris_desktop.recording.studies.measures import ModelUse, Spread, model_ask
 
 
 def paragraph(study: StudyFacts) -> str:
-    """Whole sentences of what the record tells; those of which it tells nothing are not there."""
+    """Complete sentences that the recording supports; others are left out."""
     return " ".join(sentence for sentence in _sentences(study) if sentence)
 
 

@@ -1,11 +1,9 @@
-"""The questions of the methods sheet, each with its answer from the record, or a word on what is to be filled in.
+"""Questions of the methods sheet, each with its answer from the recording or a hint on what to fill in.
 
 The questions are those of the reporting guidelines of Riek, "Wizard of Oz Studies in HRI: A Systematic Review and New
-Reporting Guidelines", Journal of Human-Robot Interaction 1(1), 2012, and what journals ask to be disclosed of language
-models: which one, which version, with which parameters and prompts, for what, and who decided about its answers.
-Nothing is invented: what the record does not tell is left for the researcher, and marked so.
-
-Long because one question follows another, as readers go through them.
+Reporting Guidelines", Journal of Human-Robot Interaction 1(1), 2012, and what journals require on language models:
+model, version, parameters, prompts, purpose, and who decided on the answers. Nothing is invented: what the recording
+lacks is marked for the researcher.
 """
 
 import json
@@ -65,15 +63,15 @@ from caris_desktop.recording.studies.completeness import stream_words
 from caris_desktop.recording.studies.measures import THIS_COMPUTER, Measures, ModelUse, Spread, per_10_min, quantile
 from caris_desktop.recording.studies.study_index import copies_among
 
-# A robot's clock that is further off was never set, or is that of a simulation.
+# A larger offset means a robot clock that was never set, or simulation time.
 _OWN_TIME_S = 30 * 86400.0
 
 
 @dataclass(frozen=True, slots=True)
 class SheetItem:
-    """One question. ``answer`` is empty where the record does not tell; ``by_hand`` says what to add.
+    """One question. ``answer`` is empty if the recording has none; ``by_hand`` says what to add.
 
-    ``sources`` names the parts of the record that the answer is from.
+    ``sources`` names the parts of the recording behind the answer.
     """
 
     question: str
@@ -84,7 +82,7 @@ class SheetItem:
 
 @dataclass(frozen=True, slots=True)
 class SheetSection:
-    """Questions of one kind."""
+    """Questions on one subject."""
 
     title: str
     items: tuple[SheetItem, ...]
@@ -92,7 +90,7 @@ class SheetSection:
 
 @dataclass(frozen=True, slots=True)
 class Appendix:
-    """A text in full, such as a system prompt; ``text`` may be long and have lines."""
+    """Full text, such as a system prompt; may be long and multi-line."""
 
     title: str
     about: str
@@ -101,7 +99,7 @@ class Appendix:
 
 @dataclass(frozen=True, slots=True)
 class MethodsSheet:
-    """The whole sheet. ``paragraph`` is for a paper; what stands in square brackets in it is still to be filled in."""
+    """Whole sheet. ``paragraph`` is for a paper; parts in square brackets are still to be filled in."""
 
     title: str
     about: str
@@ -130,7 +128,7 @@ def methods_sheet(sessions: Sequence[Session], progress: Callable[[float], None]
 
 
 class _Answers:
-    """How each question is answered from the sessions."""
+    """Answers each question from the sessions."""
 
     def __init__(self, study: StudyFacts) -> None:
         self._of = study
@@ -354,7 +352,7 @@ class _Answers:
         )
 
     def _checked(self) -> list[SheetItem]:
-        """What was looked after before each session; not asked where no record tells of it."""
+        """Pre-session checks; omitted if no session recorded any."""
         kept = [one for one in self._of.known if one.preflight.checks]
         if not kept:
             return []
@@ -373,7 +371,7 @@ class _Answers:
         return [SheetItem("What was checked before each session?", " ".join(parts), events_named(PreflightChecked))]
 
     def _went_wrong(self) -> list[SheetItem]:
-        """Which alarms there were; not asked where no record tells of alarms."""
+        """Alarms that occurred; omitted if no session recorded alarms."""
         sources = events_named(AlarmChanged)
         if not any(stream == sources[0] for one in self._of.known for stream in one.streams):
             return []
@@ -650,7 +648,7 @@ class _Answers:
         return " ".join(parts)
 
     def _protocol_item(self) -> list[SheetItem]:
-        """Planned against actual; nothing where no session had a protocol."""
+        """Planned against actual steps; omitted without a protocol."""
         steps = self._of.steps()
         if not steps:
             return []
@@ -732,7 +730,7 @@ class _Answers:
         if not known:
             return f"{text} The offset of the robot's clock was not measured."
         drifts = [abs(clock.drift_ms_per_min) for clock in known]
-        # Adding zero makes a zero of what would be shown as minus zero.
+        # Adding zero turns minus zero into zero.
         offsets = [round(clock.utc_offset_s, 3) + 0.0 for clock in known]
         if max(map(abs, offsets)) > _OWN_TIME_S:
             ahead = "it counted from a moment of its own"

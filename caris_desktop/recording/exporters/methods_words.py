@@ -1,4 +1,4 @@
-"""The words of the methods sheet: counts and lists right for none, one and many, and what things are called."""
+"""Text building blocks of the methods sheet: counts, lists and names in correct singular and plural."""
 
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
@@ -105,7 +105,7 @@ MEANS_WORDS: dict[ReplyMeans, str] = {
 
 
 def gaps_words(gaps_s: Sequence[float]) -> str:
-    """How the gaps before answers are distributed; empty for none."""
+    """Distribution of response gaps as text; empty if there are none."""
     if not gaps_s:
         return ""
     lower, middle, upper = (quantile(gaps_s, share) or 0.0 for share in (0.25, 0.5, 0.75))
@@ -118,7 +118,7 @@ def gaps_words(gaps_s: Sequence[float]) -> str:
 
 
 def settings_words(text: str) -> str:
-    """Parameters as they were sent, in words: ``temperature 0.3, max_tokens 48``."""
+    """Sent parameters as text: ``temperature 0.3, max_tokens 48``."""
     return ", ".join(f"{name} {value}" for name, value in parse_json(text).items()) or "the model's defaults"
 
 

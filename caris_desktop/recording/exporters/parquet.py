@@ -1,7 +1,7 @@
-"""The same tables as CSV, typed: one Parquet file for each, written in row groups so that an hour needs little memory.
+"""Parquet export: the tables of the CSV export, typed, in row groups that bound memory.
 
-Every row also says which session it is of, so that one query reads a whole study:
-``SELECT condition, count(*) FROM 'OUT/*/utterances.parquet' GROUP BY condition``.
+Every row names its session, so that one query reads a whole study: ``SELECT condition, count(*) FROM
+'OUT/*/utterances.parquet' GROUP BY condition``.
 """
 
 import logging
@@ -33,7 +33,7 @@ _BYTES_PER_CELL = 16
 
 
 def write_parquet(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
+    """Fill the empty folder ``out``. Raises OSError, SessionError."""
     whose = whose_columns(session)
     about = {
         "session": session.folder.name,
@@ -62,7 +62,7 @@ def write_parquet(session: Session, out: Path, context: ExportContext) -> list[P
 
 
 class _TableFile:
-    """One Parquet file that is being written. Raises OSError."""
+    """One Parquet file being written. Raises OSError."""
 
     def __init__(self, path: Path, table: Table, whose: tuple[Column, ...], about: dict[str, str]) -> None:
         import pyarrow as pa
@@ -89,7 +89,7 @@ class _TableFile:
             self.flush()
 
     def flush(self) -> None:
-        """Write what waits as one row group."""
+        """Write the buffered rows as a row group."""
         import pyarrow as pa
 
         count = len(self._values[0])
@@ -145,7 +145,7 @@ def _type(kind: Kind) -> Any:
 
 
 def _ready(kind: Kind, value: Any) -> Any:
-    """As the column's type takes it."""
+    """Value converted for the column's type."""
     match kind:
         case "text":
             return scalar_text(value)
@@ -173,7 +173,7 @@ def _size_bytes(value: Any) -> int:
 
 
 def _array(name: str, values: list[Any], kind: Any) -> Any:
-    """An array of ``kind``; what does not fit, in a record that somebody damaged, is missing and told in the log."""
+    """Array of ``kind``; values that do not fit (damaged recording) become missing and are logged."""
     import pyarrow as pa
 
     try:

@@ -1,10 +1,8 @@
-"""A session as an RO-Crate: its files with what an archive must know of them, readable by people and programs.
+"""RO-Crate export: a session's files with metadata for archives, readable by people and programs.
 
-https://www.researchobject.org/ro-crate/specification/1.1/. The ``rocrate`` package reads it in tests. Its writer copies
-files as they are, where these are checked and given pseudonyms on the way; of the graph it would spare the six lines
-that describe the metadata file, but list each file in the root and in its folder, for three more packages to install.
-
-Long because it is the whole graph of an archive.
+https://www.researchobject.org/ro-crate/specification/1.1/. The ``rocrate`` package reads the result in tests. Its
+writer is not used: it copies files unchanged, where these are checked and pseudonymised, and it would list each file
+twice, for three more dependencies.
 """
 
 import dataclasses
@@ -47,7 +45,7 @@ _ENCODINGS: dict[str, str] = {
     ".mp4": "video/mp4", ".wav": "audio/wav", ".flac": "audio/flac", ".png": "image/png", ".mcap": _MCAP,
     ".yaml": "application/yaml", ".html": "text/html",
 }  # fmt: skip
-# The first that fits describes a file of the session.
+# The first matching pattern describes a file of the session.
 _DESCRIPTIONS = (
     ("recovered/*", "As the recording left it when it was cut off, before it was repaired."),
     ("session.json", "What heads the session: when, who (pseudonyms), scenario, software, clock, files."),
@@ -69,7 +67,7 @@ _DESCRIPTIONS = (
     ("annotations/*", "Annotations of one coder."),
     (MANIFEST_NAME, "SHA-256 of each file when the session was closed, as sha256sum reads it."),
 )
-# What heads the session, and what it was before a repair.
+# Session headers, including those from before a repair.
 _HEADS = re.compile(r"session\.json|recovered/[^/]*session\.json[^/]*")
 _SCRUBBED = "In this copy pseudonyms stand for wizard and coders, and the robot's profile for its address."
 _CODINGS = "annotations/"
@@ -90,7 +88,7 @@ _UNITS = {
     "rad": "radians", "radps": "radians per second", "px": "pixels", "hz": "hertz", "bytes": "bytes",
     "fraction": "0 to 1",
 }  # fmt: skip
-# The answers of the start dialog that belong into an archive; who the wizard was does not.
+# Answers of the start dialog that belong in an archive; the wizard's name does not.
 _TOLD_OF_TRIAL = ("study", "condition", "trial", "recording", "purpose")
 _UNNAMED = re.compile(r"Person \d+|")
 
@@ -101,7 +99,7 @@ Entity = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class _Packed:
-    """One file of the crate, by its path in there; ``unlike_manifest``: it has changed since the session closed."""
+    """One file of the crate, by its path in it; ``unlike_manifest``: changed since the session closed."""
 
     name: str
     size_bytes: int
@@ -111,7 +109,7 @@ class _Packed:
 
 
 def write_rocrate(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the folder ``out`` with copies, and what tells of them; of a session with pseudonyms, with those.
+    """Fill the folder ``out`` with copies and metadata, pseudonymised if the session is.
 
     Raises OSError; SessionError if the session holds names of people.
     """
@@ -136,7 +134,7 @@ def _folder_name(session: Session) -> str:
 
 
 def licence_of(chosen: str) -> Entity:
-    """The contextual entity of a licence: an SPDX identifier, an address, other words, or none."""
+    """Contextual entity of a licence: an SPDX identifier, an address, free text, or none."""
     chosen = chosen.strip()
     if not chosen:
         return {
@@ -155,7 +153,7 @@ def licence_of(chosen: str) -> Entity:
 
 
 def _refuse_names(session: Session) -> None:
-    """Names of people belong into the study's database only; what a recording should never hold does not go on."""
+    """Raise SessionError if the recording holds names of people, which belong in the study's database only."""
     for _, shown in session.values("status"):
         rows = shown.content if shown.name == "persons" and isinstance(shown.content, list) else []
         for row in rows:
@@ -175,7 +173,7 @@ _PATHS = re.compile(r"/(?:home|Users|root)/|[A-Za-z]:\\Users\\")
 
 
 def _warn_of_paths(session: Session, warn: Callable[[str], None]) -> None:
-    """The record is not rewritten; whoever publishes it should know what it tells of a computer."""
+    """Warn about paths of this computer; the recording itself is not rewritten."""
     own = (str(Path.home()), str(session.folder.absolute().parent))
     told = 0
     for _, value in session.values("event/problem", "status"):
@@ -213,7 +211,7 @@ def _packed_session(session: Session, folder: Path, context: ExportContext) -> I
         if path.is_file() and not path.is_symlink() and not path.name.startswith(".")
     )
     if session.pseudonymised:
-        # What heads the session tells the sizes of the copies.
+        # The header contains the sizes of the copies, so it comes late.
         names.sort(key=lambda name: (name == MANIFEST_NAME, name == _HEAD, bool(_HEADS.fullmatch(name))))
     sizes = {name: (session.folder / name).stat().st_size for name in names}
     whole, done = max(1, sum(sizes.values())), 0
@@ -265,18 +263,18 @@ def _packed_session(session: Session, folder: Path, context: ExportContext) -> I
 
 
 def _copy(source: Path, target: Path) -> None:
-    """A file of its own, whose blocks the disk may share until one of the two is changed."""
+    """Copy to a separate file, sharing disk blocks (copy on write) where supported."""
     with source.open("rb") as original, target.open("wb") as copy:
         if hasattr(os, "copy_file_range"):
             try:
                 while os.copy_file_range(original.fileno(), copy.fileno(), _COPIED_AT_ONCE_BYTES):
                     pass
             except OSError:
-                # Not between these two disks; what is there already is written once more.
+                # Not supported between these disks: start over with a plain copy.
                 original.seek(0)
                 copy.seek(0)
                 copy.truncate()
-        # Nothing is left of it where the disk has done it all.
+        # Empty if copy_file_range copied everything.
         while block := original.read(_BLOCK_BYTES):
             copy.write(block)
 
@@ -292,7 +290,7 @@ def _sha256(path: Path, progress: Callable[[int], None]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Scrubbed:
-    """What a file is in an archive with pseudonyms: under which name, and with which content where that changes."""
+    """Pseudonymised file: its name, and its content if that changes."""
 
     name: str
     content: bytes | None = None
@@ -340,7 +338,7 @@ def _scrubbed_coding(session: Session, name: str, content: bytes) -> _Scrubbed:
 
 
 def _copy_scrubbed(session: Session, source: Path, target: Path) -> bool:
-    """The record without the addresses of robots; False, and nothing written, where it holds none."""
+    """Copy the recording without robot addresses; False, and nothing written, if there are none."""
     with source.open("rb") as file:
         index = scan(file, thorough=False)
         if not any(session.scrub(content) != content for content in _unfolded(file, index)):
@@ -362,7 +360,7 @@ def _unfolded(file: IO[bytes], index: BlockIndex) -> Iterator[bytes]:
 
 
 def _with_sizes(head: bytes, anew: dict[str, tuple[str, int]]) -> bytes:
-    """What heads the session with names and sizes of the copies; files that are left out are not in it."""
+    """Session header with names and sizes of the copies; files left out are dropped."""
     header = parse_json(head)
     files = header.get("files")
     if isinstance(files, list) and all(isinstance(file, dict) for file in files):
@@ -376,7 +374,7 @@ def _with_sizes(head: bytes, anew: dict[str, tuple[str, int]]) -> bytes:
 
 
 def _with_pseudonym(content: bytes, wizard_name: Callable[[str], str]) -> bytes | None:
-    """A session's head with the wizard's pseudonym; None where it cannot be read."""
+    """Session header with the wizard's pseudonym; None if unreadable."""
     try:
         header = parse_json(content)
     except (ValueError, RecursionError):
@@ -390,7 +388,7 @@ def _with_pseudonym(content: bytes, wizard_name: Callable[[str], str]) -> bytes 
 
 
 def _manifest_told_anew(content: bytes, told_anew: dict[str, tuple[str, str]]) -> bytes:
-    """With the checksums of the copies in place of those of the originals; what was changed before stays told."""
+    """Manifest with the checksums of the copies; lines of files changed earlier stay."""
     lines = content.decode("utf-8", "surrogateescape").splitlines(keepends=True)
     for name, (original, copy) in told_anew.items():
         line = re.compile(rf"{original} [ *]{re.escape(name)}\n?")
@@ -413,7 +411,7 @@ def _description(name: str) -> str:
 
 
 def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_Packed]:
-    """How to read the record, for somebody who knows nothing of this program."""
+    """Instructions for reading the recording without this program."""
     channels = list(read_index(session.folder / "events.mcap").channels.values())
     recorded = {spec.name: channel for channel in channels if (spec := spec_of_topic(channel.topic)) is not None}
     specs = [spec for spec in BY_NAME.values() if spec.name in recorded]
@@ -701,7 +699,7 @@ def _how_it_ended(session: Session) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Preview:
-    """What the page shows."""
+    """Content of the preview page."""
 
     name: str
     description: str

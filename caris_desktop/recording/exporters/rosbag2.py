@@ -1,8 +1,8 @@
-"""A session as bags: ``ros2/`` for ROS 2 (MCAP) and ``session.bag`` for ROS 1, the same standard messages in both.
+"""ROS bag export: ``ros2/`` for ROS 2 (MCAP) and ``session.bag`` for ROS 1, with the same standard messages.
 
-Pictures alone differ: ROS 2 gets the video as it was encoded, each frame, ROS 1 some of them as JPEG.
+Only images differ: ROS 2 gets every encoded video frame, ROS 1 a subset as JPEG.
 
-Long because two kinds of bags are written in one pass.
+Long because both kinds of bags are written in one pass.
 """
 
 import json
@@ -51,16 +51,16 @@ ODOM = "odom"
 SESSION_TOPIC, VALUE_TOPICS = "/caris/session", "/caris/"
 IMAGE_HZ = 5.0
 _JPEG_QUALITY = 90
-_PLAIN = Dialect.ROS2  # of the plain messages here; what ROS 1 spells otherwise, bag_messages.typed finds
+_PLAIN = Dialect.ROS2  # dialect of the plain messages here; bag_messages.typed maps ROS 1 spellings
 _KEPT_ODOMETRY, _WAITING_POSES = 100, 50
 _PERSON_HEIGHT_M, _PERSON_SHOWN_S = 1.7, 1.0
-# Whole in a standard message; everything else is also there as the JSON of its own schema.
+# Fully covered by a standard message; everything else is also written as JSON of its own schema.
 _WHOLE = (LaserScan, Odometry, RobotPose, OccupancyGrid, PlannedPath, BatteryState, FrameRef)
 
 
 @dataclass(frozen=True, slots=True)
 class RosTopic:
-    """``latched``: whoever comes later still gets the newest message. ``ros``: in which of the bags it is."""
+    """``latched``: late subscribers receive the newest message. ``ros``: the bags that contain the topic."""
 
     name: str
     type: str
@@ -88,7 +88,7 @@ _Out = Iterator[tuple[RosTopic, Message]]
 def write_rosbag2(
     session: Session, out: Path, context: ExportContext, *, image_hz: float | None = IMAGE_HZ
 ) -> list[Path]:
-    """Fill the folder ``out``. ``image_hz`` bounds the JPEG pictures of each camera; None takes every frame.
+    """Fill the folder ``out``. ``image_hz`` limits the JPEG images per camera; None: every frame.
 
     Raises OSError, SessionError.
     """
@@ -112,7 +112,7 @@ def write_rosbag2(
             try:
                 translated = list(translator.messages(spec, value, arrival_ns))
             except (ValueError, OverflowError):
-                # An angle that is infinite, say: a recording may come from anywhere.
+                # For example an infinite angle: recordings may come from any source.
                 bags.left_out += 1
                 continue
             for topic, message in translated:
@@ -133,7 +133,7 @@ def write_rosbag2(
 
 
 class _Moments:
-    """When values were measured, in UTC, and how well that is known."""
+    """Measurement times of values in UTC, and their uncertainty."""
 
     def __init__(self, session: Session, clock: RobotClock) -> None:
         self._anchor = session.clock.anchor
@@ -142,7 +142,7 @@ class _Moments:
         self.mapped = self.as_arrived = 0
 
     def utc_ns(self, value: Any, arrival_ns: int) -> int:
-        """The moment of measurement by the robot's stamp where that can be mapped, else the value's own stamp."""
+        """Measurement time from the robot's stamp if it can be mapped, else from the value's own stamp."""
         robot_stamp_ns = getattr(value, "robot_stamp_ns", None)
         if robot_stamp_ns is not None:
             measured = self._clock.measured(robot_stamp_ns, arrival_ns=arrival_ns)
@@ -155,7 +155,7 @@ class _Moments:
 
 
 class _Translator:
-    """Turns recorded values, in the order of arrival, into messages."""
+    """Converts recorded values, in order of arrival, to messages."""
 
     def __init__(
         self,
@@ -220,7 +220,7 @@ class _Translator:
         yield ODOMETRY, messages.encode_odometry(_PLAIN, odometry, stamp_ns=at_ns, frame_id=ODOM, child_frame_id=BASE)
         yield TF, messages.encode_tf_message(_PLAIN, [(ODOM, BASE, odometry.pose_in_odom)], stamp_ns=at_ns)
         while self._poses and (self._poses[0][0] <= at_ns or len(self._poses) > _WAITING_POSES):
-            # Where odom was in the map is known when the odometry of that moment is.
+            # The pose of odom in map is known once the odometry of that time is.
             pose_ns, pose_in_map = self._poses.popleft()
             map_from_odom = pose_in_map @ _interpolated(self._odometry, pose_ns).inverse()
             yield TF, messages.encode_tf_message(_PLAIN, [(MAP, ODOM, map_from_odom)], stamp_ns=pose_ns)
@@ -242,8 +242,8 @@ class _Translator:
         yield from ()
 
     def _command(self, command: CommandSent, at_ns: int) -> _Out:
-        """In the type that drives the robot. Two types under one name turn a whole graph's topic over when they are
-        played, so that of another robot has a name of its own.
+        """Command in the robot's message type. Two types on one topic break its playback, so that a second type gets
+        its own topic.
         """
         kind = self._velocity_type
         name = f"{COMMAND}_{kind.lower()}" if self._commands and kind not in self._commands else COMMAND
@@ -299,7 +299,7 @@ class _Translator:
         )
 
     def rest_of_videos(self) -> Iterator[tuple[int, RosTopic, Message]]:
-        """Frames of which the record does not tell (any more), each with its moment in UTC."""
+        """Frames without a (remaining) record in the log, each with its time in UTC."""
         for packets in self._packets.values():
             for frame, data in packets.until(None):
                 at_ns = self._moments.utc_ns(frame, frame.stamp_ns)
@@ -307,7 +307,7 @@ class _Translator:
 
     def _video_message(self, frame: RecordedFrame, data: bytes, at_ns: int) -> tuple[RosTopic, Message]:
         name = self._name_of(frame.camera)
-        # The name under which image_transport looks for this encoding of /camera/NAME/image.
+        # Topic name that image_transport expects for this encoding of /camera/NAME/image.
         topic = RosTopic(f"/camera/{name}/image/foxglove", "foxglove_msgs/msg/CompressedVideo", ros=(2,))
         stamp = encode_time(_PLAIN, at_ns)
         return topic, {"timestamp": stamp, "frame_id": _camera_frame(name), "data": data, "format": "h264"}
@@ -359,7 +359,7 @@ class _Translator:
         )
 
     def _utterance(self, utterance: UtteranceChanged, _at_ns: int) -> _Out:
-        """The words once, when they are said; a recogniser tells them when they are finished."""
+        """Text of an utterance, once, at its start; recognised speech at its end."""
         if utterance.utterance_id in self._speaking or utterance.state not in ("started", "finished"):
             return
         if utterance.speaker == "participant" and utterance.state == "started":
@@ -368,7 +368,7 @@ class _Translator:
         yield RosTopic(f"/speech/{utterance.speaker}", "std_msgs/msg/String"), {"data": utterance.text}
 
     def _name_of(self, camera: str) -> str:
-        """The camera's name in topics, which no other camera has."""
+        """Unique topic name of the camera."""
         if camera not in self._names:
             name, number = _ros_name(camera), 2
             while name in self._names.values():
@@ -377,14 +377,14 @@ class _Translator:
         return self._names[camera]
 
     def _fixed(self, frame: str, transform: Message) -> _Out:
-        """A transform of /tf_static, when it is first known and when it changes."""
+        """Static transform, at its first value and at each change."""
         if self._static.get(frame) != transform["transform"]:
             self._static[frame] = transform["transform"]
             yield TF_STATIC, {"transforms": [transform]}
 
 
 class _Packets:
-    """The frames of a camera's videos as they are encoded, one after another."""
+    """Encoded frames of a camera's videos in sequence."""
 
     def __init__(self, frames: Iterator[tuple[RecordedFrame, bytes]]) -> None:
         self._frames = frames
@@ -394,7 +394,7 @@ class _Packets:
 
     @property
     def exist(self) -> bool:
-        """Whether there are, or were, any."""
+        """True if there is or was any frame."""
         if not self._begun:
             self._begun = True
             self._next = next(self._frames, None)
@@ -402,14 +402,14 @@ class _Packets:
         return self._had_any
 
     def until(self, number: int | None) -> Iterator[tuple[RecordedFrame, bytes]]:
-        """Those up to the frame of that number, or all that are left: a decoder needs each of them."""
+        """Frames up to that number, or all remaining ones: a decoder needs each of them."""
         while self.exist and self._next is not None and (number is None or self._next[0].number <= number):
             yield self._next
             self._next = next(self._frames, None)
 
 
 class _Bags:
-    """Both bags, written side by side; a context manager."""
+    """Writes both bags in parallel; a context manager."""
 
     def __init__(self, out: Path) -> None:
         from rosbags.rosbag1 import Writer as Writer1
@@ -419,7 +419,7 @@ class _Bags:
         self._ros1: Writer1 = Writer1(out / "session.bag")
         self._ros1.set_compression(Writer1.CompressionFormat.LZ4)
         self._ros1.compressor = _lz4_for_ros
-        # Version 8: the newest whose metadata ROS 2 Humble reads too.
+        # Version 8: the newest metadata version that ROS 2 Humble reads.
         self._ros2: Writer2 = Writer2(out / "ros2", version=8, storage_plugin=StoragePlugin.MCAP)
         self._ros2.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self._connections: dict[tuple[RosTopic, Ros], Any] = {}
@@ -446,7 +446,7 @@ class _Bags:
 
     @property
     def topics(self) -> dict[RosTopic, int]:
-        """Each topic and how many messages it has."""
+        """Number of messages per topic."""
         return dict(self.counts)
 
     def write(self, topic: RosTopic, at_utc_ns: int, message: Message) -> None:
@@ -454,7 +454,7 @@ class _Bags:
             try:
                 serialized = _serialized(topic, message)
             except UnicodeEncodeError:
-                # Half a character that an input method left behind.
+                # A lone surrogate from an input method.
                 serialized = _serialized(topic, _encodable(message))
         except (struct.error, OverflowError, ValueError):
             self.left_out += 1
@@ -478,21 +478,21 @@ class _Bags:
         return self._ros2.add_connection(topic.name, topic.type, typestore=typestore(2), offered_qos_profiles=quality)
 
     def _forget_written_chunks(self) -> None:
-        """The writer keeps the place of every message, but of written chunks needs only how many there were."""
+        """Drop the message offsets of written chunks, of which the writer needs only the counts."""
         for chunk in self._ros1.chunks[self._chunks : -1]:
             chunk.connections = {number: range(len(places)) for number, places in chunk.connections.items()}  # type: ignore[misc]
         self._chunks = len(self._ros1.chunks) - 1
 
 
 def _lz4_for_ros(chunk: bytes) -> bytes:
-    """A frame as ROS 1 reads it: independent blocks, a checksum of the content, and no size of it."""
+    """LZ4 frame in ROS 1's profile: independent blocks, content checksum, no content size."""
     import lz4.frame
 
     frame: bytes = lz4.frame.compress(chunk, block_linked=False, content_checksum=True, store_size=False)
     return frame
 
 
-# Its seconds have 32 bits.
+# ROS 1 stamps have 32-bit seconds.
 _ROS1_ENDS_NS = 2**32 * 1_000_000_000
 
 
@@ -530,7 +530,7 @@ def _quality(*, latched: bool) -> Any:
 
 
 def _imported_velocity_type(session: Session) -> VelocityType:
-    """That of the bag which the session was; sessions of a robot tell theirs in its profile."""
+    """Velocity type of the bag that the session was imported from; sessions of a robot have it in the profile."""
     source = session.header.get("source")
     topics = source.get("topics") if isinstance(source, dict) else None
     stamped = any(
@@ -547,14 +547,14 @@ def _one(topic: RosTopic, message: Message) -> _Out:
 
 
 def _session_json(session: Session) -> str:
-    """What heads the session, without what names places in its folder or on the network."""
+    """Session header without paths and network addresses."""
     kept = ("format", "format_version", "program_version", "scenario", "trial", "clock", "started_ns", "ended_ns")
     head = {name: session.header[name] for name in kept if name in session.header}
     return json.dumps({**head, "folder": session.folder.name}, ensure_ascii=False)
 
 
 def _interpolated(poses: deque[tuple[int, Pose2D]], at_ns: int) -> Pose2D:
-    """The pose at a moment: between its neighbours, or the nearest where it lies outside. Never of none."""
+    """Pose at a time: interpolated, or the nearest outside the range. At least one pose."""
     known = list(poses)
     index = bisect_left([stamp_ns for stamp_ns, _ in known], at_ns)
     if index == 0 or index == len(known):
@@ -574,7 +574,7 @@ def _transform(parent: str, child: str, pose: Pose2D, *, at_ns: int) -> Message:
 
 
 def _camera_transform(model: CameraModel, frame: str, *, at_ns: int) -> Message:
-    """Of the optical frame (REP 103: z forward, x right, y down)."""
+    """Transform of the optical frame (REP 103: z forward, x right, y down)."""
     x, y, z, w = model.optical_rotation()
     return {
         "header": encode_header(_PLAIN, stamp_ns=at_ns, frame_id=BASE),
@@ -593,7 +593,7 @@ def _upright(x_m: float, y_m: float, z_m: float) -> Message:
 
 
 def _ros_name(camera: str) -> str:
-    """As a part of a topic's name: letters, digits and underscores, no digit first."""
+    """Part of a topic name: letters, digits and underscores, no leading digit."""
     plain = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in camera).strip("_")
     return plain if plain and not plain[0].isdigit() else f"camera_{plain}"
 

@@ -1,7 +1,7 @@
-"""A session as tidy tables: which there are, what their columns mean, and their rows in one pass over the record.
+"""Tidy tables of a session: table list, columns with meanings, and rows in one pass over the recording.
 
-The tables of streams and events follow from the stream table; what is put together from several events (utterances,
-marks, annotations) is listed here.
+Tables of streams and events derive from the stream table; those combined from several events (utterances, marks,
+annotations) are listed here.
 
 Long because it holds every table with its columns.
 """
@@ -73,7 +73,7 @@ _UNITS = {
     "bytes": "bytes",
     "fraction": "0 to 1",
 }
-# Columns that precede or follow those of a value's own fields, here or in one of the formats.
+# Columns before or after those of a value's own fields, here or in one of the formats.
 _RESERVED = (
     "session",
     "participant",
@@ -89,7 +89,7 @@ _MEANINGS = {
     "actor": "Who did that: wizard (this computer's), wizard:NAME (another one), console, model or script. Empty: "
     "somebody or something else, or nobody wrote it down, as before version 3.",
 }
-# Nothing is recorded a century away from its session; no calendar has to hold what damaged stamps say.
+# Damaged stamps: nothing is recorded a century away from its session, and calendars have limits.
 _FARTHEST_NS = 100 * 365 * 86_400 * 1_000_000_000
 _HALVES = re.compile("[\ud800-\udfff]")
 _PROGRESS_EVERY_ROWS = 500
@@ -146,7 +146,7 @@ class Table:
 
 
 def whose_columns(session: Session) -> tuple[Column, ...]:
-    """What every row of a session begins with in the formats whose files are joined across sessions."""
+    """Leading columns of every row, in formats whose files are joined across sessions."""
     trial = session.trial
     told = (
         ("session", "Name of the session's folder.", session.folder.name),
@@ -201,9 +201,9 @@ STREAM_TIME_COLUMNS = (
 
 
 def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Table, list[Any]]]:
-    """All rows of all tables but the dictionary, in one pass; the rows of one table in the order of recording.
+    """All rows of all tables except the dictionary, in one pass; rows of a table in recording order.
 
-    Tables that have no rows do not occur. Raises SessionError, OSError.
+    Tables without rows do not occur. Raises SessionError, OSError.
     """
     times = RowTimes(session.clock, robot_clock(session))
     for value in _about(session, times.robot):
@@ -242,7 +242,7 @@ def session_rows(session: Session, context: ExportContext) -> Iterator[tuple[Tab
 
 
 def dictionary_rows(tables: Iterable[Table], whose: tuple[Column, ...] = ()) -> Iterator[list[Any]]:
-    """The rows of DICTIONARY_TABLE for these tables; ``whose`` are columns that all of them begin with."""
+    """Rows of DICTIONARY_TABLE for these tables; ``whose`` are their common leading columns."""
     for table in tables:
         yield [table.name, "", "", "table", "", table.description]
         for column in (*whose, *table.columns):
@@ -250,7 +250,7 @@ def dictionary_rows(tables: Iterable[Table], whose: tuple[Column, ...] = ()) -> 
 
 
 def tables_of(spec: StreamSpec) -> tuple[Table, ...]:
-    """The table of one stream, and one for each of its fields that holds a list of records."""
+    """Table of one stream, and one for each of its fields that holds a list of records."""
     name = spec.name.replace("/", "_")
     columns = tuple(_columns(spec.value_type))
     tables = [Table(name, _doc(spec.value_type), columns, time_columns=STREAM_TIME_COLUMNS)]
@@ -262,11 +262,11 @@ def tables_of(spec: StreamSpec) -> tuple[Table, ...]:
 
 
 def plain_text(text: str) -> str:
-    """``text`` without what UTF-8 cannot hold: halves of characters, which JSON can."""
+    """``text`` without lone surrogates, which JSON can hold and UTF-8 cannot."""
     return text if text.isascii() else _HALVES.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
-# Tables that are put together
+# Combined tables
 
 
 @dataclass(frozen=True, slots=True)
@@ -625,7 +625,7 @@ def _flat(data: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
         if isinstance(value, dict):
             yield from _flat(value, f"{prefix}{key}.")
         elif isinstance(value, list) and all(isinstance(item, dict) for item in value):
-            # Of its own files the session's folder tells better.
+            # For its own files, the session's folder is the better source.
             for number, item in enumerate(value if key != "files" else [], start=1):
                 yield from _flat(item, f"{prefix}{key}.{number}.")
         elif not isinstance(value, list):
@@ -649,9 +649,9 @@ def _rows_of(table: Table, value: Any, times: RowTimes) -> Iterator[tuple[Table,
 
 
 def _columns(value_type: type[Any], path: tuple[str, ...] = (), *, item: bool = False) -> Iterator[Column]:
-    """The columns of the fields of ``value_type``, which is found under ``path`` in a row.
+    """Columns of the fields of ``value_type``, found under ``path`` in a row.
 
-    An ``item`` of a list has no columns and tables beside it that tell its time or hold its own lists.
+    An ``item`` of a list also gets columns for its time and its own lists.
     """
     for name, hint in _fields(value_type):
         if path or item or name != "stamp_ns":
@@ -757,7 +757,7 @@ def _record_list(hint: Any) -> type[Any] | None:
 
 
 def _list_table(parent: str, field: str, item_type: type[Any]) -> Table:
-    """Its rows are (number, item)."""
+    """Table of a list field; its rows are (number, item)."""
     columns = [_of_item(column) for column in _columns(item_type, item=True)]
     index = Column("number", "", "integer", f"Which of the {field} of this moment, from 1.", lambda row, _: row[0])
     return Table(
@@ -775,13 +775,13 @@ def _of_item(column: Column) -> Column:
 
 
 def _without_none(hint: Any) -> tuple[Any, bool]:
-    """``hint`` without the None of an optional value, and whether there was one."""
+    """``hint`` without None, and whether it was optional."""
     some = [member for member in union_members(hint) if member is not type(None)]
     return some[0] if len(some) == 1 else hint, type(None) in union_members(hint)
 
 
 def _reader(path: tuple[str, ...]) -> Callable[[Any], Any]:
-    """A record that may be missing has the columns of the record; they are empty then."""
+    """Reader of a nested field; columns of a missing record are empty."""
 
     def read(value: Any) -> Any:
         for name in path:
@@ -808,9 +808,9 @@ def _in_words(name: str, unit: str) -> str:
 
 
 def _kind(hint: Any) -> tuple[Kind, str]:
-    """How a value is held, and what is allowed or how to read it. Keys with values, and what may be anything, are JSON.
+    """Kind of a column, and its allowed values or how to read it. Mappings and untyped values are JSON.
 
-    Raises TypeError for what is not known to have a column.
+    Raises TypeError for types without a column kind.
     """
     origin = get_origin(hint)
     if origin is Literal:
@@ -844,7 +844,7 @@ def _smallest(array: Any) -> float | None:
     if array is None:
         return None
     finite = array[np.isfinite(array)]
-    # By its digits: a float32 has fewer of them than the float it would become.
+    # By its digits: a float32 has fewer than the float it would become.
     return None if finite.size == 0 else float(str(finite.min()))
 
 
@@ -896,7 +896,7 @@ DICTIONARY_TABLE = Table(
 
 
 def scalar_text(value: Any) -> str:
-    """A number, true or false, or words, so that they can be told apart again."""
+    """Number, true or false, or text, in spellings that stay distinguishable."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float) and math.isfinite(value) and value == int(value) and abs(value) < 1e15:
@@ -905,5 +905,5 @@ def scalar_text(value: Any) -> str:
 
 
 def json_text(value: Any) -> str:
-    """JSON that is the same for the same content."""
+    """Canonical JSON: equal text for equal content."""
     return plain_text(json.dumps(value, ensure_ascii=False, sort_keys=True))

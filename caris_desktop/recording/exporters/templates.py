@@ -1,4 +1,4 @@
-"""Pages made from the templates that come with the program. Everything put into an HTML page is escaped."""
+"""HTML and text pages from the program's templates; values in HTML pages are escaped."""
 
 import functools
 from pathlib import Path
@@ -6,14 +6,14 @@ from typing import Any
 
 from caris_desktop.domain.shipped import resources_dir
 
-# What XML and HTML may not contain; a recogniser or a robot may send anything.
+# Characters that XML and HTML forbid; a recogniser or a robot may send anything.
 _CONTROLS = {code: "\ufffd" for code in (*range(0x20), 0x7F) if chr(code) not in "\t\n\r"}
 
 
 def write_page(path: Path, template: str, **values: Any) -> Path:
     """Fill ``resources/templates/TEMPLATE`` and write it as UTF-8. Raises OSError."""
     text = _environment().get_template(template).render(**values).translate(_CONTROLS)
-    # Half a character that an input method left behind cannot be written.
+    # Lone surrogates from input methods cannot be encoded.
     path.write_bytes(text.encode("utf-8", "replace"))
     return path
 

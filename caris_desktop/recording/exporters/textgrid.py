@@ -1,4 +1,4 @@
-"""The tiers of a session, and those of its coders, as a TextGrid for Praat.
+"""TextGrid export for Praat: derived tiers and coders' tiers.
 
 The long text format of https://www.fon.hum.uva.nl/praat/manual/TextGrid_file_formats.html, in UTF-8.
 """
@@ -19,7 +19,7 @@ _MARKS_TIER = "Moments of marks"
 
 @dataclass(frozen=True, slots=True)
 class _Interval:
-    """A stretch in whole microseconds."""
+    """Interval in whole microseconds."""
 
     start_us: int
     end_us: int
@@ -28,7 +28,7 @@ class _Interval:
 
 @dataclass(frozen=True, slots=True)
 class _Tiers:
-    """Everything there is to write, in microseconds since the session began."""
+    """All tiers to write, in microseconds from the session start."""
 
     intervals: tuple[tuple[str, list[_Interval]], ...]
     moments: list[tuple[int, str]]
@@ -36,7 +36,7 @@ class _Tiers:
 
 @dataclass(frozen=True, slots=True)
 class _Span:
-    """The time that one TextGrid covers: from ``first_us`` of the session on, for ``whole_us``."""
+    """Time range of one TextGrid: ``whole_us`` from ``first_us`` of the session."""
 
     file_name: str
     first_us: int
@@ -44,9 +44,9 @@ class _Span:
 
 
 def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the folder ``out`` (it exists and is empty): the session by its own time, and each sound file by its.
+    """Fill the empty folder ``out``: the session in its own time, and each audio file in file time.
 
-    Praat shows a TextGrid below a sound when both begin and end together. Raises OSError, SessionError.
+    Praat shows a TextGrid below a sound if both cover the same time. Raises OSError, SessionError.
     """
     from caris_desktop.recording.annotation.session_tiers import session_tiers
     from caris_desktop.recording.names import coding_of
@@ -86,7 +86,7 @@ def _sounds(session: Session) -> Iterator[_Span]:
             first_us = (row["first_stamp_ns"] - session.started_ns) // 1000
             whole_us = row["samples"] * 1_000_000 // row["sample_rate_hz"]
         except (TypeError, KeyError, ZeroDivisionError):
-            # A header that somebody changed: the session's own TextGrid has everything.
+            # An edited header: the session's own TextGrid has everything.
             continue
         if whole_us > 0 and name.casefold() not in taken:
             taken.add(name.casefold())
@@ -126,7 +126,7 @@ def _grid(tiers: _Tiers, span: _Span) -> str:
 
 
 def _moments(session: Session) -> list[tuple[int, str]]:
-    """The marks that are moments. Praat knows one point at a time: those of one millisecond become one."""
+    """Point marks. Praat allows one point per time: those of one millisecond are merged."""
     moments: dict[int, str] = {}
     last_us = (session.ended_ns - session.started_ns) // 1000
     for mark in final_marks(session):
@@ -138,7 +138,7 @@ def _moments(session: Session) -> list[tuple[int, str]]:
 
 
 def _interval_tier(name: str, intervals: Iterable[_Interval], whole_us: int) -> list[str]:
-    """Its intervals follow one another without gaps, as Praat wants them: empty ones lie between those given."""
+    """Interval tier without gaps, as Praat requires: empty intervals fill them."""
     filled: list[_Interval] = []
     at_us = 0
     for interval in sorted(intervals, key=lambda interval: interval.start_us):
@@ -178,6 +178,6 @@ def _seconds(microseconds: int) -> str:
 
 
 def _quoted(text: str) -> str:
-    """In one line, quotes doubled."""
+    """Quoted single line with doubled quotes."""
     printable = "".join(character if character.isprintable() else " " for character in plain_text(text))
     return '"' + " ".join(printable.split()).replace('"', '""') + '"'

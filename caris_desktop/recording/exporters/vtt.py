@@ -1,6 +1,6 @@
-"""What was said as captions (https://www.w3.org/TR/webvtt1/): of each video by its own time, and by session time.
+"""WebVTT captions (https://www.w3.org/TR/webvtt1/) of each video in video time, and of the session in session time.
 
-A player that opens ``video-NAME.mp4`` takes ``video-NAME.vtt`` beside it for its captions.
+Players find the captions of ``video-NAME.mp4`` in ``video-NAME.vtt`` in the same folder.
 """
 
 import re
@@ -15,14 +15,14 @@ from caris_desktop.recording.session.frame_times import moments_words
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 
-# Of what was heard, often only the moment is known at which it was understood.
+# Of heard speech, often only the time of recognition is known.
 _MOMENT_SHOWN_NS = 2_000_000_000
 _SPEAKERS = {"robot": "Robot", "participant": "Participant", "wizard": "Wizard", "": "Somebody"}
 
 
 @dataclass(frozen=True, slots=True)
 class _Video:
-    """One video of the session: its time 0 is ``first_stamp_ns``."""
+    """One video of the session; its time 0 is ``first_stamp_ns``."""
 
     file_name: str
     first_stamp_ns: int
@@ -31,7 +31,7 @@ class _Video:
 
 
 def write_vtt(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the folder ``out`` (it exists and is empty). Raises OSError, SessionError."""
+    """Fill the empty folder ``out``. Raises OSError, SessionError."""
     said = [utterance for utterance in spoken(session) if utterance.said]
     context.progress(0.7)
     last_ns = max([session.ended_ns, *(utterance.end_ns or 0 for utterance in said)])
@@ -70,7 +70,7 @@ def _write(path: Path, session: Session, video: _Video, said: Iterable[SpokenUtt
 
 
 def _cue(said: SpokenUtterance, video: _Video) -> tuple[int, str] | None:
-    """When it is shown, and as what; None where the video does not show that moment."""
+    """Start time and text of a cue; None if the video does not cover it."""
     start_ns, end_ns = said.start_ns or 0, said.end_ns or said.start_ns or 0
     if end_ns == start_ns:
         end_ns = start_ns + _MOMENT_SHOWN_NS
@@ -78,7 +78,7 @@ def _cue(said: SpokenUtterance, video: _Video) -> tuple[int, str] | None:
         return None
     start_ms = round(max(0, start_ns - video.first_stamp_ns) / 1e6)
     end_ms = max(start_ms + 1, round((end_ns - video.first_stamp_ns) / 1e6))
-    # Who was cut short has a class for it, so that a style sheet may tell; the words stay those that were meant.
+    # Interrupted speech gets a class for style sheets; the text stays the intended one.
     cut_short = ".interrupted" if said.state == "interrupted" else ""
     identifier = re.sub(r"[^\w.:-]+", "-", plain_text(said.utterance_id)).replace("-->", "") or "u"
     speaker = _SPEAKERS.get(said.speaker, said.speaker.capitalize())
@@ -99,7 +99,7 @@ def _escaped(text: str) -> str:
 
 
 def _line(text: str) -> str:
-    """In one line, without what a player would stumble over; an empty line would end the cue."""
+    """Single line without characters that break a cue; an empty line would end it."""
     printable = "".join(character if character.isprintable() else " " for character in plain_text(text))
     return " ".join(printable.replace("-->", "->").split())
 
@@ -111,7 +111,7 @@ def _videos(session: Session) -> list[_Video]:
 
 
 def _video(row: Any) -> _Video | None:
-    """None for a row of a header that somebody damaged."""
+    """Video of a header row; None if the row is damaged."""
     if not isinstance(row, dict):
         return None
     name, first_ns, last_ns = row.get("file_name"), row.get("first_stamp_ns"), row.get("last_stamp_ns")

@@ -1,1 +1,1 @@
-"""Bags that other programs recorded, made into sessions."""
+"""Import of bags that other programs recorded."""

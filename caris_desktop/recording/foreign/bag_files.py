@@ -1,9 +1,9 @@
-"""Reads the containers that ROS messages come in, one message at a time, cut or not: bags of ROS 1 and 2, MCAP.
+"""Readers of ROS message containers: ROS 1 bags, rosbag2 and MCAP, complete or truncated.
 
-Each file is read from front to back and never written; what it unfolds to is bounded before it is unfolded. Formats:
+Files are read sequentially and never written; decompressed sizes are limited in advance. Formats:
 https://wiki.ros.org/Bags/Format/2.0, https://mcap.dev/spec, https://github.com/ros2/rosbag2.
 
-Long because it reads three containers, each within its bounds.
+Long because it reads three containers, each within its limits.
 """
 
 import bz2
@@ -38,20 +38,20 @@ _ROS1_MAGIC, _MCAP_MAGIC, _SQLITE_MAGIC, _ZSTD_MAGIC = (
     b"SQLite format 3\x00",
     b"\x28\xb5\x2f\xfd",
 )
-# Writers finish their messages nearly in order; this far back one may still belong.
+# Writers store messages nearly in order; sorting looks this far back.
 _REORDER_NS, _REORDER_BYTES = 1_000_000_000, 64 * 1024 * 1024
 
 
 class BagError(Exception):
-    """A bag that cannot be used; the text is for people."""
+    """Unusable bag, with the reason as user text."""
 
 
 @dataclass(frozen=True, slots=True)
 class BagChannel:
-    """One topic as one kind of message. ``type`` is spelled ``package/msg/Name``; ``encoding`` ros1, cdr, json...
+    """One topic with one message type. ``type`` is spelled ``package/msg/Name``; ``encoding``: ros1, cdr, json...
 
-    ``definition`` is the text that the file carries of the type, in the form ``definition_form``: ros1msg, ros2msg,
-    ros2idl, or whatever else the file says; empty where it carries none.
+    ``definition`` is the type's text in the file, in the format ``definition_form``: ros1msg, ros2msg, ros2idl or as
+    the file says; empty if the file has none.
     """
 
     topic: str
@@ -62,7 +62,7 @@ class BagChannel:
 
 
 class BagMessage(NamedTuple):
-    """One message. ``at_ns`` is when it was recorded, by the clock of the bag; ``fraction`` of the bag is read."""
+    """One message. ``at_ns`` is its recording time by the bag's clock; ``fraction`` of the bag is read so far."""
 
     at_ns: int
     channel: BagChannel
@@ -72,7 +72,7 @@ class BagMessage(NamedTuple):
 
 @dataclass(slots=True)
 class ReadNotes:
-    """What a reader has to say of the file, in sentences, each once."""
+    """Reader's remarks on the file: unique sentences."""
 
     sentences: list[str] = field(default_factory=list)
 
@@ -82,16 +82,16 @@ class ReadNotes:
 
 
 class Bag(Protocol):
-    """A bag. ``kind`` is for people."""
+    """Bag reader. ``kind`` is for display."""
 
     kind: str
 
     def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
-        """All messages from the first on, as they lie in the file. Raises BagError, OSError."""
+        """All messages in file order. Raises BagError, OSError."""
 
 
 def looks_like_bag(path: Path) -> bool:
-    """Whether ``path`` is, by its beginning, something that :func:`open_bag` reads."""
+    """True if ``path`` begins like a file that :func:`open_bag` reads."""
     try:
         if path.is_dir():
             return not is_session(path) and bool(_storage_files(path))
@@ -102,7 +102,7 @@ def looks_like_bag(path: Path) -> bool:
 
 
 def open_bag(path: Path, *, scratch: Path) -> Bag:
-    """The bag at ``path``. ``scratch`` is a folder where files that were compressed whole are unfolded.
+    """Open the bag at ``path``. ``scratch`` is a folder for decompressing whole files.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def open_bag(path: Path, *, scratch: Path) -> Bag:
 
 
 def in_order_of_time(messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
-    """Bring messages that lie up to a second out of order into the order of their times, in bounded memory."""
+    """Sort messages that are up to a second out of order, in bounded memory."""
     waiting: list[tuple[int, int, BagMessage]] = []
     newest_ns, waiting_bytes = 0, 0
     for number, message in enumerate(messages):
@@ -153,7 +153,7 @@ def in_order_of_time(messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
 
 
 def type_spelling(name: str) -> str:
-    """``sensor_msgs/msg/LaserScan``, however the file spells the type's name."""
+    """Canonical type name, such as ``sensor_msgs/msg/LaserScan``."""
     parts = [part for part in name.replace("::", "/").split("/") if part not in ("", "msg")]
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
 
@@ -162,7 +162,7 @@ def type_spelling(name: str) -> str:
 
 
 class Ros1Bag:
-    """A bag of ROS 1, format 2.0. Read from front to back, so that one that was cut or never closed is read too."""
+    """ROS 1 bag, format 2.0. Read sequentially, so that truncated and unclosed bags work."""
 
     kind = "ROS 1 bag"
     _MESSAGE, _HEADER, _CHUNK, _CONNECTION = 2, 3, 5, 7
@@ -220,7 +220,7 @@ class Ros1Bag:
                     yield from self._message(inner[0], inner[1], channels, fraction)
 
     def _read_connections(self, file: IO[bytes], header: dict[str, bytes], channels: dict[int, BagChannel]) -> bool:
-        """The topics as they are listed at the end: what first told of one may be damaged. False without that list."""
+        """Read the topic list at the end, since earlier connection records may be damaged. False without a list."""
         index_at = int.from_bytes(header.get("index_pos", b"")[:8], "little")
         before, listed = file.tell(), False
         if not before <= index_at < 2**62:
@@ -240,9 +240,9 @@ class Ros1Bag:
         return listed
 
     def _next(self, file: IO[bytes], *, wanted: tuple[int, ...]) -> tuple[dict[str, bytes], bytes, bool] | None:
-        """The next record, and whether all of it is there; the data of one that is not wanted is left out.
+        """Next record, and whether it is complete; the data of unwanted ones is skipped.
 
-        Only a chunk may be cut: whole messages may lie in what is there of it.
+        Only chunks may be truncated: they may still hold whole messages.
         """
         head = file.read(4)
         if not head:
@@ -302,7 +302,7 @@ def _ros1_fields(content: bytes) -> dict[str, bytes]:
 
 
 class McapBag:
-    """An MCAP file with ROS messages. Read without its index, so that one that was cut is read too."""
+    """MCAP file with ROS messages. Read without its index, so that truncated files work."""
 
     kind = "MCAP file"
 
@@ -325,7 +325,7 @@ class McapBag:
                 except StopIteration:
                     return
                 except Exception as error:
-                    # Cut or damaged bytes raise errors of many kinds (struct, overflow, memory, mcap's own).
+                    # Truncated or damaged bytes raise many kinds of errors (struct, overflow, memory, mcap's own).
                     _log.info("%s breaks off at byte %d (%r)", self._path, at, error)
                     notes.add(
                         f"The file breaks off or is damaged at byte {at}{_why(error)}; what comes before was read."
@@ -351,14 +351,14 @@ class McapBag:
                         yield BagMessage(item.log_time, channels[item.channel_id], item.data, fraction)
 
     def _listed(self) -> tuple[dict[int, Any], dict[int, BagChannel]]:
-        """The topics as the file's end lists them: what first told of one may be damaged."""
+        """Topics of the summary section, since earlier channel records may be damaged."""
         from mcap.reader import make_reader
 
         try:
             with self._path.open("rb") as file:
                 summary = make_reader(file, record_size_limit=_MAX_CHUNK_BYTES).get_summary()
         except Exception:
-            # As above: errors of many kinds, and many files have no such list.
+            # As above: many kinds of errors, and many files have no summary.
             _log.debug("%s has no list of topics", self._path, exc_info=True)
             return {}, {}
         schemas = {} if summary is None else dict(summary.schemas)
@@ -389,7 +389,7 @@ class McapBag:
 
 
 class SqliteBag:
-    """The database of a rosbag2. ``folded_messages``: each of them is compressed on its own."""
+    """SQLite database of a rosbag2. ``folded_messages``: each message is compressed separately."""
 
     kind = "rosbag2 database"
 
@@ -401,7 +401,7 @@ class SqliteBag:
         wal = self._path.with_name(f"{self._path.name}-wal")
         if wal.exists() and wal.stat().st_size:
             notes.add(f"{self._path.name} was not closed properly; what is only in {wal.name} was left out.")
-        # Immutable: SQLite makes no files of its own beside the bag.
+        # Immutable: SQLite must not create files next to the bag.
         address = f"file:{quote(str(self._path.absolute()))}?mode=ro&immutable=1"
         try:
             with closing(sqlite3.connect(address, uri=True)) as database:
@@ -442,7 +442,7 @@ class SqliteBag:
 
 
 class FolderBag:
-    """The files of a rosbag2 folder, one after another."""
+    """Files of a rosbag2 folder in sequence."""
 
     def __init__(self, kind: str, parts: list[Bag], notes: ReadNotes) -> None:
         self.kind = kind
@@ -458,7 +458,7 @@ class FolderBag:
 
 
 class _FoldedMessages:
-    """Wraps an MCAP part whose messages are compressed one by one."""
+    """Decompresses the messages of an MCAP file one by one."""
 
     kind = "MCAP file"
 
@@ -524,7 +524,7 @@ def _metadata(path: Path) -> dict[str, Any] | None:
 
 
 def _storage_files(folder: Path) -> list[Path]:
-    """The storage files of a folder, the second after the first and the tenth after the ninth."""
+    """Storage files of a folder in numeric order."""
     found = [path for path in folder.iterdir() if re.search(r"\.(mcap|db3)(\.zstd)?$", path.name) and path.is_file()]
     return sorted(
         found, key=lambda path: [int(part) if part.isdigit() else 0 for part in re.split(r"(\d+)", path.name)]
@@ -554,11 +554,11 @@ def _unfold_file(path: Path, scratch: Path) -> Path:
 
 
 class _CutError(ValueError):
-    """Bytes that are missing, or not what they should be."""
+    """Missing or invalid bytes."""
 
 
 class _TooLargeError(ValueError):
-    """A part that would unfold to more than is accepted."""
+    """Part that exceeds the limit for decompressed data."""
 
 
 def _why(error: Exception) -> str:
@@ -574,7 +574,7 @@ def _unfolded_message(message: BagMessage, notes: ReadNotes) -> Iterator[BagMess
 
 
 def _unfolded(data: bytes, compression: str, size_bytes: int | None) -> bytes:
-    """``data`` decompressed; ``size_bytes`` is what it should give. Raises ValueError for anything else."""
+    """Decompress ``data`` to ``size_bytes``. Raises ValueError for any other result."""
     import zstandard
 
     most = MAX_MESSAGE_BYTES if size_bytes is None else size_bytes
@@ -584,7 +584,7 @@ def _unfolded(data: bytes, compression: str, size_bytes: int | None) -> bytes:
         if compression == "":
             content = data
         elif compression == "zstd":
-            # Never by the size that the frame itself claims: that would be allocated at once.
+            # Not by the size that the frame claims: that much would be allocated at once.
             unfolding = zstandard.ZstdDecompressor(max_window_size=_MAX_CHUNK_BYTES).stream_reader(io.BytesIO(data))
             content = unfolding.read(most + 1)
         elif compression == "lz4":

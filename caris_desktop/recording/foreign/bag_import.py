@@ -1,4 +1,4 @@
-"""Bags that this program did not record become session folders, so that replay, annotation and export work on them."""
+"""Import of foreign bags as session folders, for replay, annotation and export."""
 
 import json
 import logging
@@ -75,9 +75,9 @@ _MAX_MOUNTS, _MAX_MOUNT_BYTES = 1000, 100_000
 
 @dataclass(frozen=True, slots=True)
 class TopicReport:
-    """What became of one topic: ``became`` is the stream it was read as, empty where ``reason`` says why not.
+    """Result for one topic: ``became`` is its stream; empty if ``reason`` says why it was not used.
 
-    Of ``messages``, ``used`` could be read; ``reason`` then says what was wrong with the first of the others.
+    ``used`` of ``messages`` could be read; then ``reason`` is the error of the first one that could not.
     """
 
     topic: str
@@ -90,7 +90,7 @@ class TopicReport:
 
 @dataclass(frozen=True, slots=True)
 class ImportReport:
-    """A bag that became a session. ``values`` counts what was written, by stream; ``notes`` are sentences."""
+    """Imported bag. ``values`` counts written values per stream; ``notes`` are sentences."""
 
     folder: Path
     kind: str
@@ -106,10 +106,10 @@ class ImportReport:
 
 
 def import_bag(path: Path, folder: Path, progress: Callable[[float], None] = lambda _fraction: None) -> ImportReport:
-    """Turn the bag at ``path`` into a session in ``folder``, which must not exist. Nothing is written beside the bag.
+    """Convert the bag at ``path`` to a session in ``folder``, which must not exist; the bag's folder is not written to.
 
     ``path`` is a ROS 1 ``.bag``, a rosbag2 folder or file (SQLite or MCAP), or an MCAP file with ROS messages.
-    ``progress`` takes 0..1; whatever it raises ends the import, and nothing of it remains.
+    ``progress`` gets 0..1; if it raises, the import is cancelled and removed.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def import_bag(path: Path, folder: Path, progress: Callable[[float], None] = lam
         raise BagError(f"{folder} would lie inside the bag. Nothing was written; choose another place.")
     partial: Path | None = None
     try:
-        # A file is opened before any folder is made; a folder may have to be unfolded somewhere first.
+        # A file is opened before any folder is created; a rosbag2 folder may need scratch space for decompression.
         file = None if path.is_dir() else open_bag(path, scratch=Path())
         folder.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name[:80]}.", suffix=_SUFFIX))
@@ -147,7 +147,7 @@ def import_bag(path: Path, folder: Path, progress: Callable[[float], None] = lam
 
 @dataclass(slots=True)
 class _Survey:
-    """What one look at the whole bag tells. Times are UTC as the bag has it."""
+    """Result of a first pass over the whole bag. Times are UTC as in the bag."""
 
     counts: Counter[BagChannel]
     first_ns: int = _LATEST_UTC_NS
@@ -157,7 +157,7 @@ class _Survey:
     stretches: list["_Stretch"] = field(default_factory=list)
 
     def moved(self, messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
-        """The messages without gaps of hours between them, and without strays."""
+        """Messages without hour-long gaps between them, and without strays."""
         firsts_ns = [stretch.first_ns for stretch in self.stretches]
         for message in messages:
             at = bisect_right(firsts_ns, message.at_ns) - 1
@@ -168,8 +168,8 @@ class _Survey:
 
 @dataclass(slots=True)
 class _Stretch:
-    """A part of a bag in whose times there is no gap of hours. ``number`` is that of its first message in the file,
-    ``moved_ns`` brings its times to the rest; None where it is left out.
+    """Part of a bag without hour-long gaps. ``number`` is that of its first message in the file; ``moved_ns`` shifts
+    its times, None if it is left out.
     """
 
     first_ns: int
@@ -207,7 +207,7 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
         writer.put(SessionStarted(clock.started_ns, folder.name), clock.started_ns)
         for channel, data in survey.mounts:
             if channel in casting.roles:
-                # What is wrong with one is told when its turn comes.
+                # Errors are noted in the second pass.
                 with suppress(MessageError):
                     maker.take_mounts(readers[channel].read(data))
         for number, message in enumerate(in_order_of_time(survey.moved(bag.messages(notes)))):
@@ -255,7 +255,7 @@ def _refuse_nothing(path: Path, casting: Casting, used: Counter[BagChannel], fau
 
 
 def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float], None]) -> _Survey:
-    """Look at every message once, for what there is and when; whatever is odd is noted in the second reading."""
+    """Read every message once for topics and times; problems are noted in the second pass."""
     survey = _Survey(Counter())
     minutes: dict[int, _Stretch] = {}
     for number, message in enumerate(bag.messages(notes)):
@@ -294,7 +294,7 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
 
 
 def _stretches(minutes: list[_Stretch]) -> list[_Stretch]:
-    """Joined where no gap of hours is between them."""
+    """Merge parts that no hour-long gap separates."""
     joined: list[_Stretch] = []
     for minute in minutes:
         last = joined[-1] if joined else None
@@ -307,8 +307,8 @@ def _stretches(minutes: list[_Stretch]) -> list[_Stretch]:
 
 
 def _take_out_gaps(stretches: list[_Stretch], notes: ReadNotes) -> None:
-    """A clock that is set during a recording, or one wrong stamp, would make a session of years. The times of the
-    largest part stay; the others follow one another as in the file, a second apart.
+    """Close hour-long gaps: a clock set while recording, or one wrong stamp, would make a session of years. The largest
+    part keeps its times; the others follow in file order, a second apart.
     """
     total = sum(stretch.count for stretch in stretches)
     for stretch in stretches:
@@ -350,13 +350,13 @@ def _own_session(channel: BagChannel, data: bytes, at_ns: int) -> OwnSession | N
         return None
     if own is None:
         return None
-    # Of another time: what it maps would not be where the messages are.
+    # Implausible times: the mapping would not match the messages.
     sane = 0 <= own.anchor.monotonic_ns < _LATEST_UTC_NS and 0 <= own.started_ns < _LATEST_UTC_NS
     return own if sane and abs(own.anchor.utc_ns_at(own.started_ns) - at_ns) < _NEAR_NS else None
 
 
 class _SessionWriter:
-    """The session folder while it is being filled."""
+    """Session folder being filled."""
 
     def __init__(self, folder: Path, clock: SessionClock) -> None:
         self._folder = folder
@@ -379,7 +379,7 @@ class _SessionWriter:
         return self._log.counts
 
     def put(self, value: Any, arrived_ns: int) -> None:
-        """Raises OSError."""
+        """Write a value. Raises OSError."""
         if self._waiting:
             self._put_waiting(arrived_ns)
         if isinstance(value, BagPicture):
@@ -393,7 +393,7 @@ class _SessionWriter:
         self._write(value, arrived_ns)
 
     def close(self, end: SessionEnded) -> tuple[VideoInfo, ...]:
-        """Raises OSError."""
+        """Finish the session. Raises OSError."""
         self._put_waiting(end.stamp_ns, all_of_them=True)
         for camera in tuple(self._videos):
             self._close_video(camera)
@@ -403,7 +403,7 @@ class _SessionWriter:
         return tuple(self._finished)
 
     def abandon(self) -> None:
-        """Let go of the files; the folder is thrown away."""
+        """Close the files of a folder that will be removed."""
         for video in self._videos.values():
             video.abandon()
         self._videos.clear()
@@ -425,7 +425,7 @@ class _SessionWriter:
             self._log.flush()
 
     def _put_waiting(self, now_ns: int, *, all_of_them: bool = False) -> None:
-        """Large values that were held back: the newest of each second is kept."""
+        """Write held-back large values: the newest of each second."""
         for kind, (value, due_ns) in list(self._waiting.items()):
             if all_of_them or now_ns >= due_ns:
                 del self._waiting[kind]
@@ -443,7 +443,7 @@ class _SessionWriter:
         except OSError:
             raise
         except Exception as error:
-            # PyAV raises errors of its own kinds; the other cameras go on.
+            # PyAV raises errors of its own types; other cameras continue.
             _log.warning("video of %s", camera, exc_info=True)
             self.without_video[camera] = str(error)
             if camera in self._videos:

@@ -1,7 +1,6 @@
-"""ROS messages as bags hold them: bytes to and from the plain form that :mod:`caris_desktop.ros` works with.
+"""ROS messages in bags: bytes to and from the plain form of :mod:`caris_desktop.ros`.
 
-Types are those of the standard packages. The definitions that a bag carries are compared with them and never turned
-into code.
+Types are those of the standard packages. Definitions in a bag are compared with them and never turned into code.
 """
 
 import dataclasses
@@ -23,13 +22,13 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 Ros = Literal[1, 2]
 _MAX_DEFINITION_CHARS = 200_000
-# Not in rosbags' tables; in ROS 1, tf is a package of its own.
+# Not in rosbags' tables; in ROS 1, tf is a separate package.
 _MORE_OF_ROS1 = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms"}
 _MORE_OF_ROS2 = {
     "foxglove_msgs/msg/CompressedVideo": "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\n"
     "string format",
 }
-# As it was until ROS 1 Melodic.
+# Definitions up to ROS 1 Melodic.
 _OLDER_OF_ROS1 = {
     "sensor_msgs/msg/BatteryState": "Header header\nfloat32 voltage\nfloat32 current\nfloat32 charge\n"
     "float32 capacity\nfloat32 design_capacity\nfloat32 percentage\nuint8 power_supply_status\n"
@@ -40,12 +39,12 @@ _ALIASES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
 
 class NotUnderstoodError(ValueError):
-    """A topic whose messages this program cannot read; the text says why, for people."""
+    """Topic whose messages cannot be read, with the reason as user text."""
 
 
 @lru_cache(maxsize=2)
 def typestore(ros: Ros) -> "Typestore":
-    """The standard messages of ROS 1 (Noetic) or of ROS 2 (Jazzy), and video as Foxglove has it."""
+    """Standard messages of ROS 1 (Noetic) or ROS 2 (Jazzy), and Foxglove's video."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_JAZZY)
@@ -66,15 +65,15 @@ def _older_of_ros1() -> "Typestore":
 
 
 def typed(ros: Ros, type_name: str, plain: Message) -> Any:
-    """The message of rosbags for a plain one; fields that it does not have are zero or empty.
+    """rosbags message of a plain one; missing fields are zero or empty.
 
-    A field whose name is one letter may be of either case: CameraInfo has ``K`` in ROS 1 and ``k`` in ROS 2.
+    The case of single-letter fields is ignored: CameraInfo has ``K`` in ROS 1 and ``k`` in ROS 2.
     """
     return _builder(ros, type_name)(plain)
 
 
 def plain(message: Any) -> Any:
-    """The plain form of a message of rosbags; arrays stay arrays."""
+    """Plain form of a rosbags message; arrays stay arrays."""
     if dataclasses.is_dataclass(message) and not isinstance(message, type):
         names = [field.name for field in dataclasses.fields(message) if not field.name.startswith("__")]
         return {name: plain(getattr(message, name)) for name in names}
@@ -84,10 +83,10 @@ def plain(message: Any) -> Any:
 
 
 class MessageReader:
-    """Turns the bytes of one channel into plain messages."""
+    """Decodes the bytes of one channel to plain messages."""
 
     def __init__(self, channel: BagChannel) -> None:
-        """Raises NotUnderstoodError when its messages cannot be read."""
+        """Raises NotUnderstoodError if the channel's messages cannot be read."""
         self._encoding = channel.encoding
         self._type = _ALIASES.get(channel.type, channel.type)
         if self._encoding == "json":
@@ -106,7 +105,7 @@ class MessageReader:
             raise NotUnderstoodError(f"its definition of {channel.type} is not the standard one")
 
     def read(self, data: bytes) -> Message:
-        """Raises MessageError for whatever is malformed."""
+        """Decode one message. Raises MessageError if malformed."""
         try:
             if self._encoding == "json":
                 message = json.loads(data)
@@ -115,7 +114,7 @@ class MessageReader:
             else:
                 message = plain(self._store.deserialize_cdr(data, self._type))
         except Exception as error:
-            # Generated readers raise errors of many kinds for bytes that are not what they should be.
+            # Generated readers raise many kinds of errors for malformed bytes.
             _log.debug("a message of %s", self._type, exc_info=True)
             raise MessageError(f"{self._type} cannot be read from its bytes ({error})") from error
         if not isinstance(message, dict):
@@ -128,7 +127,7 @@ _Build = Callable[[Any], Any]
 
 @lru_cache(maxsize=256)
 def _builder(ros: Ros, type_name: str) -> _Build:
-    """What makes messages of one type."""
+    """Builder of messages of one type."""
     store = typestore(ros)
     kind = store.types[type_name]
     fields = [

@@ -1,4 +1,4 @@
-"""What the topics of a foreign bag mean here: which of them is taken for what, and its messages as domain values."""
+"""Mapping of a foreign bag's topics to streams, and conversion of their messages to domain values."""
 
 import json
 import logging
@@ -47,7 +47,7 @@ MAP_FRAME, BASE_FRAMES = "map", ("base_link", "base_footprint")
 SESSION_TOPIC, VALUE_TOPICS = "/caris/session", "/caris/"
 _MAX_FRAMES, _MAX_DEPTH = 2000, 50
 _TF_POSE_EVERY_NS = 50_000_000
-# A value that our own export wrote belongs to the moment it lies at; another clock's is not to be mixed in.
+# A value from our own export belongs to its log time; values of another clock must not be mixed in.
 _SAME_SESSION_NS = 24 * 3600 * 1_000_000_000
 _IMAGE_WORDS = frozenset(
     [
@@ -78,7 +78,7 @@ class BagPicture:
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """What a channel is taken for. ``stream`` is the stream it becomes, or frames; ``camera`` where it is of one."""
+    """Use of a channel. ``stream`` is its stream, or frames; ``camera`` if it belongs to one."""
 
     stream: str
     kind: str
@@ -87,7 +87,7 @@ class Role:
 
 @dataclass(frozen=True, slots=True)
 class OwnSession:
-    """What a bag that this program exported says of the session it came from."""
+    """Original session of a bag that this program exported."""
 
     anchor: ClockAnchor
     started_ns: int
@@ -97,14 +97,14 @@ class OwnSession:
 
 @dataclass(frozen=True, slots=True)
 class Casting:
-    """Which channel is taken for what, and why the others are not."""
+    """Role per channel, and reasons for the unused ones."""
 
     roles: dict[BagChannel, Role]
     reasons: dict[BagChannel, str]
 
 
 def own_session(data: Any) -> OwnSession | None:
-    """From the message of ``/caris/session``; None where it is not what the export writes."""
+    """Parse the message of ``/caris/session``; None if it is not from our export."""
     try:
         header = json.loads(text(message_of(data, "String"), "data", "String"))
         anchor = ClockAnchor(int(header["clock"]["monotonic_ns"]), int(header["clock"]["utc_ns"]))
@@ -116,15 +116,15 @@ def own_session(data: Any) -> OwnSession | None:
 
 
 def tells_mounts(channel: BagChannel) -> bool:
-    """Whether its transforms hold for the whole of a bag."""
+    """True if the channel's transforms hold for the whole bag."""
     return plain_name(channel.type) in ("tf2_msgs/TFMessage", "tf/tfMessage") and channel.topic.endswith("static")
 
 
 def cast_channels(counts: Mapping[BagChannel, int], unreadable: Mapping[BagChannel, str], *, own: bool) -> Casting:
-    """Choose for each stream the channel to take.
+    """Choose the channel for each stream.
 
-    ``counts`` are messages; ``unreadable`` says of channels why they cannot be read; ``own``: this program exported
-    the bag.
+    ``counts`` are messages per channel; ``unreadable`` gives reasons why channels cannot be read; ``own``: exported by
+    this program.
     """
     casting = Casting({}, {})
     wishes: dict[Role, list[BagChannel]] = {}
@@ -157,7 +157,7 @@ def cast_channels(counts: Mapping[BagChannel, int], unreadable: Mapping[BagChann
 
 
 def _role(channel: BagChannel) -> Role | str:
-    """What a channel could be, or why it is nothing."""
+    """Possible role of a channel, or the reason why it has none."""
     topic, words = channel.topic.lower(), re.split(r"[/_]+", channel.topic.lower())
     match plain_name(channel.type):
         case "sensor_msgs/LaserScan":
@@ -226,7 +226,7 @@ _PREFERRED = {
 
 
 def _preference(role: Role, channel: BagChannel, messages_of_it: int) -> tuple[int, int, int, str]:
-    """The smaller the better: by the last part of its name, by how much there is, by how deep it lies."""
+    """Sort key, smaller is better: by last name part, number of messages, and depth."""
     parts = channel.topic.strip("/").split("/")
     preferred = _PREFERRED.get(role.stream, ())
     rank = preferred.index(parts[-1]) if parts[-1] in preferred else len(preferred)
@@ -234,7 +234,7 @@ def _preference(role: Role, channel: BagChannel, messages_of_it: int) -> tuple[i
 
 
 def _merge_poses(casting: Casting, counts: Mapping[BagChannel, int]) -> None:
-    """One topic tells the pose, whichever of its types it has; so with the velocities."""
+    """Keep one topic for the pose, whatever its types; likewise for the velocity."""
     for stream in ("pose", "event/command_sent"):
         channels = [
             channel for channel, role in casting.roles.items() if role.stream == stream and role.kind != "value"
@@ -249,7 +249,7 @@ def _merge_poses(casting: Casting, counts: Mapping[BagChannel, int]) -> None:
 
 
 def _merge_cameras(casting: Casting, counts: Mapping[BagChannel, int]) -> None:
-    """Of a camera that is there raw and compressed, the one with more pictures."""
+    """Of a camera with raw and compressed topics, keep the one with more images."""
     cameras: dict[str, list[BagChannel]] = {}
     for channel, role in casting.roles.items():
         if role.kind in ("image", "compressed_image", "compressed_video"):
@@ -263,7 +263,7 @@ def _merge_cameras(casting: Casting, counts: Mapping[BagChannel, int]) -> None:
 
 
 def camera_name(topic: str) -> str:
-    """What to call a camera: ``front`` of ``/camera/front/image/compressed``, ``rgb`` of ``/camera/rgb/image_raw``."""
+    """Camera name: ``front`` of ``/camera/front/image/compressed``, ``rgb`` of ``/camera/rgb/image_raw``."""
     parts = [part for part in topic.strip("/").split("/") if part and part not in _IMAGE_WORDS]
     if len(parts) > 1 and parts[0] == "camera":
         parts = parts[1:]
@@ -272,7 +272,7 @@ def camera_name(topic: str) -> str:
 
 @dataclass(slots=True)
 class FrameTree:
-    """Frames of reference: of each, its parent and its newest place in it."""
+    """Tree of reference frames: parent and newest transform of each."""
 
     parents: dict[str, tuple[str, Pose3D]] = field(default_factory=dict)
 
@@ -283,14 +283,14 @@ class FrameTree:
             self.parents[transform.child_frame] = (transform.parent_frame, pose)
 
     def chain(self, frame: str) -> list[str]:
-        """``frame`` and all above it."""
+        """``frame`` and all its ancestors."""
         names = [frame]
         while names[-1] in self.parents and len(names) < _MAX_DEPTH:
             names.append(self.parents[names[-1]][0])
         return names
 
     def pose_in(self, above: str, frame: str) -> Pose3D | None:
-        """Where ``frame`` is in ``above``, one of the frames it hangs from; None where it does not hang from it."""
+        """Pose of ``frame`` in its ancestor ``above``; None if it is not an ancestor."""
         names = self.chain(frame)
         if above not in names:
             return None
@@ -300,13 +300,13 @@ class FrameTree:
         return pose
 
     def base(self, frame: str | None = None) -> str | None:
-        """The robot's own frame; of two, the one from which ``frame`` hangs."""
+        """The robot's base frame; of two, the ancestor of ``frame``."""
         candidates = [name for name in BASE_FRAMES if frame is None or name in self.chain(frame)]
         return next((name for name in candidates if name in self.parents or frame is not None), None)
 
 
 class ValueMaker:
-    """Makes domain values of messages, one after another. ``stamp_ns`` is the bag's time as session time."""
+    """Converts messages to domain values in sequence. ``stamp_ns`` is bag time as session time."""
 
     def __init__(self, roles: Iterable[Role], own: OwnSession | None) -> None:
         self._own = own
@@ -339,7 +339,7 @@ class ValueMaker:
         }
 
     def take_mounts(self, message: Message) -> None:
-        """What is mounted where on the robot, which holds before a bag tells it too. Raises MessageError."""
+        """Add static transforms, which also hold before the bag's message. Raises MessageError."""
         for transform in messages.decode_tf_message(message, unusable=self._note_unusable):
             self._tree.put(transform)
 
@@ -347,7 +347,7 @@ class ValueMaker:
         self.unusable_transforms.add(f"{parent} to {child}")
 
     def make(self, role: Role, message: Message, stamp_ns: int, channel: BagChannel) -> Iterator[Any]:
-        """Domain values and pictures. Raises MessageError for a message that cannot be used."""
+        """Domain values and images of a message. Raises MessageError if it is unusable."""
         match role.kind:
             case "image":
                 raw = decode_image(message)
@@ -418,7 +418,7 @@ class ValueMaker:
         if not self._pose_from_tf or base is None or channel.topic.endswith("static"):
             return
         self._moving.update(transform.child_frame for transform in transforms)
-        # The joint that moves nearest to the robot moves most often; those above it only correct it.
+        # The joint nearest to the robot moves most often; those above only correct it.
         joint = next((frame for frame in self._tree.chain(base) if frame in self._moving), None)
         moved = [transform for transform in transforms if transform.child_frame == joint]
         if moved and at_ns - self._tf_pose_ns >= _TF_POSE_EVERY_NS:
@@ -447,13 +447,13 @@ class ValueMaker:
         self._utterances += 1
         heard = any(word in channel.topic.lower() for word in _HEARD_WORDS)
         speaker: Speaker = "participant" if heard else "robot"
-        # When it began and ended a bag does not tell: a moment, of what was heard of it.
+        # Bags have no start and end of speech: only a time at which it was heard.
         yield UtteranceChanged(
             at_ns, f"bag-{self._utterances}", speaker, said, "heard", "finished", detail=f"from {channel.topic}"
         )
 
     def _video_frames(self, camera: str, message: Message) -> Iterator[BagPicture]:
-        """What a packet of video shows, by all those before it. One decoder for each camera."""
+        """Decode a video packet, given all previous ones. One decoder per camera."""
         import av
 
         video = messages.decode_compressed_image({**message, "header": {"stamp": message.get("timestamp")}})
@@ -462,7 +462,7 @@ class ValueMaker:
         if camera not in self._decoders:
             decoder = self._decoders[camera] = av.CodecContext.create("h264", "r")
             decoder.options = {"max_pixels": str(MOST_PIXELS)}
-            # A frame is shown by its own packet; none waits for the next.
+            # Show a frame by its own packet, without delay.
             decoder.flags |= av.codec.context.Flags.low_delay
             decoder.thread_type = "NONE"
         try:
@@ -480,13 +480,13 @@ class ValueMaker:
         if not isinstance(value.stamp_ns, int) or abs(value.stamp_ns - at_ns) > _SAME_SESSION_NS:
             raise MessageError(f"a value of {stream} that belongs to another time")
         if isinstance(value, LinkQuality) and value.clock_offset_ms is not None and self._own is not None:
-            # The export has mapped the robot's stamps to UTC: that is the clock they are of from now on.
+            # The export mapped the robot's stamps to UTC, which is their clock from here on.
             utc_minus_session_ns = self._own.anchor.utc_ns - self._own.anchor.monotonic_ns
             value = replace(value, clock_offset_ms=utc_minus_session_ns / 1e6)
         yield value
 
     def _place_of(self, frame: str) -> Pose2D:
-        """Where a frame of reference is in the map. Raises MessageError when that is not known."""
+        """Pose of a reference frame in the map. Raises MessageError if unknown."""
         if frame in ("", MAP_FRAME):
             return Pose2D(0.0, 0.0, 0.0)
         place = self._tree.pose_in(MAP_FRAME, frame)

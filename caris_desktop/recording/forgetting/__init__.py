@@ -1,1 +1,1 @@
-"""Forgetting a person: nothing of a study's recordings shows or names them afterwards, and a search proves it."""
+"""Erasure of a person from a study's recordings, verified by a search."""

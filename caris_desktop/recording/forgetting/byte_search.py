@@ -1,4 +1,4 @@
-"""Looks for canaries in every byte of a file, also in what is compressed or packed in it, in bounded memory."""
+"""Search for a person's names and images in every byte of a file, including compressed parts, in bounded memory."""
 
 import bz2
 import gzip
@@ -29,7 +29,7 @@ _DEEPEST = 4
 _SQLITE_MAGIC, _PARQUET_MAGIC, _ZIP_MAGIC = b"SQLite format 3\x00", b"PAR1", b"PK\x03\x04"
 _PNG_MAGIC, _BAG_MAGIC, _ZLIB_BEGINS = b"\x89PNG\r\n\x1a\n", b"#ROSBAG V2.0", b"\x78"
 _PNG_TEXTS = (b"zTXt", b"iTXt", b"iCCP")
-# Film, sound and pictures are bytes without order, in which short words turn up by chance.
+# Video, audio and images: in such bytes short words occur by chance.
 _MEDIA = (".mp4", ".wav", ".png", ".jpg", ".jpeg", ".mkv", ".webm", ".flac", ".onnx")
 _SHORT = 6
 _TEXT_AROUND = 6
@@ -37,7 +37,9 @@ _TEXT_AROUND = 6
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """Somebody was found: ``inside`` says in what of the file, empty for its own bytes, ``words`` the text around."""
+    """Hit of the search: ``inside`` names the part of the file, empty for its own bytes; ``words`` is the text around
+    it.
+    """
 
     offset: int
     what: str  # "name" or "picture"
@@ -47,7 +49,7 @@ class Hit:
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """``closed`` says what could not be unpacked, a phrase each; it was searched as it lies there."""
+    """Result for one file; ``closed`` lists parts that could not be unpacked and were searched as stored."""
 
     hits: tuple[Hit, ...]
     searched_bytes: int
@@ -55,7 +57,7 @@ class Searched:
 
 
 class _Readable(Protocol):
-    """What is searched: a file, or what is unpacked of one."""
+    """Readable data: a file, or an unpacked part of one."""
 
     def read(self, size: int = ..., /) -> Any: ...
 
@@ -63,7 +65,7 @@ class _Readable(Protocol):
 
 
 class ByteSearch:
-    """The search for one person. ``may_go_on`` is asked about every few megabytes; it raises where not."""
+    """Search for one person. ``may_go_on`` is called every few megabytes and raises to cancel."""
 
     def __init__(self, canaries: Canaries, *, may_go_on: Callable[[], None] = lambda: None) -> None:
         self._words = canaries.words
@@ -84,7 +86,7 @@ class ByteSearch:
         self._exact = set(self._probes)
 
     def file(self, path: Path) -> Searched:
-        """Raises OSError."""
+        """Search a file. Raises OSError."""
         with path.open("rb") as file:
             return self._opened(file, path.name.lower(), 0)
 
@@ -109,12 +111,12 @@ class ByteSearch:
     def _unpacked(
         self, file: Any, head: bytes, name: str, inside: str, closed: list[str]
     ) -> Iterator[tuple[str, _Readable]]:
-        """Each thing that is packed in a file, unpacked; what cannot be is put on the list ``closed``."""
+        """Unpack each compressed part of a file; append those that fail to ``closed``."""
         where = f"{inside}/" if inside else ""
         try:
             file.seek(0)
             if head.startswith(MCAP_MAGIC):
-                # All in one row: there are thousands, and each for itself would take longer to begin than to search.
+                # All in one stream: there are thousands, and starting a search takes longer than searching one.
                 yield f"{where}blocks", _Row(_mcap_blocks(file, closed, name))
             elif head.startswith(_SQLITE_MAGIC):
                 yield f"{where}rows", _Row(_values_of(file))
@@ -152,7 +154,7 @@ class ByteSearch:
             total += len(more)
             data = kept + block + more
             block = b""
-            # What is near the end is looked at once more follows: a word ends where its surroundings say so.
+            # The end of a piece is searched again with the next one: word ends depend on the following text.
             until = len(data) - _AROUND_BYTES if more else len(data)
             for hit in self._in_block(data, _AROUND_BYTES if at else 0, until, media=media):
                 hits.append(replace(hit, offset=at + hit.offset, inside=inside))
@@ -178,7 +180,7 @@ class ByteSearch:
                     break
 
     def _candidates(self, small: bytes) -> list[int]:
-        """Where one of the canaries may begin."""
+        """Offsets at which a search term may begin."""
         array = np.frombuffer(small + bytes(4), np.uint8)
         places = []
         for shift in (0, 1):
@@ -194,7 +196,7 @@ class ByteSearch:
         return candidates
 
     def _named(self, data: bytes, place: int, encoding: str, *, media: bool) -> str | None:
-        """The words around a name that begins there; None where none does."""
+        """Text around a name that begins at the offset; None if there is none."""
         wide = 1 if encoding == "utf-8" else 2
         begin = max(place % wide, place - _AROUND_BYTES)
         before = data[begin:place].decode(encoding, "ignore")
@@ -212,7 +214,7 @@ def _number(text: bytes) -> int:
 
 
 def _amid_text(data: bytes, place: int, length: int) -> bool:
-    """Whether more than chance surrounds it with letters."""
+    """True if the surrounding bytes are text rather than chance."""
     around = data[max(0, place - _TEXT_AROUND) : place] + data[place + length : place + length + _TEXT_AROUND]
     return sum(32 <= byte < 127 or byte == 0 for byte in around) >= len(around) - 1
 
@@ -251,7 +253,7 @@ def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[bytes]:
 
 
 def _png_texts(file: Any) -> Iterator[bytes]:
-    """What of a picture is compressed text."""
+    """Compressed texts of a PNG."""
     at = len(_PNG_MAGIC)
     while True:
         file.seek(at)
@@ -277,7 +279,7 @@ def _bag_is_packed(file: Any) -> bool:
 
 
 class _Row(io.RawIOBase):
-    """Values one after the other: in their file long ones do not lie in one piece."""
+    """Concatenated values, since long ones are not contiguous in their file."""
 
     def __init__(self, parts: Iterator[bytes]) -> None:
         self._parts = parts

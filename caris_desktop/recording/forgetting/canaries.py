@@ -1,4 +1,4 @@
-"""What must not be found any more: the names of a person in every form that is written, and bytes of their pictures."""
+"""Search terms of an erasure: a person's names in every written form, and bytes of their images."""
 
 import base64
 import html
@@ -16,33 +16,33 @@ from caris_desktop.domain.value_class import dataclass
 FORGOTTEN, FORGOTTEN_IN_YAML = "[forgotten]", "(forgotten)"
 """What stands where a name was. In YAML a bracket at the beginning of a value means something."""
 _LEAST_PART = 3
-# So long a name is found inside of longer words too, such as those of files; what is shorter is often a part of others.
+# Names this long are matched inside longer words too, such as file names; shorter ones are often part of other words.
 _DISTINCT = 8
-# Where a word begins and ends in a text as it lies in a file: "\nAnna", "\u201cAnna" and "%20Anna" begin there too.
+# Word boundaries in a text as stored in a file: "\nAnna", "\u201cAnna" and "%20Anna" begin there too.
 _BEGINS = r"(?:(?<![^\W_])|(?<=\\[nrtbf])|(?<=\\u[0-9a-fA-F]{4})|(?<=%[0-9a-fA-F]{2}))"
 _ENDS = r"(?=(?:['’]?s)?(?![^\W_]))"
 _BETWEEN = r"(?:\s|\\[nrt]|%20|&nbsp;|&#160;|[+_.-])+"
-# From here on scripts put no spaces between words, so nothing tells where a name begins.
+# From here on, scripts have no spaces between words, so that nothing marks where a name begins.
 _WITHOUT_SPACES = "\u0e00"
-# Checksums, and bytes written as letters, name nobody; a path has letters and slashes too, but not that many.
+# Checksums and base64 contain no names; paths have letters and slashes too, but shorter runs.
 _CODES = ((re.compile(r"[A-Za-z0-9]*"), 32), (re.compile(r"[A-Za-z0-9+/=]*"), 250))
 _PROBE_BYTES, _PROBES = 24, 6
 _JPEG_SCAN = b"\xff\xda"
 
 
 class ForgettingStopped(ToldFailure):
-    """Forgetting cannot go on; nothing is lost, and the same command goes on where it stopped."""
+    """Interrupted erasure; no data is lost, and the same command resumes it."""
 
 
 @dataclass(frozen=True)
 class PersonNames:
-    """The names of one person. Parts of a name of several are found as well, since people are called by them."""
+    """Names of one person. Parts of a compound name are matched too, since people are called by them."""
 
     names: tuple[str, ...]
 
     @cached_property
     def alternatives(self) -> tuple[str, ...]:
-        """What to look for, the longest first."""
+        """Names to search for, longest first."""
         found: dict[str, None] = {}
         for name in self.names:
             whole = " ".join(name.split())
@@ -55,7 +55,7 @@ class PersonNames:
 
     @cached_property
     def pattern(self) -> re.Pattern[str] | None:
-        """In a text of whatever kind of file: plain, in JSON, in XML, in an address. None without any name."""
+        """Pattern for any kind of text file: plain, JSON, XML, URL. None without names."""
         wanted = []
         for text in self.alternatives:
             forms = [_joined(form) for form in _forms(text)]
@@ -64,10 +64,10 @@ class PersonNames:
         return re.compile("|".join(wanted), re.IGNORECASE) if wanted else None
 
     def spans(self, text: str) -> Iterator[tuple[int, int]]:
-        """Where the person is named."""
+        """Positions of the person's names in ``text``."""
         if self.pattern is None:
             return
-        # Most texts name nobody, and are told at once by that.
+        # Most texts contain no name: this check is fast.
         small = text.lower()
         if not any(first in small for first in self._firsts):
             return
@@ -77,12 +77,12 @@ class PersonNames:
 
     @cached_property
     def _firsts(self) -> tuple[str, ...]:
-        """The first word of each form, in small letters."""
+        """First word of each form, in lower case."""
         return tuple({form.lower().split()[0] for text in self.alternatives for form in _forms(text)})
 
     @cached_property
     def beginnings(self) -> tuple[tuple[bytes, str], ...]:
-        """How each of them begins in a file, in small ASCII letters, with the encoding."""
+        """Beginning of each form in a file, in lower-case ASCII, with its encoding."""
         found: dict[tuple[bytes, str], None] = {}
         for text in self.alternatives:
             for form in _forms(text):
@@ -95,14 +95,14 @@ class PersonNames:
 
 @dataclass(frozen=True)
 class Canaries:
-    """All of it. ``pictures`` are bytes that nobody else's data holds: portraits and vectors, as they are."""
+    """All search terms. ``pictures`` are unique bytes: stored portraits and vectors."""
 
     words: PersonNames
     pictures: tuple[bytes, ...] = field(default=(), repr=False)
 
     @cached_property
     def probes(self) -> tuple[bytes, ...]:
-        """Pieces of the pictures, and the same as base64 writes them at each of its three places."""
+        """Pieces of the images, plain and in base64 at each of its three alignments."""
         plain = [probe for picture in self.pictures for probe in _pieces(picture)]
         coded = [text for probe in plain for text in _in_base64(probe)]
         return tuple(dict.fromkeys((*plain, *coded)))
@@ -112,12 +112,12 @@ _FOLD = bytes(byte + 32 if 65 <= byte <= 90 else byte for byte in range(256))
 
 
 def folded(data: bytes) -> bytes:
-    """With small letters in place of large ones, as far as ASCII goes."""
+    """``data`` with ASCII letters in lower case."""
     return data.translate(_FOLD)
 
 
 def _forms(text: str) -> tuple[str, ...]:
-    """As it is, and as files of different kinds escape it."""
+    """The text, and its escaped forms in different file types."""
     composed, decomposed = unicodedata.normalize("NFC", text), unicodedata.normalize("NFD", text)
     forms = [composed, decomposed]
     for plain in (composed, decomposed):
@@ -140,13 +140,13 @@ def _is_distinct(text: str) -> bool:
 
 
 def _without_accents(text: str) -> str:
-    """As somebody types it who has no such keys, or a recogniser writes it."""
+    """``text`` without accents, as typed without such keys or written by a recogniser."""
     plain = "".join(letter for letter in unicodedata.normalize("NFKD", text) if not unicodedata.combining(letter))
     return unicodedata.normalize("NFC", plain)
 
 
 def _in_code(text: str, start: int, end: int) -> bool:
-    """Whether it stands in something like a checksum: letters and digits without an end."""
+    """True inside something like a checksum: a long run of letters and digits."""
     for letters, longest in _CODES:
         after = letters.match(text, end)
         right = after.end() if after is not None else end
@@ -159,7 +159,7 @@ def _in_code(text: str, start: int, end: int) -> bool:
 
 
 def _pieces(picture: bytes) -> Iterator[bytes]:
-    """Some of it that others do not share: pictures of one program begin alike."""
+    """Distinctive pieces of an image: images of one program share their headers."""
     begin = picture.rfind(_JPEG_SCAN, 0, 4096) + 16 if picture[:2] == b"\xff\xd8" else 0
     content = picture[begin:]
     if len(content) < _PROBE_BYTES:

@@ -1,19 +1,19 @@
-"""Exports that lie in a study's folder: which of them show or name somebody."""
+"""Exports inside a study's folder, and which of them show or name a person."""
 
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
 _OF_SESSION = "export-"
-# What lies beside the sessions and is the study's own.
+# The study's own folders next to the sessions.
 _OWN = ("sessions", "photos", "forgotten")
 _STATISTICS = "statistics"
-# By one of these a folder is known as an export, with all that is in it.
+# A folder with one of these files is an export, with all its content.
 _MARKS = (
     "ro-crate-metadata.json", "data_dictionary.csv", "data_dictionary.parquet", "report.html", "methods.html",
     "captions.vtt", "session.TextGrid", "session.bag", "media.txt", "data.yaml", "boxes.csv", "episodes.jsonl",
     "turns.jsonl",
 )  # fmt: skip
-# What exporters write; scripts and writings that somebody keeps beside that are theirs.
+# Types that exporters write; scripts and notes next to them are the user's.
 _WRITTEN = (
     ".csv", ".parquet", ".json", ".jsonl", ".md", ".html", ".eaf", ".pfsx", ".textgrid", ".vtt", ".bag", ".mcap",
     ".yaml", ".ini", ".txt", ".sql", ".duckdb", ".jpg", ".png", ".mp4", ".wav",
@@ -22,7 +22,7 @@ _SHOWS = (".png", ".jpg", ".mp4", ".wav", ".bag", ".mcap", ".html")
 
 
 class Exports:
-    """Those in one study. ``sessions`` are the names of its session folders."""
+    """Exports of one study. ``sessions`` are the names of its session folders."""
 
     def __init__(self, study: Path, sessions: Collection[str]) -> None:
         self._study = study
@@ -30,7 +30,7 @@ class Exports:
         self._known: dict[Path, bool] = {}
 
     def of(self, path: Path) -> Path | None:
-        """The folder of the export that ``path`` was written for; None for what is no part of one."""
+        """Export folder that ``path`` belongs to; None if it is not part of one."""
         parts = path.relative_to(self._study).parts
         if parts[0] == "sessions":
             inside = len(parts) > 3 and parts[2].startswith(_OF_SESSION)
@@ -44,8 +44,8 @@ class Exports:
         return None
 
     def concerned(self, files: Iterable[Path], named: Collection[Path], seen_in: Collection[str]) -> list[Path]:
-        """What is to go: exports with a file that is among ``named``, or with pictures or sound of sessions that the
-        person was seen in.
+        """Exports to remove: those with a file among ``named``, or with images or audio of sessions in which the person
+        was seen.
         """
         found: dict[Path, None] = {}
         for path in files:
@@ -58,7 +58,7 @@ class Exports:
         return list(found)
 
     def shown_in(self, export: Path) -> frozenset[str]:
-        """Which sessions it may show: its own where its place is named after one, else any."""
+        """Sessions that the export may show: its own if its path names one, else all."""
         parts = export.relative_to(self._study).parts
         return frozenset(parts) & self._sessions or self._sessions
 

@@ -1,4 +1,4 @@
-"""What a forgetting under way has done, so that a kill at any moment can be gone on from. Nothing in it is personal."""
+"""Journal of an erasure in progress, so that it can resume after a kill at any time. It holds no personal data."""
 
 import hashlib
 import json
@@ -19,9 +19,9 @@ PART = ".forgetting.part"
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What became of one file. ``after`` is the SHA-256 of what it holds now, empty where it was removed.
+    """Change of one file. ``after`` is the SHA-256 of its new content, empty if removed.
 
-    There is none of what it held: a name could be guessed from that, one name after the other.
+    The old digest is not recorded: a name could be guessed from it by trial.
     """
 
     file: str
@@ -31,10 +31,10 @@ class Change:
 
 
 class Journal:
-    """Lines of JSON in ``STUDY/forgotten``, each on the disk before what it tells of happens. Methods raise OSError."""
+    """JSON lines in ``STUDY/forgotten``, each flushed to disk before its action. Methods raise OSError."""
 
     def __init__(self, study: Path, person_id: str, *, without_names: Callable[[str], str]) -> None:
-        """``without_names`` is what the names of files pass through, which may be anything."""
+        """``without_names`` redacts file names, which may contain anything."""
         self._study = study
         self._without_names = without_names
         self.path = path_of(study, person_id)
@@ -57,15 +57,15 @@ class Journal:
         self._remember(entry)
 
     def noted(self, key: str) -> Any:
-        """The last that was noted of it; None where nothing was."""
+        """Last noted value of ``key``; None if there is none."""
         return next((line[key] for line in reversed(self._lines) if key in line), None)
 
     def changes(self) -> list[Change]:
-        """The last of each file and kind that really happened."""
+        """Last completed change of each file and kind."""
         return list(self._changes.values())
 
     def was_done(self, path: Path, what: str) -> bool:
-        """Whether this was done to the file, which is as that left it."""
+        """True if the change was made and the file is still as it left it."""
         told = self._changes.get((self.name_of(path), what))
         if told is None:
             return False
@@ -76,12 +76,12 @@ class Journal:
             return told.after == ""
 
     def replace(self, path: Path, what: str, make: Callable[[Path], int]) -> None:
-        """Put what ``make`` writes, to the path that it is given, in the place of a file; it tells how much it changed.
+        """Replace a file by what ``make`` writes to the given path; ``make`` returns the number of changes.
 
-        The old file stays where that fails.
+        The old file stays if that fails.
         """
-        # Not replace_file: a film is written by another program, to a path; and what follows has to be in the journal
-        # between the moment at which the new file is whole and the one at which it takes the place of the old.
+        # Not replace_file: videos are written by another program to a path, and the journal entry must come between the
+        # completion of the new file and the replacement of the old.
         part = path.with_name(f".{path.name[:SHOWN_CHARACTERS]}{PART}")
         part.unlink(missing_ok=True)
         try:
@@ -100,7 +100,7 @@ class Journal:
         path.unlink()
 
     def name_of(self, path: Path) -> str:
-        """The file's path in the study; of the user's other files that below their home folder."""
+        """Path of the file in the study, or of the user's other files relative to their home folder."""
         if path.is_relative_to(self._study):
             return self._without_names(path.relative_to(self._study).as_posix())
         home = Path.home()
@@ -113,7 +113,7 @@ class Journal:
     def _remember(self, entry: dict[str, Any]) -> None:
         self._lines.append(entry)
         if "file" in entry:
-            entry = {key: value for key, value in entry.items() if key != "before"}  # of versions that had it
+            entry = {key: value for key, value in entry.items() if key != "before"}  # written by older versions
             change = Change(**entry)
             self._changes[change.file, change.what] = change
             self._left.add(change.after)
@@ -124,19 +124,19 @@ class Journal:
         for line in whole.splitlines():
             self._remember(parse_json(line))
         if len(whole) < len(content):
-            # A kill cut the last line off; what it tells of has not happened.
+            # A kill truncated the last line; its action did not happen.
             with self.path.open("r+b") as file:
                 file.truncate(len(whole))
 
 
 def path_of(study: Path, person_id: str) -> Path:
-    """Where the journal of forgetting this person lies, as long as it is under way."""
+    """Path of this person's journal while the erasure is in progress."""
     plain = hashlib.sha256(person_id.encode()).hexdigest()[:12]
     return study / FOLDER / f"under-way-{plain}.jsonl"
 
 
 def first_line_of(journal: Path) -> dict[str, Any]:
-    """Raises OSError."""
+    """First line of a journal. Raises OSError."""
     with journal.open("rb") as file:
         line = file.readline()
     told = parse_json(line) if line.endswith(b"\n") else {}

@@ -1,4 +1,4 @@
-"""What the study's database keeps of others, notes and what was said to them, may name a person too."""
+"""Texts about other people in the study's database (notes, robot speech) that may name the erased person."""
 
 from collections.abc import Callable, Collection
 
@@ -9,7 +9,7 @@ Rewrite = Callable[[str, str], str]
 
 
 class KeptTexts:
-    """``pass_through`` passes each text of the database through a function. Those of ``person_ids`` go anyway."""
+    """``pass_through`` applies a function to each text of the database. Those of ``person_ids`` are deleted anyway."""
 
     def __init__(
         self, work: TextWork, file: str, pass_through: Callable[[Rewrite], None], person_ids: Collection[str]
@@ -20,7 +20,7 @@ class KeptTexts:
         self._ids = frozenset(person_ids)
 
     def treat(self) -> None:
-        """List the places, and replace what is to go."""
+        """List the places, and replace those to redact."""
         to_change = False
 
         def look(whose: str, text: str) -> str:
@@ -35,7 +35,7 @@ class KeptTexts:
             self._pass_through(self._without)
 
     def naming(self) -> int:
-        """How many texts still name the person although nobody decided so."""
+        """Number of texts that name the person without a decision to keep them."""
         count = 0
 
         def look(whose: str, text: str) -> str:

@@ -1,4 +1,4 @@
-"""Film, sound and pictures without a person: covered where they were seen, silent where they were named."""
+"""Redaction of a person in media files: blanked areas in video and photos, silence in audio."""
 
 import logging
 import struct
@@ -21,14 +21,14 @@ from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, 
 from caris_desktop.recording.session.frame_times import FrameTimes
 
 _log = logging.getLogger(__name__)
-# One colour all over: what is under it cannot be guessed from it.
+# A single colour: the covered content cannot be reconstructed from it.
 _COVER_BGR = (112, 112, 112)
 ENCODER = x264("veryfast")
 _COPIED_BYTES = 1 << 20
 
 
 class UnreadableMediaError(Exception):
-    """A file that holds no film, sound or picture that can be read; the text is for people."""
+    """File without readable video, audio or image; the text is for people."""
 
 
 def covered_video(
@@ -40,9 +40,9 @@ def covered_video(
     *,
     progress: Callable[[float], None],
 ) -> int:
-    """Write ``source`` anew to ``target``: the same frames at the same times, and key frames where it had them.
+    """Rewrite the video ``source`` to ``target``: same frames, times and key frames, with areas covered.
 
-    Returns how many frames were covered, in part or whole. Raises OSError, UnreadableMediaError.
+    Returns the number of frames covered in part or whole. Raises OSError, UnreadableMediaError.
     """
     import av
 
@@ -84,7 +84,7 @@ def covered_video(
 
 
 def _stamp_of(times: FrameTimes, number: int, at_s: float, first_stamp_ns: int) -> int:
-    """When a frame arrived, as its line of the index says; the last ones of a broken-off recording may lack theirs."""
+    """Arrival time of a frame by its index line; the last frames of an interrupted recording may lack one."""
     if number < times.count:
         return int(times.stamps_ns[number])
     if times.count:
@@ -93,7 +93,7 @@ def _stamp_of(times: FrameTimes, number: int, at_s: float, first_stamp_ns: int) 
 
 
 def covered_picture(source: Path, target: Path, areas: Iterable[Area]) -> None:
-    """Write a photo anew with these parts covered, and with what a PNG tells of itself.
+    """Rewrite a photo with these areas covered, preserving its PNG texts.
 
     Raises OSError, UnreadableMediaError.
     """
@@ -137,7 +137,7 @@ def _covered(image: NDArray[np.uint8], areas: Iterable[Area]) -> NDArray[np.uint
 
 
 def silenced_sound(source: Path, target: Path, first_stamp_ns: int, spans_ns: Iterable[tuple[int, int]]) -> None:
-    """Write a WAV anew, silent in these stretches. Raises OSError, UnreadableMediaError."""
+    """Rewrite a WAV file with silence in these intervals. Raises OSError, UnreadableMediaError."""
     with source.open("rb") as old:
         begin, rate_hz, frame_bytes = _sound_of(old, source.name)
         quiet = sorted(
@@ -165,7 +165,7 @@ def silenced_sound(source: Path, target: Path, first_stamp_ns: int, spans_ns: It
 
 
 def _sound_of(file: IO[bytes], name: str) -> tuple[int, int, int]:
-    """Where the sound begins, and its samples in a second and bytes of one."""
+    """Offset of the samples, sample rate, and bytes per sample frame."""
     head = file.read(12)
     if head[:4] != b"RIFF" or head[8:] != b"WAVE":
         raise UnreadableMediaError(filled(QT_TR_NOOP("{file} is no WAV file"), file=name))

@@ -1,4 +1,4 @@
-"""What this program keeps for its user outside of any study: typed sentences, settings, logs, caches."""
+"""The user's files outside of any study: typed sentences, settings, logs, caches."""
 
 from collections.abc import Iterator
 from dataclasses import field
@@ -11,10 +11,10 @@ from caris_desktop.recording.forgetting.speech import Sentences
 
 @dataclass(frozen=True, slots=True)
 class OwnFiles:
-    """Where they are. ``histories`` have lines of typed sentences, ``logs`` may be written at any moment.
+    """Their locations. ``histories`` contain typed sentences, ``logs`` may be written at any time.
 
-    ``voices`` hold sound of what the robot said, left by a program that was killed. ``others`` are treated like files
-    of the study, but for what lies in ``excepted``.
+    ``voices`` contain robot speech audio left by a killed program. ``others`` are treated like study files, except for
+    ``excepted``.
     """
 
     histories: Path | None = None
@@ -24,7 +24,7 @@ class OwnFiles:
     excepted: tuple[Path, ...] = field(default=())
 
     def files(self) -> list[Path]:
-        """All but the sound. Raises OSError."""
+        """All files except the audio. Raises OSError."""
         folders = [folder for folder in (self.histories, self.logs, *self.others) if folder is not None]
         found = {path for folder in folders for path in _files_in(folder)}
         return sorted(path for path in found if not any(path.is_relative_to(folder) for folder in self.excepted))
@@ -44,7 +44,7 @@ def _files_in(folder: Path) -> Iterator[Path]:
 
 
 def without_lines(path: Path, words: PersonNames, target: Path) -> int:
-    """Write a file anew without the lines that name the person; how many those are. Raises OSError."""
+    """Rewrite a file without the lines that name the person; return their number. Raises OSError."""
     dropped = 0
     with target.open("wb") as written:
         for line in path.read_bytes().splitlines(keepends=True):
@@ -56,9 +56,9 @@ def without_lines(path: Path, words: PersonNames, target: Path) -> int:
 
 
 def blot_out(path: Path, words: PersonNames, sentences: Sentences) -> int:
-    """Overwrite names and sentences in a log where they are, since a running program appends to this very file.
+    """Overwrite names and sentences in a log in place, since a running program appends to this very file.
 
-    Gives how many those are. Raises OSError.
+    Returns their number. Raises OSError.
     """
     count, at = 0, 0
     with path.open("r+b") as file:

@@ -1,4 +1,4 @@
-"""The list of places that may name a forgotten person, as a file that somebody decides in and hands back."""
+"""Review file of an erasure: a list of places that may name the person, in which the user enters decisions."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -26,7 +26,7 @@ _DECISIONS = tuple(decision for decision in get_args(Decision) if decision)
 
 @dataclass(frozen=True, slots=True)
 class Review:
-    """What somebody wrote: the decisions by key of place. ``names`` were looked for."""
+    """Decisions by key of place; ``names`` are the search terms."""
 
     person_id: str
     names: tuple[str, ...]
@@ -34,7 +34,7 @@ class Review:
 
 
 def write_review(path: Path, person_id: str, names: Iterable[str], places: Iterable[Passage]) -> None:
-    """Raises OSError."""
+    """Write the review file. Raises OSError."""
     lines = [_HEAD, f"{_PERSON}{person_id}\n", f"{_NAMES}{' | '.join(names)}\n"]
     file = None
     for place in places:
@@ -49,7 +49,7 @@ def write_review(path: Path, person_id: str, names: Iterable[str], places: Itera
 
 
 def read_review(path: Path) -> Review:
-    """Raises ForgettingStopped for a file that cannot be read, or with a line that nobody can understand."""
+    """Read the decisions. Raises ForgettingStopped for an unreadable file or an invalid line."""
     try:
         with path.open("rb") as file:
             text = file.read(_MAX_BYTES).decode("utf-8", "replace")
@@ -88,6 +88,6 @@ def read_review(path: Path) -> Review:
 
 
 def _plain(text: str) -> str:
-    """In one line, with the letters that JSON escapes."""
+    """Single line with JSON escapes resolved."""
     text = _ESCAPED.sub(lambda found: chr(int(found[1], 16)), text)
     return "".join(letter if letter.isprintable() else " " for letter in text)

@@ -1,4 +1,4 @@
-"""The film, sound and photos of one session without a person."""
+"""Redaction of a person in the video, audio and photos of one session."""
 
 import logging
 from collections.abc import Callable, Iterable, Iterator
@@ -23,16 +23,16 @@ from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 _log = logging.getLogger(__name__)
 _PHOTO = "/event/photo_taken"
 _ASIDE = ".deleted"
-# A photo is the newest picture when it is asked for, which is a little older than that.
+# A photo is the newest frame at its request, hence slightly older than the request.
 _PHOTO_FROM_NS, _PHOTO_UNTIL_NS, _PHOTO_STEP_NS = -700_000_000, 200_000_000, 100_000_000
 _SOUND_AROUND_NS = 300_000_000
-# How long somebody takes for a letter, where only the end of what they said is known.
+# Speaking time per letter, where only the end of an utterance is known.
 _SPEAKS_NS, _LEAST_SPOKEN_NS = 90_000_000, 2_000_000_000
 _FILM = (".mp4",)
 
 
 class SessionMedia:
-    """One session's, with its folder held. ``problems`` fills with sentences on what could not be done."""
+    """Media of one session, with its folder held. ``problems`` collects sentences on failures."""
 
     def __init__(self, session: Session, seen: Sightings, person_ids: frozenset[str], journal: Journal) -> None:
         self._session = session
@@ -43,7 +43,7 @@ class SessionMedia:
         self.problems: list[str] = []
 
     def treat_pictures(self, how: Literal["mask", "remove"], *, progress: Callable[[float, str], None]) -> None:
-        """Film and photos. Raises OSError."""
+        """Redact video and photos. Raises OSError."""
         videos = [video for video in self._told("videos") if self._seen.seen_by(str(video.get("camera")))]
         told = {str(video.get("file_name")) for video in self._told("videos")}
         for number, video in enumerate(videos):
@@ -109,7 +109,7 @@ class SessionMedia:
             self._journal.remove(index, "video")
 
     def _treat_other_videos(self, told: set[str]) -> None:
-        """Those that a repair kept aside: nothing tells when their pictures were taken."""
+        """Remove videos that a repair set aside: the times of their frames are unknown."""
         for path in sorted(self._folder.rglob("*")):
             film = path.suffix.lower() in _FILM and path.is_file() and not path.is_symlink()
             outside = path.relative_to(self._folder).parts[0].startswith("export-")
@@ -132,7 +132,7 @@ class SessionMedia:
                 self._journal.remove(path, "photo")
 
     def _photos(self) -> Iterator[tuple[Path, tuple[Area, ...]]]:
-        """Each photo, with where the person is in it."""
+        """Each photo, with the person's areas in it."""
         told: set[Path] = set()
         for _, data in messages_of(self._folder / "events.mcap", lambda topic: topic == _PHOTO):
             try:
@@ -162,8 +162,8 @@ class SessionMedia:
     def treat_sound(
         self, how: Literal["mask", "remove"], silent: frozenset[str], audible: Iterable[SpokenUtterance]
     ) -> None:
-        """Nothing is heard of the utterances ``silent``, in which they spoke or were named, nor anything else that a
-        participant's microphone heard while they were there, but for what is ``audible``. Raises OSError.
+        """Silence the utterances ``silent``, in which the person spoke or was named, and all else that a participant's
+        microphone recorded during their presence, except ``audible``. Raises OSError.
         """
         spans = [_span_of(utterance) for utterance in spoken(self._session) if utterance.utterance_id in silent]
         visits = [(from_ns - AROUND_VISIT_NS, until_ns + AROUND_VISIT_NS) for from_ns, until_ns in self._seen.visits_ns]
@@ -190,7 +190,7 @@ class SessionMedia:
 
 
 def examined_media(session: Session, seen: Sightings | None) -> frozenset[Path]:
-    """The files of film, sound and photos of which the record tells whether the person is in them. Raises OSError."""
+    """Media files for which the recording shows whether the person is in them. Raises OSError."""
     if seen is None or not seen.looks_ns:
         return frozenset()
     folder = session.folder
@@ -202,7 +202,7 @@ def examined_media(session: Session, seen: Sightings | None) -> frozenset[Path]:
                 yield folder / str(entry.get("file_name"))
 
     def was_looked_at(entry: dict[str, Any]) -> bool:
-        # A camera that nobody looked at is covered whole where somebody was there.
+        # A camera without detection is covered entirely while a person was present.
         return seen.any or bool(seen.looks_ns.get(str(entry.get("camera"))))
 
     photos = [path for path in folder.rglob("*.png") if names_people(path)]
@@ -218,7 +218,7 @@ def examined_media(session: Session, seen: Sightings | None) -> frozenset[Path]:
 
 
 def names_people(photo: Path) -> bool:
-    """Whether a photo tells who is in it. Raises OSError."""
+    """True if the photo lists the people in it. Raises OSError."""
     try:
         return bool(texts_of(photo.read_bytes()).get(PEOPLE))
     except PhotoFileError:
@@ -226,7 +226,7 @@ def names_people(photo: Path) -> bool:
 
 
 def photos_of(folder: Path, person_ids: frozenset[str]) -> list[Path]:
-    """The photos in a folder that say that one of these people is in them. Raises OSError."""
+    """Photos in a folder that list one of these people. Raises OSError."""
     found = []
     for path in sorted(folder.rglob("*.png")):
         try:

@@ -1,4 +1,4 @@
-"""Where a person was in the pictures of a session, between the looks of perception too."""
+"""Tracks of a person in a session's video, interpolated between detections."""
 
 import json
 import logging
@@ -14,12 +14,12 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_blocks
 
 _log = logging.getLogger(__name__)
-# Who was seen at both ends of such a gap was there in it. Longer ones that nobody looked into are covered whole.
+# A person seen at both ends of such a gap was present in it. Longer gaps without detection are covered entirely.
 _GAP_NS = 3_000_000_000
 _QUICK_NS = 500_000_000
 _HOLD_NS = 1_500_000_000
 _VISIT_GAP_NS = 10_000_000_000
-# How much wider and higher than their box somebody is covered, and how far a person gets in a second.
+# Margins of the covered area relative to the box, and a person's motion per second.
 _PAD_WIDTH, _PAD_HEIGHT, _PAD_LEAST = 0.15, 0.08, 0.01
 _WALKS_PER_S, _NODS_PER_S = 0.2, 0.05
 _STAMP = re.compile(rb'"stamp_ns":\s*(-?\d+)')
@@ -29,13 +29,13 @@ _PEOPLE = "/people"
 _LINKS = ("/event/person_identified", "/event/people_merged")
 _UNDONE = "/event/people_undone"
 _UNLINKS = ("/event/person_rejected", "/event/person_split", _UNDONE)
-# Who was taken back from being nobody else is it again.
+# Undoing a rejection or split restores the link.
 _UNDONE_TO_LINKS = ("rejected", "split")
 _WHOM = ("is_person_id", "into_person_id", "from_person_id")
 
 
 class Area(NamedTuple):
-    """A part of a picture, in shares of its width and height."""
+    """Area of an image, in fractions of its width and height."""
 
     left: float
     top: float
@@ -72,9 +72,9 @@ class _Track:
 
 @dataclass(slots=True)
 class Sightings:
-    """Of one person in one session. Times are those of the session clock.
+    """Tracks of one person in one session, in session time.
 
-    ``looks_ns`` are the moments at which each camera's picture was looked at for people.
+    ``looks_ns`` are the times of each camera's detections, with or without people.
     """
 
     tracks: dict[str, list[_Track]]
@@ -86,11 +86,11 @@ class Sightings:
         return bool(self.visits_ns)
 
     def seen_by(self, camera: str) -> bool:
-        """Whether a video of this camera may show the person. One that was never looked at may show anybody."""
+        """True if a video of this camera may show the person; without any detection it may show anyone."""
         return bool(self.tracks.get(camera)) or (self.any and not self.looks_ns.get(camera))
 
     def areas_at(self, camera: str, at_ns: int) -> tuple[Area, ...]:
-        """What of the picture has to be covered."""
+        """Areas of the image to cover."""
         if self._unseen(camera, at_ns):
             return (WHOLE,)
         found = (self._area_of(track, camera, at_ns) for track in self.tracks.get(camera, ()))
@@ -131,7 +131,7 @@ class Sightings:
         return max(min(seen_ns - _HOLD_NS, before_ns), seen_ns - _GAP_NS)
 
     def _unseen(self, camera: str, at_ns: int) -> bool:
-        """Whether nobody looked, and the person may have been there."""
+        """True if no detection ran and the person may have been present."""
         looks_ns = self.looks_ns.get(camera, [])
         if not looks_ns:
             return any(begin_ns - _GAP_NS <= at_ns <= end_ns + _GAP_NS for begin_ns, end_ns in self.visits_ns)
@@ -154,7 +154,7 @@ class Sightings:
 
 
 def sightings_in(events: Path, person_ids: frozenset[str]) -> Sightings:
-    """Where anybody of these ids was seen, as ``events.mcap`` tells. Raises OSError."""
+    """Tracks of these ids from ``events.mcap``. Raises OSError."""
     wanted = tuple(json.dumps(person_id).encode() for person_id in person_ids)
     looks_ns: dict[str, list[int]] = {}
     boxes: list[tuple[str, int, int, str, Area]] = []
@@ -168,7 +168,7 @@ def sightings_in(events: Path, person_ids: frozenset[str]) -> Sightings:
 
 
 def links_in(events: Path) -> Iterator[tuple[bool, str, str]]:
-    """Who was taken for whom, in the order in which it was decided: (whether, who, for whom). Raises OSError."""
+    """Identity decisions in order: (linked or unlinked, who, same as whom). Raises OSError."""
     for topic, data in messages_of(events, lambda topic: topic in _LINKS or topic in _UNLINKS):
         message = _read(data)
         who = str(message.get("person_id") or "")
@@ -179,7 +179,7 @@ def links_in(events: Path) -> Iterator[tuple[bool, str, str]]:
 
 
 def everyone_who_is(person_ids: Iterable[str], links: Iterable[tuple[bool, str, str]]) -> frozenset[str]:
-    """These ids, and those that were found to be one of them."""
+    """These ids and all ids linked to them."""
     taken_for: dict[tuple[str, str], None] = {}
     for holds, who, whom in links:
         if holds:
@@ -193,7 +193,7 @@ def everyone_who_is(person_ids: Iterable[str], links: Iterable[tuple[bool, str, 
 
 
 def messages_of(events: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
-    """Topic and data of the messages of some channels, in the order of recording. Raises OSError."""
+    """Topic and data of some channels' messages in recording order. Raises OSError."""
     index = mcap_blocks.read_index(events)
     topics = {number: channel.topic for number, channel in index.channels.items() if wanted(channel.topic)}
     numbers = sorted({int(block) for channel in topics for block in index.blocks_of.get(channel, ())})
@@ -219,7 +219,7 @@ def _read(data: bytes) -> Mapping[str, Any]:
 
 
 def _boxes_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[str, int, int, str, Area]]:
-    """Camera, track, moment, id and place of each box that is the person's, or nobody's yet."""
+    """Camera, track, time, id and area of each box that is the person's or unidentified."""
     message = _read(data)
     try:
         stamp_ns, camera = int(message["stamp_ns"]), str(message["camera"])
@@ -242,7 +242,7 @@ def _put_together(boxes: list[tuple[str, int, int, str, Area]], looks_ns: dict[s
     of_track: dict[tuple[str, int], _Track] = {}
     visits: list[int] = []
     for camera, track, stamp_ns, person_id, area in sorted(boxes):
-        # Before a track was anybody's, it was theirs already.
+        # A track's boxes before its identification belong to the same person.
         if person_id or (camera, track) in theirs:
             known = of_track.setdefault((camera, track), _Track())
             known.stamps_ns.append(stamp_ns)

@@ -1,4 +1,4 @@
-"""What a person said in a session, and what was said while they were there by nobody knows whom."""
+"""A person's utterances in a session, and those of unknown speakers during their presence."""
 
 import json
 import re
@@ -17,13 +17,13 @@ AROUND_VISIT_NS = 2_000_000_000
 _TOPICS = tuple(f"/{name}" for name in (*UTTERANCE_STREAMS, "hearing"))
 _WORDS = ("text", "message", "heard_text", "detail", "committed", "tentative")
 _UTTERANCE = re.compile(r'"utterance_id":\s*("(?:[^"\\]|\\.)*")')
-# A sentence that long is hardly anybody else's; a shorter one is looked for as a whole value, line or cell only.
+# Sentences this long are distinctive; shorter ones match only as a whole value, line or cell.
 _LONG, _LONG_WORDS = 12, 3
 
 
 @dataclass(frozen=True)
 class Sentences:
-    """What somebody said, to be found in whatever text."""
+    """A person's sentences, to be found in any text."""
 
     texts: tuple[str, ...] = ()
 
@@ -44,26 +44,26 @@ class Sentences:
 
     @cached_property
     def _firsts(self) -> tuple[str, ...]:
-        """How each begins, also where letters are escaped: most texts hold none of that."""
+        """First words of each sentence, plain and JSON-escaped: a fast check that excludes most texts."""
         forms = (form for text in self.texts for form in (text, json.dumps(text)[1:-1]))
         return tuple({form.split()[0] for form in forms})
 
     def spans(self, text: str) -> Iterator[tuple[int, int]]:
-        """Where one of them is."""
+        """Positions of the sentences."""
         if self._pattern is not None and any(first in text for first in self._firsts):
             yield from (match.span() for match in self._pattern.finditer(text))
 
     @property
     def probes(self) -> tuple[bytes, ...]:
-        """What a search for bytes looks for."""
+        """Byte patterns for a file search."""
         forms = (form for text in self.long for form in (text, json.dumps(text)[1:-1]))
         return tuple(dict.fromkeys(form.encode("utf-8", "replace") for form in forms))
 
 
 @dataclass(frozen=True)
 class Speech:
-    """Of one session. ``theirs`` are ids of what they said, ``doubtful`` what nobody is known to have said while they
-    were there, and ``others`` when somebody else is known to have spoken.
+    """Utterances of one session: ids of the person's own, ``doubtful`` ones of unknown speakers during their presence,
+    and ``others`` of known other speakers.
     """
 
     theirs: frozenset[str] = frozenset()
@@ -72,7 +72,7 @@ class Speech:
 
 
 def speech_in(session: Session, person_ids: frozenset[str], seen: Sightings) -> Speech:
-    """Raises SessionError."""
+    """Utterances of the session by speaker. Raises SessionError."""
     theirs: set[str] = set()
     doubtful: list[SpokenUtterance] = []
     others: list[SpokenUtterance] = []
@@ -97,7 +97,7 @@ def _is_during(utterance: SpokenUtterance, seen: Sightings) -> bool:
 
 
 def sentences_of(session: Session, utterance_ids: Iterable[str]) -> Sentences:
-    """All that the record has as the text of these utterances: while it was heard, at its end, and as corrected.
+    """All recorded texts of these utterances: partial, final and corrected.
 
     Raises OSError.
     """
@@ -112,7 +112,7 @@ def sentences_of(session: Session, utterance_ids: Iterable[str]) -> Sentences:
 
 
 def without_words(message: str, utterance_ids: frozenset[str]) -> tuple[str, int]:
-    """A recorded message without the words of these utterances, and how many texts that changed."""
+    """Recorded message without the texts of these utterances, and the number of changed texts."""
     told = _read(message, utterance_ids)
     words = [key for key in _WORDS if isinstance(told.get(key), str) and told[key] not in ("", FORGOTTEN)]
     if not words:
@@ -121,7 +121,7 @@ def without_words(message: str, utterance_ids: frozenset[str]) -> tuple[str, int
 
 
 def _read(message: str, utterance_ids: frozenset[str]) -> dict[str, Any]:
-    """Empty where it is about another utterance."""
+    """Parsed message; empty if it is about another utterance."""
     named = _UTTERANCE.search(message)
     if named is None or json.loads(named[1]) not in utterance_ids:
         return {}

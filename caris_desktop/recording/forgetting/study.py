@@ -1,7 +1,7 @@
-"""Forgets one person in everything that a study's folder holds, step by step; a kill at any moment leaves it resumable.
+"""Erasure of one person from everything in a study's folder, step by step, resumable after a kill at any time.
 
-Whoever knows the study's database hands over what to look for and how to erase the person there, which comes last:
-until then it tells what has to go, and with a kill in the middle the same command simply goes on.
+The caller knows the study's database: it passes in the search terms and a function that erases the person there. The
+database comes last, so that until then the same command can resume.
 """
 
 import contextlib
@@ -50,7 +50,7 @@ _log = logging.getLogger(__name__)
 RECEIPT = "RECEIPT.json"
 _FORMAT, _FORMAT_VERSION = "caris-desktop forgetting", 1
 _PEOPLE, _SCENARIO = "people.sqlite", "/event/scenario_opened"
-# What a kill may have left of files that were being written here; none of them is in the place of its file yet.
+# Temporary files that a kill may leave; none has replaced its target yet.
 _PARTS = (f".*{PART}", f".{RECEIPT}.*.part", ".review-*.part", f".{MANIFEST_NAME}.*.part")
 _KINDS = (
     ("video", "film", "films"),
@@ -73,13 +73,12 @@ _IN_THE_MIDDLE = QT_TR_NOOP(
 
 @dataclass(frozen=True, slots=True)
 class ForgetRequest:
-    """Whom to forget, and how. ``names`` and ``pictures`` are what the study's database knows of the person.
+    """Person to erase, and options. ``names`` and ``pictures`` are the person's data in the study's database.
 
-    ``recordings``: the person is masked in film and photos, or these are removed. ``decisions`` are those of a review
-    by key of place; ``otherwise`` holds for places without one, empty where they are to wait for somebody.
-    ``only_texts`` leaves film and photos as they are: the person is forgotten but for texts that waited for decisions.
-    ``texts_of_people`` passes what the database keeps of everybody through a function. ``own_files`` are those that
-    the program keeps for its user outside of the study.
+    ``recordings``: mask the person in video and photos, or remove those files. ``decisions`` come from a review, by key
+    of place; ``otherwise`` applies to places without one, empty: they wait for a decision. ``only_texts`` leaves video
+    and photos as they are. ``texts_of_people`` applies a function to all texts in the database. ``own_files`` are the
+    user's files outside of the study.
     """
 
     study: Path
@@ -98,11 +97,11 @@ class ForgetRequest:
 
 @dataclass(frozen=True, slots=True)
 class Forgotten:
-    """What came of it. ``review`` lists ``waiting`` places of text, and files, that somebody has to decide on.
+    """Result of an erasure. ``review`` lists ``waiting`` places and files that need a decision.
 
-    ``left`` names files in which the person is found although nobody decided so, ``problems`` what could not be done,
-    and ``closed`` what could not be unpacked, so that only its bytes as they lie were searched. ``unexamined`` are
-    media in which nothing looked for the person, and that nobody has decided on.
+    ``left`` names files that still contain the person without a decision, ``problems`` lists failures, and ``closed``
+    what could not be unpacked and was searched as stored. ``unexamined`` are media without detection and without a
+    decision.
     """
 
     receipt: Path
@@ -115,18 +114,18 @@ class Forgotten:
 
     @property
     def complete(self) -> bool:
-        """Whether the person is gone as far as anybody can tell."""
+        """True if no trace of the person is known to remain."""
         return not (self.waiting or self.left or self.problems)
 
 
 def under_way(study: Path) -> list[str]:
-    """The ids of those whom forgetting was begun of and not ended. Raises OSError."""
+    """Ids of people whose erasure was begun and not finished. Raises OSError."""
     found = [first_line_of(path).get("person_id") for path in (study / FOLDER).glob("under-way-*.jsonl")]
     return [str(person_id) for person_id in found if person_id]
 
 
 def review_path(study: Path, person_id: str) -> Path:
-    """Where the list of texts lies that somebody has to decide on."""
+    """Path of the review file."""
     journal = path_of(study, person_id)
     return journal.with_name(f"{journal.stem.replace('under-way', 'review')}.txt")
 
@@ -134,7 +133,7 @@ def review_path(study: Path, person_id: str) -> Path:
 def forget_person(
     request: ForgetRequest, erase: Callable[[], None], progress: Callable[[float, str], None] = lambda _f, _w: None
 ) -> Forgotten:
-    """Do it, or go on with it. ``erase`` deletes the person from the study's database, and may be asked again.
+    """Erase the person, or resume. ``erase`` deletes them from the study's database and may be called repeatedly.
 
     Raises
     ------
@@ -199,7 +198,7 @@ class _Forgetting:
                 path.unlink()
         erasing = self._journal.noted("erasing")
         if erasing is not None and not self._words.names:
-            # All else was done, and the database has forgotten them or was just doing so.
+            # Everything else was done, and the database erasure is finished or was in progress.
             return self._finish(begun, erasing, int(self._journal.noted("waiting") or 0))
         listed = self._listed()
         exports = Exports(self._study, [folder.name for folder in listed.sessions])
@@ -229,7 +228,7 @@ class _Forgetting:
             self._in_session(folder, found, 0.7 / len(sessions))
         if not self._request.only_texts:
             for path in photos_of(self._study / "photos", self._ids):
-                # Taken without a session: nothing tells where in it they are.
+                # Taken without a session: no tracks show where the person is in it.
                 self._journal.remove(path, "photo")
                 found.pop(path, None)
         self._treat_copies(found)
@@ -259,13 +258,13 @@ class _Forgetting:
         self._journal.note(erasing=proof, waiting=len(waiting))
         return self._finish(begun, proof, len(waiting))
 
-    # Where they were
+    # Tracks of the person
 
     def _look_for_sightings(self, sessions: list[Path]) -> None:
         links: list[tuple[bool, str, str]] = []
         for folder in sessions:
             with self._told(folder):
-                # A record that was cut off is made whole first, as whenever a session is opened.
+                # Truncated recordings are repaired first, as on every opening.
                 open_session(folder)
                 links += links_in(folder / "events.mcap")
         self._ids = everyone_who_is(self._request.person_ids, links)
@@ -275,7 +274,7 @@ class _Forgetting:
                 self._seen_in[folder] = sightings_in(folder / "events.mcap", self._ids)
 
     def _look_for_speech(self, sessions: list[Path]) -> None:
-        """What they said, which is read before the record loses it."""
+        """Collect the person's speech, before it is removed from the recording."""
         for folder in sessions:
             seen = self._seen_in.get(folder)
             if seen is None:
@@ -297,7 +296,7 @@ class _Forgetting:
         self._spoken_search = ByteSearch(all_of((), self._texts.sentences.probes))
 
     def _work_in(self, folder: Path) -> TextWork:
-        """The texts of one session, of which more is theirs; with the same list of places."""
+        """Text search of one session, which adds the person's speech there; the list of places is shared."""
         return replace(
             self._texts,
             sentences=self._sentences.get(folder, Sentences()),
@@ -305,7 +304,7 @@ class _Forgetting:
         )
 
     def _listed(self) -> StudyFiles:
-        """All that is to be searched and changed: not the database, which erases its own, nor the list of texts."""
+        """Files to search and change: without the database, which erases separately, and the review file."""
         listed = files_of(self._study)
         listed.files = [
             path
@@ -325,14 +324,14 @@ class _Forgetting:
     # The same bytes under several names
 
     def _note_same_bytes(self, files: list[Path]) -> None:
-        """Before anything is changed, since nothing tells it afterwards."""
+        """Note identical files before the first change, after which they are no longer identical."""
         if self._journal.noted("copies") is None:
             names = [[self._journal.name_of(path) for path in same] for same in copies_in(files)]
             elsewhere = [self._journal.name_of(path) for path in names_elsewhere(files)]
             self._journal.note(copies=names, elsewhere=elsewhere)
 
     def _treat_copies(self, found: dict[Path, Searched]) -> None:
-        """Where one of several copies was covered, silenced or removed, the others become the same."""
+        """Apply the change of one copy (covered, silenced, removed) to its other copies."""
         paths = {self._journal.name_of(path): path for path in self._files()}
         for names in self._journal.noted("copies"):
             changes = {change.file: change for change in self._journal.changes() if change.file in names}
@@ -359,10 +358,10 @@ class _Forgetting:
             if name in changed
         ]
 
-    # What nothing looked at
+    # Media without detection
 
     def _look_at_unexamined(self, found: dict[Path, Searched], sessions: list[Path], exports: Exports) -> None:
-        """List media that may show the person or sound like them, although nothing tells so, and what is packed."""
+        """List archives, and media without detection that may show the person or contain their voice."""
         blind = {folder.name for folder in sessions if not (seen := self._seen_in.get(folder)) or not seen.looks_ns}
         examined = {change.file for change in self._journal.changes() if change.what == "copy"}
         for names in self._journal.noted("copies"):
@@ -400,7 +399,7 @@ class _Forgetting:
             else:
                 self._in_file(path, searched, self._texts)
 
-    # What was made of the recordings
+    # Exports
 
     def _without_exports(self, found: dict[Path, Searched], exports: Exports) -> dict[Path, Searched]:
         named = {path for path, searched in found.items() if searched.hits}
@@ -456,7 +455,7 @@ class _Forgetting:
                         self._request.recordings,
                         progress=lambda done, what: self._tell(before + 0.9 * share * done, f"{folder.name}: {what}"),
                     )
-                # Before their words are taken away, which tell where to be silent.
+                # Before the person's speech is removed, which determines where to silence.
                 spoken, speech = self._spoken.get(folder, frozenset()), self._speech.get(folder, Speech())
                 named_in = frozenset().union(*(self._events[path].utterances for path in mine if path in self._events))
                 audible = [said for said in (*speech.others, *speech.doubtful) if said.utterance_id not in spoken]
@@ -474,7 +473,9 @@ class _Forgetting:
         return bool((seen is not None and seen.any) or self._spoken.get(folder)) or self._touched(folder)
 
     def _in_events(self, folder: Path) -> None:
-        """Last of all, as what they said is known from nowhere else: a kill before leaves it to be found again."""
+        """Rewrite the event log last, since it is the only source of the person's speech: after a kill it must still be
+        found.
+        """
         concerned = [path for path, events in self._events.items() if path.is_relative_to(folder)]
         work = self._work_in(folder)
         with hold(folder):
@@ -486,7 +487,7 @@ class _Forgetting:
                 self._seal(folder)
 
     def _unexamined_in(self, folder: Path, files: list[Path]) -> list[Path]:
-        """Media of a session of which nothing tells whether the person is in them."""
+        """Media of a session for which it is unknown whether the person is in them."""
         inside = [path for path in files if is_opaque(path)]
         try:
             session = open_session(folder, repair=False)
@@ -505,7 +506,7 @@ class _Forgetting:
         return any(change.file.startswith(inside) for change in self._journal.changes())
 
     def _in_file(self, path: Path, searched: Searched, work: TextWork) -> None:
-        """Replace what is to go of a file that names the person or holds their words, or list it."""
+        """Rewrite a file that names the person or contains their speech, or list its places."""
         file = self._journal.name_of(path)
         encoding = texts.encoding_of(path)
         if not searched.hits and (not work.sentences.texts or is_opaque(path)):
@@ -528,7 +529,7 @@ class _Forgetting:
             self._journal.remove(path, "text")
 
     def _seal(self, folder: Path) -> None:
-        """What heads the session tells that somebody was forgotten, and its checksums are those of the files now."""
+        """Note the erasure in the session header and update the checksums."""
         header = folder / "session.json"
         try:
             told = read_header(folder)
@@ -558,12 +559,12 @@ class _Forgetting:
         return KeptTexts(self._texts, _PEOPLE, self._request.texts_of_people, self._request.person_ids)
 
     def _drop_index(self) -> None:
-        """It is made anew from the sessions when somebody searches them."""
+        """Delete the search index; it is rebuilt from the sessions on the next search."""
         for suffix in ("", "-wal", "-shm", "-journal"):
             (self._study / f"{DATABASE_NAME}{suffix}").unlink(missing_ok=True)
 
     def _rename_files(self, paths: Iterable[Path]) -> None:
-        """Files and folders whose names name the person; the deepest first."""
+        """Rename files and folders that name the person, deepest first."""
         for path in sorted(paths, key=lambda path: -len(path.parts)):
             new = self._without_names(path.name)
             if new == path.name:
@@ -581,11 +582,9 @@ class _Forgetting:
     # The end
 
     def _proof(self, sessions: list[Path]) -> dict[str, Any]:
-        """Every byte of the study and of the user's own files but the database, which is searched once it has erased
-        them.
-        """
+        """Search every byte of the study and of the user's own files; the database is searched after its erasure."""
         found = self._found_in([*self._files(), *self._request.own_files.files()])
-        # A sentence may be somebody else's in another session.
+        # The sentence may be another person's in another session.
         spoken = {
             path: self._spoken_search.file(path)
             for path in found
@@ -639,7 +638,7 @@ class _Forgetting:
         )
         self._write_receipt(outcome, begun, proof, in_database)
         if not waiting:
-            # Wherever it is: it says of itself that it goes, since it holds the name.
+            # Its removal is recorded in itself, since it contains the name.
             for review in (self._review, self._request.review):
                 if review is not None:
                     review.unlink(missing_ok=True)
@@ -675,12 +674,12 @@ class _Forgetting:
 
     def _tell(self, fraction: float, what: str) -> None:
         self._progress_at = fraction
-        # Of a text with figures in it, which stays one that can be translated, nothing is a name.
+        # Translatable texts with values contain no names.
         self._progress(min(1.0, fraction), what if isinstance(what, Filled) else self._without_names(what))
 
     @contextlib.contextmanager
     def _told(self, folder: Path) -> Iterator[None]:
-        """What is wrong with one session is told, and the others are gone on with."""
+        """Report problems of one session and continue with the others."""
         try:
             yield
         except SessionError as error:
@@ -694,7 +693,7 @@ def _told_of(folder: Path, told: object) -> Filled:
 
 
 def _may_hold(path: Path, sentences: Sentences) -> bool:
-    """Whether one of these is in a file of an export. What is no text may hold them without a search finding it."""
+    """True if an export file may contain one of these sentences. Binary files may contain them undetected."""
     encoding = texts.encoding_of(path)
     if encoding is None:
         return path.suffix.lower() not in _PICTURES
@@ -702,7 +701,7 @@ def _may_hold(path: Path, sentences: Sentences) -> bool:
 
 
 def _utterances(speech: Mapping[Path, Speech], spoken: Mapping[Path, frozenset[str]], work: TextWork) -> dict[str, int]:
-    """How many were theirs, and what became of those that nobody is known to have said while they were there."""
+    """Number of the person's utterances, and decisions on those of unknown speakers during their presence."""
     doubtful = [place for place in work.places.values() if place.kind == "speech"]
     decided = [work.decided(place) for place in doubtful]
     theirs = sum(len(of.theirs) for of in speech.values())
@@ -720,7 +719,7 @@ def _copied(source: Path, part: Path) -> int:
 
 
 def receipt_words(path: Path) -> str:
-    """What the newest receipt says was done, as a sentence. Raises OSError."""
+    """Summary of the newest receipt as a sentence. Raises OSError."""
     receipts = _receipts_in(path)
     steps = receipts[-1]["steps"] if receipts else {}
     after = receipts[-1]["search_after"] if receipts else {}
@@ -777,7 +776,7 @@ def _sealed(
 
 
 def _tell_checksum_of_scenario(header: dict[str, Any], folder: Path) -> None:
-    """That of the scenario's text as the record has it now."""
+    """Update the checksum of the scenario's text to the recorded one."""
     told = header.get("scenario")
     opened = [parse_json(data) for _, data in messages_of(folder / "events.mcap", lambda topic: topic == _SCENARIO)]
     checksums = {str(event.get("file_name")): str(event.get("sha256")) for event in opened}
@@ -786,7 +785,7 @@ def _tell_checksum_of_scenario(header: dict[str, Any], folder: Path) -> None:
 
 
 def _steps(changes: list[Change]) -> dict[str, dict[str, int]]:
-    """How many files each kind of step changed or removed, and how many places or pictures those were."""
+    """Changed and removed files per kind of step, with the number of places or images."""
     steps: dict[str, dict[str, int]] = {}
     for change in changes:
         step = steps.setdefault(change.what, {"changed": 0, "removed": 0, "places": 0})
@@ -811,7 +810,7 @@ def _receipts_in(path: Path) -> list[Any]:
     receipts = told if isinstance(told, list) else []
     for receipt in receipts:
         for file in receipt.get("files", ()) if isinstance(receipt, dict) else ():
-            # Earlier versions wrote checksums, from which a name can be guessed.
+            # Earlier versions wrote checksums, from which names can be guessed.
             if isinstance(file, dict) and "after" in file:
                 file["removed"] = not file.pop("after")
                 file.pop("before", None)
@@ -819,10 +818,10 @@ def _receipts_in(path: Path) -> list[Any]:
 
 
 def _remove_empty(folder: Path) -> None:
-    """What is empty of a folder, inside of it and above it, now that files are gone."""
+    """Remove empty folders inside and above ``folder``."""
     folders = sorted((path for path in folder.rglob("*") if path.is_dir()), key=lambda path: -len(path.parts))
     for path in (*folders, folder, folder.parent):
-        with contextlib.suppress(OSError):  # something is in it still
+        with contextlib.suppress(OSError):  # not empty
             path.rmdir()
 
 

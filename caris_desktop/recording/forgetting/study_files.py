@@ -1,4 +1,4 @@
-"""The files of a study's folder, links included, and the same bytes under several names."""
+"""Files of a study's folder, following links inside the study, and duplicates by content."""
 
 import hashlib
 import lzma
@@ -36,10 +36,10 @@ _OF_EXPORT = "export-"
 
 @dataclass(slots=True)
 class StudyFiles:
-    """``files`` and ``sessions`` by path, and ``refused``: links that lead out of the study, with where they lead.
+    """``files`` and ``sessions`` by path; ``refused`` are links out of the study with their targets.
 
-    A link to a folder of sessions, or to one session, is followed: what lies there is the study's. Others are not, as
-    what they lead to may be anybody's.
+    A link to a folder of sessions, or to one session, is followed: its target belongs to the study. Other links are
+    not, since their targets may be unrelated.
     """
 
     files: list[Path] = field(default_factory=list)
@@ -48,7 +48,7 @@ class StudyFiles:
 
 
 def files_of(study: Path) -> StudyFiles:
-    """All of it. Raises OSError."""
+    """List the study's files. Raises OSError."""
     found = StudyFiles()
     home = study.resolve()
     been: set[Path] = set()
@@ -81,7 +81,7 @@ def files_of(study: Path) -> StudyFiles:
 
 
 def is_opaque(path: Path) -> bool:
-    """Whether a file may show, hold or name somebody so that no search for bytes finds it. Raises OSError."""
+    """True if a file may show or contain a person undetected by a byte search. Raises OSError."""
     if path.suffix.lower() in (*MEDIA, *_CLOSED) or _is_people_database(path):
         return True
     packed: list[str] = []
@@ -98,14 +98,14 @@ def is_opaque(path: Path) -> bool:
 
 
 def _is_people_database(path: Path) -> bool:
-    """A copy of a study's people has everybody sealed, with the keys beside."""
+    """True for a copy of a people database: its data is encrypted, with the keys inside."""
     with path.open("rb") as file:
         head = file.read(_SQLITE_HEAD_BYTES)
     return head.startswith(_SQLITE_MAGIC) and head[68:72] == PEOPLE_APPLICATION_ID.to_bytes(4, "big")
 
 
 def copies_in(files: Iterable[Path]) -> list[list[Path]]:
-    """Media of which the study has the same bytes more than once, under whatever names. Raises OSError."""
+    """Groups of media files with equal content. Raises OSError."""
     by_size: dict[int, list[Path]] = {}
     for path in files:
         by_size.setdefault(path.stat().st_size, []).append(path)
@@ -125,7 +125,7 @@ def _same_bytes(files: list[Path]) -> Iterator[list[Path]]:
 
 
 def names_elsewhere(files: Iterable[Path]) -> list[Path]:
-    """Files that have another name which is none of these: a hard link from outside of them. Raises OSError."""
+    """Files with a hard link from outside of ``files``. Raises OSError."""
     counted: dict[tuple[int, int], list[Path]] = {}
     links: dict[tuple[int, int], int] = {}
     for path in files:

@@ -1,4 +1,4 @@
-"""Free text that may name a person: found, listed for somebody to decide on, and replaced."""
+"""Free text that may name a person: search, listing for review, and redaction."""
 
 import hashlib
 import re
@@ -24,7 +24,7 @@ _STAMP = re.compile(r'"stamp_ns":\s*(-?\d+)')
 _UTTERANCE = re.compile(r'"utterance_id":\s*"((?:[^"\\]|\\.)*)"')
 _CHECKSUM = re.compile(r'"sha256":\s*"([0-9a-f]{64})"')
 _YAML = (".yaml", ".yml")
-# The texts of scenarios and profiles, as the events that tell of them hold them.
+# Keys of events that contain YAML texts of scenarios and profiles.
 _YAML_INSIDE = ('"sha256":', '"profile":')
 _BINARY_LOOK_BYTES = 8192
 _AS_IT_IS = {"utf-8": "surrogateescape", "utf-16-le": "surrogatepass", "utf-16-be": "surrogatepass"}
@@ -32,12 +32,12 @@ _AS_IT_IS = {"utf-8": "surrogateescape", "utf-16-le": "surrogatepass", "utf-16-b
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """Where the person may be named: the words before, the name as it stands there, and the words behind.
+    """Possible mention of the person: the name as written, with the text before and behind it.
 
-    Places with the same words in one file are one, ``count`` times. ``where`` is a line, or a moment of the session.
-    ``kind`` says what can be done: a text can be changed, another file only be removed or kept. ``unexamined`` files
-    may show the person or sound like them; nothing tells, so that only somebody who looks can decide. ``speech`` was
-    said while they were there, by nobody knows whom.
+    Places with the same text in one file are merged, with their ``count``. ``where`` is a line, or a session time.
+    ``kind`` limits the decisions: texts can be redacted, other files only removed or kept. ``unexamined`` files may
+    show or contain the person, which only a human can decide. ``speech`` was said by an unknown speaker during their
+    presence.
     """
 
     key: str
@@ -52,9 +52,9 @@ class Passage:
 
 @dataclass(slots=True)
 class TextWork:
-    """The texts of one forgetting. ``decisions`` are by key of place; ``otherwise`` is for those without one.
+    """Texts of one erasure. ``decisions`` are by key of place; ``otherwise`` applies to places without one.
 
-    ``utterances`` and ``sentences`` are what the person said: their words go, wherever they are found.
+    ``utterances`` and ``sentences`` are the person's speech, removed wherever it is found.
     """
 
     words: PersonNames
@@ -65,20 +65,20 @@ class TextWork:
     utterances: frozenset[str] = frozenset()
 
     def decided(self, place: Passage) -> Decision:
-        """What nobody can do to a whole file is no decision about it, nor is what holds of texts."""
+        """Decision on a place. Redaction does not apply to whole files, nor the default to unexamined ones."""
         decision = self.decisions.get(place.key) or ("" if place.kind == "unexamined" else self.otherwise)
         return "" if place.kind in ("file", "unexamined") and decision == "redact" else decision
 
     def open_places(self) -> list[Passage]:
-        """Those that wait for somebody to decide."""
+        """Places without a decision."""
         return [place for place in self.places.values() if not self.decided(place)]
 
     def kept(self, file: str) -> bool:
-        """Whether the person stays named in a file, since somebody decided so."""
+        """True if a decision keeps the person's name in a file."""
         return any(place.file == file and self.decided(place) == "keep" for place in self.places.values())
 
     def look(self, text: str, file: str, where: Callable[[], str]) -> list[tuple[int, int, Decision]]:
-        """What stands where in a text, and what is to become of it."""
+        """Matches in a text, each with its decision."""
         spoken = list(self.sentences.spans(text))
         found: list[tuple[int, int, Decision]] = [(start, end, "redact") for start, end in spoken]
         for start, end in self.words.spans(text):
@@ -95,23 +95,23 @@ class TextWork:
         return sorted(found)
 
     def note_file(self, file: str, words: str, *, count: int = 1) -> Decision:
-        """A file that cannot be changed inside shows or names the person."""
+        """Note a file with the person in it that can only be removed or kept."""
         return self._noted(Passage(_key(file, "", "", ""), file, "in it", "", words.strip(), "", "file", count))
 
     def note_unexamined(self, file: str, why: str) -> Decision:
-        """Nothing looked for the person in a file, which may show or hold them."""
+        """Note a file without detection that may show or contain the person."""
         return self._noted(Passage(_key(file, "", "", ""), file, "in it", "", why, "", "unexamined"))
 
     def note_speech(self, file: str, utterance_id: str, where: str, words: str) -> Decision:
-        """Something was said while the person was there, and nobody knows by whom."""
+        """Note speech of an unknown speaker during the person's presence."""
         return self._noted(Passage(_key(file, utterance_id, "", ""), file, where, "", words, "", "speech"))
 
     def note_name(self, file: str, name: str) -> Decision:
-        """The name of a file names the person."""
+        """Note a file name that names the person."""
         return self._noted(Passage(_key(file, "", "name", ""), file, "its name", "", name, "", "file name"))
 
     def redact(self, text: str, file: str, *, yaml: bool) -> tuple[str, int]:
-        """A text without what is to go: names as decided, and the person's own words; how much that is."""
+        """Redact names by decision, and the person's speech; return the text and the number of changes."""
         quiet = replace(self, places={})
         changed, words = without_words(text, self.utterances)
         changed, count = redacted(changed, quiet.look(changed, file, str), yaml=yaml)
@@ -123,7 +123,7 @@ class TextWork:
 
 
 def redacted(text: str, found: list[tuple[int, int, Decision]], *, yaml: bool) -> tuple[str, int]:
-    """The text without the names that are to go, and how many those are."""
+    """Text without the names to redact, and their number."""
     parts, at, count = [], 0, 0
     for start, end, decision in found:
         if decision == "redact" and start >= at:
@@ -136,7 +136,7 @@ def redacted(text: str, found: list[tuple[int, int, Decision]], *, yaml: bool) -
 
 
 def encoding_of(path: Path) -> str | None:
-    """How the text of a file is written; None for what is no text. Raises OSError."""
+    """Encoding of a text file; None if it is not text. Raises OSError."""
     with path.open("rb") as file:
         head = file.read(_BINARY_LOOK_BYTES)
     if head.startswith(b"\xff\xfe"):
@@ -147,13 +147,13 @@ def encoding_of(path: Path) -> str | None:
 
 
 def lines_of(path: Path, encoding: str) -> Iterator[str]:
-    """With their ends, and bytes that are no text as they were."""
+    """Lines with their ends; undecodable bytes are preserved."""
     with path.open(encoding=encoding, errors=_AS_IT_IS[encoding], newline="") as file:
         yield from file
 
 
 def look_at_text(work: TextWork, path: Path, file: str, encoding: str) -> bool:
-    """List the places of a file; whether anything in it is to be replaced. Raises OSError."""
+    """List the places of a file; True if anything is to be redacted. Raises OSError."""
     wanted = False
     for number, line in enumerate(lines_of(path, encoding), start=1):
         found = work.look(line, file, lambda number=number: f"line {number}")  # type: ignore[misc]
@@ -162,7 +162,7 @@ def look_at_text(work: TextWork, path: Path, file: str, encoding: str) -> bool:
 
 
 def rewrite_text(work: TextWork, path: Path, file: str, encoding: str, target: Path) -> int:
-    """Write a file anew without what is to go; how much that is. Raises OSError."""
+    """Rewrite a file redacted; return the number of changes. Raises OSError."""
     count = 0
     with target.open("w", encoding=encoding, errors=_AS_IT_IS[encoding], newline="") as written:
         for line in lines_of(path, encoding):
@@ -176,7 +176,7 @@ def rewrite_text(work: TextWork, path: Path, file: str, encoding: str, target: P
 
 
 def look_at_photo(work: TextWork, path: Path, file: str) -> bool:
-    """List the places in what a PNG tells of itself; whether anything is to be replaced. Raises OSError."""
+    """List the places in a PNG's texts; True if anything is to be redacted. Raises OSError."""
     wanted = False
     for name, text in _photo_texts(path).items():
         wanted = _is_to_change(work.look(text, file, lambda name=name: f"its {name}")) or wanted  # type: ignore[misc]
@@ -184,7 +184,7 @@ def look_at_photo(work: TextWork, path: Path, file: str) -> bool:
 
 
 def rewrite_photo(work: TextWork, path: Path, file: str, target: Path) -> int:
-    """Write a photo anew without what is to go of its texts; how much that is. Raises OSError."""
+    """Rewrite a photo with redacted texts; return the number of changes. Raises OSError."""
     changed = {name: work.redact(text, file, yaml=False) for name, text in _photo_texts(path).items()}
     target.write_bytes(with_texts(path.read_bytes(), {name: text for name, (text, _) in changed.items()}))
     return sum(count for _, count in changed.values())
@@ -197,12 +197,12 @@ def _photo_texts(path: Path) -> dict[str, str]:
         return {}
 
 
-# Records of events
+# Event logs
 
 
 @dataclass(slots=True)
 class EventTexts:
-    """What a record of events holds of the person: whether anything is to go, and which utterances that is in."""
+    """Result for an event log: whether anything is to be redacted, and the affected utterances."""
 
     to_change: bool = False
     utterances: set[str] = field(default_factory=set)
@@ -240,7 +240,7 @@ def look_at_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
 
 
 def rewrite_events(work: TextWork, path: Path, file: str, target: Path) -> int:
-    """Write an MCAP file anew without what is to go: blocks without it stay as they are. Raises OSError."""
+    """Rewrite an MCAP file redacted; unaffected chunks are copied. Raises OSError."""
     count = 0
 
     def change(data: bytes) -> bytes:
@@ -264,9 +264,7 @@ def rewrite_events(work: TextWork, path: Path, file: str, target: Path) -> int:
 
 
 def _with_own_checksum(message: str) -> str:
-    """A message that tells the checksum of its text, with that of the text as it is now: names can be guessed from the
-    one before.
-    """
+    """Message with an updated checksum of its text: names can be guessed from the old one."""
     checksum = _CHECKSUM.search(message)
     if checksum is None:
         return message
@@ -283,7 +281,7 @@ def _with_beside(index: mcap_blocks.BlockIndex, beside: tuple[bytes, ...]) -> mc
 
 
 def _changed_metadata(record: bytes, change: Callable[[bytes], bytes]) -> bytes:
-    """A record of names and values, changed in its values; others as they are."""
+    """Metadata record with changed values; other records unchanged."""
     if record[0] != records.METADATA:
         return record
     body = record[records.HEAD.size :]
@@ -312,11 +310,11 @@ def _moment_of(text: str, moment: Callable[[int], str]) -> str:
     return moment(int(stamp[1])) if stamp is not None else "somewhere"
 
 
-# What stands around a name
+# Text around a name
 
 
 def _before(text: str, start: int) -> str:
-    """In the same line and the same value of JSON."""
+    """Preceding text in the same line and JSON value."""
     around = text[max(0, start - _AROUND) : start]
     return re.split(r'[\n\r]|(?<!\\)"', around)[-1]
 

@@ -1,1 +1,1 @@
-"""The recorder: a process that writes one session folder at a time, whatever happens to disk and program."""
+"""Recorder process: writes one session folder at a time, robust against crashes and a full disk."""

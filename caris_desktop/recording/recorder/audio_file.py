@@ -1,7 +1,7 @@
-"""Sound as WAV files that keep the session's time: a moment of the session is found by its seconds alone.
+"""WAV files in session time: a position in seconds equals session time since the file's start.
 
-The clock of a sound card is not the session's. What it is off is made up sample by sample, where the sound is
-flattest; what is missing becomes silence.
+A sound card's clock drifts from the session clock. Drift is corrected sample by sample at the flattest places; missing
+audio becomes silence.
 """
 
 import struct
@@ -23,18 +23,18 @@ from caris_desktop.recording.session.media_names import audio_file_name
 HEADER_BYTES = 44
 _HEADER = struct.Struct("<4sI4s4sIHHIIHH4sI")
 _LARGEST_DATA_BYTES = 2**32 - 2**20
-# Silence up to this is written, longer silence is a hole in the file that takes no room.
+# Silence up to this is written; longer silence becomes a hole that uses no disk space.
 _WRITTEN_SILENCE_S = 0.5
-# A chunk this far from where the sound so far ends follows a gap, or overlaps; less is the stamps' own unrest.
+# A larger offset from the end of the audio means a gap or an overlap; smaller ones are jitter of the stamps.
 _GAP_S = 0.03
-# How fast the mean deviation follows the stamps, and from when on it is made up for.
+# Time constant of the mean drift, and the drift that is tolerated.
 _FOLLOW_S, _TOLERATED_S = 2.0, 0.0015
 _LARGEST_CORRECTION = 0.004
 _BLOCK_S = 0.2
 
 
 class AudioFile:
-    """One growing WAV file of 16 bit samples. Methods raise OSError."""
+    """Growing WAV file of 16-bit samples. Methods raise OSError."""
 
     def __init__(self, path: Path, first: AudioChunk, *, on_full: Callable[[], bool]) -> None:
         self.source = first.source
@@ -49,15 +49,15 @@ class AudioFile:
         self.file.write(self._header())
 
     def fits(self, chunk: AudioChunk) -> bool:
-        """Whether ``chunk`` can go on in this file."""
+        """True if ``chunk`` can be appended to this file."""
         end_s = (chunk.stamp_ns - self.first_stamp_ns) / 1e9 + len(chunk.samples) / chunk.sample_rate_hz
         same_form = (chunk.sample_rate_hz, chunk.samples.shape[1]) == (self.rate_hz, self.channels)
         return same_form and end_s * self.rate_hz * self._frame_bytes < _LARGEST_DATA_BYTES
 
     def write(self, chunk: AudioChunk) -> list[AudioBlock]:
-        """Append ``chunk`` where it belongs; the blocks that are complete now.
+        """Append ``chunk`` at its time; return completed blocks.
 
-        Raises ValueError when there is sound already where it belongs.
+        Raises ValueError if there is audio already at its time.
         """
         blocks = []
         samples = np.ascontiguousarray(chunk.samples, dtype="<i2")
@@ -87,12 +87,12 @@ class AudioFile:
         return blocks
 
     def finish_block(self) -> list[AudioBlock]:
-        """What was written and not yet told, if anything."""
+        """The unreported block, if any."""
         block, self._block = self._block, None
         return [] if block is None else [block]
 
     def update_header(self) -> None:
-        """From here on a reader finds all that was written up to now, also after a kill."""
+        """Update the header, so that readers find all samples so far even after a kill."""
         if self.samples != self._told_samples:
             self._told_samples = self.samples
             self.file.patch(0, self._header())
@@ -120,7 +120,7 @@ class AudioFile:
         return 2 * self.channels
 
     def _follow(self, samples: NDArray[np.int16], late: int) -> NDArray[np.int16]:
-        """The chunk a few samples longer or shorter, once the file's time has drifted away from the stamps."""
+        """Chunk with samples added or removed, if the file's time has drifted from the stamps."""
         chunk_s = len(samples) / self.rate_hz
         share = min(1.0, chunk_s / _FOLLOW_S)
         self._deviation_s += share * (late / self.rate_hz - self._deviation_s)
@@ -161,10 +161,10 @@ class AudioFile:
 
 
 def _flattest(samples: NDArray[np.int16], count: int) -> NDArray[np.intp]:
-    """Where a sample more or less is heard least: one place in each of ``count`` stretches, in order."""
+    """Least audible positions for a correction: one in each of ``count`` intervals, in order."""
     wide = samples.astype(np.int32)
     steps = np.abs(np.diff(wide, axis=0)).max(axis=1)
-    # Of places that are equally flat, the quietest.
+    # Of equally flat positions, the quietest.
     roughness = 64 * steps + np.abs(wide[1:]).max(axis=1)
     edges = np.linspace(0, len(roughness), count + 1).astype(int)
     return np.array(
@@ -188,7 +188,7 @@ def _with_fewer(samples: NDArray[np.int16], count: int) -> NDArray[np.int16]:
 
 
 class AudioWriter:
-    """The sound files of a session: one for each source, and a further one where the form of its sound changes."""
+    """Audio files of a session: one for each source, and a new one when its format changes."""
 
     def __init__(self, folder: Path, *, on_full: Callable[[], bool]) -> None:
         self._folder = folder
@@ -199,7 +199,7 @@ class AudioWriter:
         self._names: set[str] = set()
 
     def write(self, chunk: AudioChunk) -> list[AudioBlock]:
-        """The blocks that are complete now. Raises OSError, and ValueError for what is no sound."""
+        """Write a chunk; return completed blocks. Raises OSError, and ValueError for invalid audio."""
         if chunk.samples.ndim != 2 or not 1 <= chunk.samples.shape[1] <= 64 or chunk.sample_rate_hz <= 0:
             raise ValueError(filled(gap_words.NO_SOUND, shape=chunk.samples.shape, rate=chunk.sample_rate_hz))
         blocks = []
@@ -215,16 +215,16 @@ class AudioWriter:
         return blocks + file.write(chunk)
 
     def update_headers(self) -> None:
-        """A few times per second: what was written so far can be read after a kill. Raises OSError."""
+        """Update all headers, a few times per second, against data loss by a kill. Raises OSError."""
         for file in self._open.values():
             file.update_header()
 
     def finish_blocks(self) -> list[AudioBlock]:
-        """What was written and not yet told: nothing may follow for a while."""
+        """Unreported blocks of all files, before a pause in the audio."""
         return [block for file in self._open.values() for block in file.finish_block()]
 
     def close(self) -> list[AudioBlock]:
-        """End all files; the last blocks. Raises OSError after it has closed what it could."""
+        """Close all files; return the last blocks. Closes what it can before raising OSError."""
         blocks, failure = [], None
         for source in tuple(self._open):
             try:
@@ -239,7 +239,7 @@ class AudioWriter:
         return (*self._finished, *(file.info() for file in tuple(self._open.values())))
 
     def files(self) -> list[DiskFile]:
-        """The files that grow now. Any thread."""
+        """Files being written. Any thread."""
         return [file.file for file in tuple(self._open.values())]
 
     @property

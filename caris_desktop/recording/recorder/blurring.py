@@ -1,10 +1,9 @@
-"""Pictures wait here until it is known who is in them, and go on with those people covered.
+"""Buffer that delays video frames until the people in them are known, and blurs those people.
 
-Perception looks at some of the frames, and tells what it saw a little later. A frame waits until looks from before and
-after it are there, and a while longer, as a tracker tells of somebody new only with its second look. Between two looks
-each person is where the way from one to the other leads, with a margin for what is not known of it; who was missed in
-a look stays covered meanwhile. Where the looks are too far apart, or do not come in time, the whole picture is
-covered: no pixel of a person is ever written because something was late.
+Detection runs on some frames and reports with a delay. A frame waits for detections from before and after it, and a
+little longer, since a tracker confirms a new person only with the second detection. Between two detections a person's
+area is interpolated with a margin; a person missed once stays covered. If detections are too far apart or late, the
+whole frame is covered: no pixel of a person is written because of a delay.
 """
 
 from bisect import bisect_right, insort
@@ -34,15 +33,15 @@ WAIT_AT_MOST_NS = 700_000_000
 MAX_WAITING_FRAMES, MAX_WAITING_BYTES = 45, 128 * 1024 * 1024
 _SILENT_AFTER_NS = 2_000_000_000
 _MARGIN, _MARGIN_OF_WAY, _GROWTH_PER_S = 0.12, 0.35, 1.0
-# Of their width: how far somebody whom nobody follows goes from one look to the next. And how much of a box has to be
-# in another one for both to be the same person.
+# In box widths: movement of an untracked person between detections. And the overlap above which two boxes are the same
+# person.
 _SAME_WITHIN = 1.5
 _TWICE = 0.8
 _KEPT_LOOKS = 60
 
 
 class Covering(Protocol):
-    """How parts of a picture are made unrecognisable; ``perception.blur`` is it."""
+    """Blur operations on an image, implemented by ``perception.blur``."""
 
     def part_to_cover(self, box: PersonBox, what: BlurWhat) -> Corners: ...
 
@@ -53,7 +52,7 @@ class Covering(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """What to cover of one person in one look."""
+    """Area to cover of one person in one detection."""
 
     stamp_ns: int
     corners: Corners
@@ -69,9 +68,9 @@ class _Waiting:
 
 
 class Blurring:
-    """The frames of all cameras that wait to be covered. One thread; ``now_ns`` is the session clock throughout.
+    """Waiting frames of all cameras. One thread; ``now_ns`` is session time throughout.
 
-    What has to be covered is said by ``use_demand``, who may be seen all the same by ``use_consents``.
+    ``use_demand`` sets whom to cover, ``use_consents`` the exceptions.
     """
 
     def __init__(self, covering: Covering) -> None:
@@ -87,11 +86,11 @@ class Blurring:
 
     @property
     def waits(self) -> bool:
-        """Whether a picture is not passed on yet."""
+        """True while any frame is waiting."""
         return self._waiting_bytes > 0
 
     def use_demand(self, demand: BlurDemand) -> None:
-        """What waits goes on as was demanded when it came."""
+        """Set whom to cover; waiting frames use the previous demand."""
         if demand != self._demand:
             self.flush()
             self._demand = demand
@@ -99,11 +98,11 @@ class Blurring:
                 line.whole_since_ns = None
 
     def use_consents(self, consents: UseConsents) -> None:
-        """In whatever waits too: who takes a consent back is covered from now on."""
+        """Set the consents, also for waiting frames: a withdrawn consent applies at once."""
         self._consents = consents
 
     def look(self, people: People, now_ns: int) -> None:
-        """Who is in one frame of a camera. Also while nobody is covered: that may begin with the next frame."""
+        """Add the detections of one frame, also while nobody is to be covered: that may begin with the next frame."""
         self._line(people.camera).look(people, now_ns)
         self.go_on(now_ns)
 
@@ -116,7 +115,7 @@ class Blurring:
         *,
         photo: bool = False,
     ) -> None:
-        """``then`` gets the picture, covered, in the order of its camera's; ``image_bgr`` is changed for that."""
+        """Queue a frame. ``then`` receives it blurred, in order per camera; ``image_bgr`` is modified."""
         if not self.demanded:
             then(image_bgr)
             return
@@ -125,19 +124,19 @@ class Blurring:
         self.go_on(now_ns)
 
     def go_on(self, now_ns: int) -> None:
-        """Cover and pass on what need not wait any longer. To be called at least ten times a second."""
+        """Blur and pass on all frames that are due. Call at least ten times per second."""
         for line in self._lines.values():
             while line.waiting and (line.is_due(now_ns) or self._crowded(line)):
                 self._pass_on(line)
 
     def flush(self) -> None:
-        """Nothing waits any longer."""
+        """Pass on all waiting frames now."""
         for line in self._lines.values():
             while line.waiting:
                 self._pass_on(line)
 
     def covered_whole_s(self, now_ns: int) -> dict[str, float]:
-        """The cameras whose pictures are covered whole, and for how long they have been: none that sends nothing."""
+        """Cameras whose frames are entirely covered, and for how long in seconds; only cameras that send frames."""
         return {
             camera: (now_ns - line.whole_since_ns) / 1e9
             for camera, line in self._lines.items()
@@ -171,7 +170,7 @@ class Blurring:
 
 
 class _Line:
-    """The frames of one camera in their order, and what was seen by it lately."""
+    """Waiting frames of one camera in order, and its recent detections."""
 
     def __init__(self) -> None:
         self.waiting: deque[_Waiting] = deque()
@@ -186,14 +185,14 @@ class _Line:
         del self._looks[:-_KEPT_LOOKS]
 
     def is_due(self, now_ns: int) -> bool:
-        """Whether the first one has waited long enough, or knows all that it waits for."""
+        """True if the first frame has its detections, or has waited long enough."""
         first = self.waiting[0]
         newest_ns = self._looks[-1].stamp_ns if self._looks else 0
         silent = self._heard_ns is None or now_ns - self._heard_ns > _SILENT_AFTER_NS
         return silent or newest_ns >= first.ref.stamp_ns + AHEAD_NS or now_ns - first.since_ns >= WAIT_AT_MOST_NS
 
     def looks_around(self, stamp_ns: int) -> list[People] | None:
-        """The looks that tell who is in the frame of this moment; None where none do."""
+        """Detections around this time; None if they are missing or too far apart."""
         looks = self._looks
         after = bisect_right(looks, stamp_ns, key=_stamp_of)
         if after == 0:
@@ -208,8 +207,8 @@ class _Line:
 def parts_at(
     stamp_ns: int, looks: Sequence[People], demand: BlurDemand, consenting: frozenset[str], covering: Covering
 ) -> list[Corners]:
-    """What to cover at this moment; ``looks`` are those around it, or before it. Who may be seen has to be known in
-    each of them: a track may have become somebody else's.
+    """Areas to cover at this time, from the detections around or before it. A consenting person must be identified in
+    each of them, since a track may change its person.
     """
     spare = consenting if demand.who == "without_consent" else frozenset()
     ways: dict[int, list[_Seen]] = {}
@@ -224,12 +223,12 @@ def parts_at(
         unfollowed = [box for box in people.unfollowed if not any(_within(box, other) for other in shown)]
         _link(brief, [_Seen(people.stamp_ns, covering.part_to_cover(box, demand.what)) for box in unfollowed])
     covered = [*brief, *(way for track, way in ways.items() if not bare[track])]
-    # Looks from longer ago only say which way somebody went.
+    # Older detections only give the direction of movement.
     return [_where(way, stamp_ns) for way in covered if min(abs(stamp_ns - seen.stamp_ns) for seen in way) <= HOLD_NS]
 
 
 def _link(ways: list[list[_Seen]], seen: list[_Seen]) -> None:
-    """Put whom nobody follows to whoever was nearest in the looks before, or begin somebody new."""
+    """Assign untracked detections to the nearest preceding one, or begin a new path."""
     open_ways = list(ways)
     for one in seen:
         near = min(open_ways, key=lambda way: _distance_px(way[-1].corners, one.corners), default=None)
@@ -241,21 +240,21 @@ def _link(ways: list[list[_Seen]], seen: list[_Seen]) -> None:
 
 
 def _within(box: PersonBox, other: PersonBox) -> bool:
-    """Whether it is most likely the other one once more, as detectors now and then find somebody twice."""
+    """True if a box is most likely a duplicate detection of the other."""
     across = min(box.left_px + box.width_px, other.left_px + other.width_px) - max(box.left_px, other.left_px)
     down = min(box.top_px + box.height_px, other.top_px + other.height_px) - max(box.top_px, other.top_px)
     return max(0.0, across) * max(0.0, down) >= _TWICE * box.width_px * box.height_px
 
 
 def _where(way: Sequence[_Seen], stamp_ns: int) -> Corners:
-    """Where somebody is at this moment, with a margin; ``way`` is where they were seen around it, oldest first."""
+    """Area of a person at this time with a margin; ``way`` has the detections around it, oldest first."""
     after = bisect_right(way, stamp_ns, key=_stamp_of)
     if 0 < after < len(way):
         one, other = way[after - 1], way[after]
         at = _between(one, other, stamp_ns)
         moved_px = _distance_px(one.corners, other.corners)
         return _grown(at, _MARGIN * _wide_px(at) + _MARGIN_OF_WAY * moved_px)
-    # Seen on one side only: there, and where the way so far leads, and the longer ago the larger.
+    # Detected on one side only: last area plus its extrapolation, growing with time.
     nearest = way[after - 1] if after else way[0]
     away_s = abs(stamp_ns - nearest.stamp_ns) / 1e9
     wide_px = _wide_px(nearest.corners)
@@ -271,7 +270,7 @@ def _stamp_of(one: People | _Seen) -> int:
 
 
 def _between(one: _Seen, other: _Seen, stamp_ns: int) -> Corners:
-    """On the straight way from one to the other, or beyond it."""
+    """Linear interpolation, or extrapolation."""
     share = (stamp_ns - one.stamp_ns) / (other.stamp_ns - one.stamp_ns)
     left, top, right, bottom = (a + share * (b - a) for a, b in zip(one.corners, other.corners, strict=True))
     return left, top, right, bottom

@@ -1,4 +1,4 @@
-"""How the disk of a session stands: how long it lasts at the present rate, and whether it is fast enough."""
+"""Disk monitor of a session: remaining time at the present rate, and write latency."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ Stage = Literal["ample", "scarce", "low", "out"]
 _STAGES: tuple[Stage, ...] = ("ample", "scarce", "low", "out")
 _WINDOW_NS = 60_000_000_000
 _SAMPLE_EVERY_NS = 900_000_000
-# Before that long a beginning recording, whose files are just made, says little about its rate.
+# Before this time the growth of new files is not representative.
 _FORECAST_AFTER_NS = 15_000_000_000
 _RATE_AFTER_NS = 2_000_000_000
 _BETTER_BY = 1.5
@@ -19,10 +19,10 @@ _SLOW_S, _VERY_SLOW_S, _FAST_AGAIN_S = 1.0, 2.0, 0.5
 
 @dataclass(frozen=True, slots=True)
 class DiskLimits:
-    """At how much free room, or how long before the disk is full at the present rate, the recorder does what.
+    """Thresholds of free space, or of time until the disk is full, for the recorder's reactions.
 
-    ``reserve_bytes`` is set aside at the start for the events (less on a small disk), and ``closing_bytes`` of it for
-    closing the session properly.
+    ``reserve_bytes`` is set aside at the start for events (less on a small disk), ``closing_bytes`` of it for closing
+    the session.
     """
 
     warn_free_bytes: int = 1024 * 1024 * 1024
@@ -39,10 +39,10 @@ class DiskLimits:
 
 @dataclass(frozen=True, slots=True)
 class DiskState:
-    """``bytes_per_s`` is how fast the session grew lately; ``room_s`` also counts what others wrote on the disk.
+    """``bytes_per_s`` is the recent growth of the session; ``room_s`` includes what other programs write.
 
-    ``stage``: ``scarce`` is to be told, at ``low`` the video takes less, from ``out`` on there is none.
-    ``delay_s`` is how long the disk took lately at the longest, ``slow`` whether that is too long.
+    ``stage``: at ``scarce`` the wizard is notified, at ``low`` video is reduced, at ``out`` it ends. ``delay_s`` is the
+    longest recent write latency, ``slow`` whether that is too long.
     """
 
     free_bytes: int | None = None
@@ -54,7 +54,7 @@ class DiskState:
 
 
 class DiskWatch:
-    """Fed some times per second with what the recorder measures."""
+    """Evaluates measurements of the recorder, several per second."""
 
     def __init__(self, limits: DiskLimits) -> None:
         self._limits = limits
@@ -62,8 +62,8 @@ class DiskWatch:
         self.state = DiskState()
 
     def observe(self, now_ns: int, *, free_bytes: int, written_bytes: int, delays_s: Iterable[float]) -> DiskState:
-        """``delays_s`` is how long writes and their confirmation took lately; one hiccup makes no slow disk unless it
-        is a long one.
+        """Add a measurement. ``delays_s`` are recent latencies of writes and syncs; a single short delay does not make
+        the disk slow.
         """
         longest_s, second_s, *_ = (*sorted(delays_s, reverse=True), 0.0, 0.0)
         if not self._samples or now_ns - self._samples[-1][0] >= _SAMPLE_EVERY_NS:
@@ -92,7 +92,7 @@ class DiskWatch:
             ("scarce", limits.warn_free_bytes, limits.warn_room_s),
         )
         for stage, least_bytes, least_s in worst_first:
-            # Once there, it takes a good deal more room to be better off again.
+            # Hysteresis: leaving a stage takes more free space than entering it.
             margin = _BETTER_BY if _STAGES.index(self.state.stage) >= _STAGES.index(stage) else 1.0
             if free_bytes < least_bytes * margin or (room_s is not None and room_s < least_s * margin):
                 return stage

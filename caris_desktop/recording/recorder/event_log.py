@@ -1,4 +1,4 @@
-"""``events.mcap``: every value of the stream table as JSON, each channel with the JSON Schema of its messages."""
+"""Writer of ``events.mcap``: every value of the stream table as JSON, with a JSON Schema per channel."""
 
 import json
 from collections import Counter
@@ -17,10 +17,10 @@ from caris_desktop.recording.session.mcap_file import McapFile
 
 
 class EventLog:
-    """Writes one MCAP file, in the order of arrival.
+    """Writes one MCAP file in order of arrival.
 
-    ``publish_time`` is when a value was measured, by the robot's stamp and clock where both are known, and else its
-    own stamp; ``log_time`` is when it arrived at the console. Both are UTC by the session's anchor.
+    ``publish_time`` is the measurement time, by the robot's stamp and clock if known, else the value's own stamp;
+    ``log_time`` is the arrival at the console. Both are UTC by the session's anchor.
     """
 
     def __init__(self, file: DiskFile, *, anchor: ClockAnchor, metadata: dict[str, str]) -> None:
@@ -35,7 +35,7 @@ class EventLog:
         self._writer.add_metadata("session", {"format_version": str(FORMAT_VERSION), **metadata})
 
     def write(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:
-        """Raises OSError when the disk does not take it, TypeError or ValueError when JSON cannot hold it."""
+        """Write one value. Raises OSError if the disk fails, TypeError or ValueError if JSON cannot hold it."""
         log_ns = max(0, self._anchor.utc_ns_at(arrived_ns))
         happened_ns = max(0, self._anchor.utc_ns_at(self._happened_ns(value)))
         data = _bytes_of(to_message(spec, value, at_utc_ns=happened_ns))
@@ -78,7 +78,7 @@ class EventLog:
         return stamp_ns if measured is None else measured
 
     def flush(self) -> None:
-        """Close the chunk in progress: from here on a kill does not lose it."""
+        """Close the current chunk, so that a kill does not lose it."""
         self._writer.flush()
 
     @property
@@ -86,7 +86,7 @@ class EventLog:
         return self._file
 
     def close(self) -> None:
-        """Write the index that lets readers jump, and close the file."""
+        """Write the summary with the chunk index, and close the file."""
         try:
             self._writer.finish()
             self._file.sync()

@@ -1,4 +1,4 @@
-"""How much an hour of recording will take, before it begins: from the study's own sessions, or from experience."""
+"""Expected size per hour of recording, from the study's sessions or else from typical values."""
 
 import logging
 from pathlib import Path
@@ -11,14 +11,14 @@ _log = logging.getLogger(__name__)
 _SESSIONS_LOOKED_AT = 5
 _LEAST_S = 20.0
 _MAX_HEADER_BYTES = 1024 * 1024
-# Measured with the simulated robot: LIDAR, poses, people and events; one 640x480 camera at 30 Hz; 16 kHz sound.
+# Measured with the simulated robot: LIDAR, poses, people and events; one 640x480 camera at 30 Hz; 16 kHz audio.
 _EVENTS_BYTES_PER_HOUR = 60e6
 _VIDEO_BYTES_PER_HOUR = 900e6
 _SOUND_BYTES_PER_HOUR = 16_000 * 2 * 3600.0
 
 
 def expected_bytes_per_hour(sessions: Path, *, scenario: str, video: bool, audio: bool) -> float:
-    """The median of the newest sessions of this scenario in the folder ``sessions``; a guess where there is none."""
+    """Median of the newest sessions of this scenario in the folder ``sessions``; an estimate without any."""
     rates = []
     try:
         newest = sorted((path for path in sessions.iterdir() if path.is_dir()), reverse=True)

@@ -1,4 +1,4 @@
-"""Events to recorders of physiology: a Lab Streaming Layer outlet of markers, where that library is installed."""
+"""Lab Streaming Layer outlet: event markers for physiological recorders, if the library is installed."""
 
 import json
 import logging
@@ -12,8 +12,8 @@ from caris_desktop.domain.translation import QT_TR_NOOP, filled
 _log = logging.getLogger(__name__)
 STREAM_NAME, STREAM_TYPE = "CARIS markers", "Markers"
 _SOURCE_ID = "caris-desktop-markers"
-# Anybody on the network can listen, so what people said or are called goes out only where a scenario asks for it: these
-# fields of these events are what there is without words.
+# Anyone on the network can listen: speech and names go out only if the scenario asks for it. Without ``words``, only
+# these fields of these events are sent.
 _WITHOUT_WORDS: dict[type, tuple[str, ...]] = {
     events.Marked: ("stamp_ns", "label", "kind", "mark_id", "start_ns", "end_ns", "state"),
     events.StepEntered: ("stamp_ns", "step_id", "title", "number", "how"),
@@ -22,7 +22,7 @@ _WITHOUT_WORDS: dict[type, tuple[str, ...]] = {
     events.SessionStarted: ("stamp_ns",),
     events.SessionEnded: ("stamp_ns",),
 }
-# Many times per second, or of no use beside a physiological signal.
+# Many per second, or useless next to a physiological signal.
 _NOT_SENT = (events.CommandSent, events.HeadMoved, events.LinkQuality, events.TrafficMeasured)
 _LONGEST_TEXT = 1000
 _TRIES = 25
@@ -30,7 +30,7 @@ _MEASURE_EVERY_NS = 10_000_000_000
 
 
 class OutletUnavailableError(Exception):
-    """No markers go out; ``what`` and ``advice`` are for the wizard."""
+    """The outlet does not work; ``what`` and ``advice`` are for the wizard."""
 
     def __init__(self, what: str, advice: str) -> None:
         super().__init__(what)
@@ -38,18 +38,18 @@ class OutletUnavailableError(Exception):
 
 
 class MarkerOutlet:
-    """One string per event, as JSON: ``event``, ``stamp_ns`` of the session clock, and fields of the event's own.
+    """One JSON string per event: ``event``, ``stamp_ns`` of the session clock, and the event's fields.
 
-    Marks with their labels, the steps of the protocol, and when the recording begins, pauses and ends; with ``words``
-    every event with all that is in it. The sample's timestamp is the same moment on LSL's clock. One thread.
+    Sends labelled marks, protocol steps, and start, pause and end of the recording; with ``words``, every event with
+    all texts. The sample's timestamp is the same moment on LSL's clock. One thread.
     """
 
     def __init__(self) -> None:
-        """Raises OutletUnavailableError when the library is not there or does not work."""
+        """Raises OutletUnavailableError if the library is missing or does not work."""
         try:
             import pylsl
         except (ImportError, RuntimeError, OSError) as error:
-            # Without its native library the package raises RuntimeError, or OSError for one that does not load.
+            # Without its native library the package raises RuntimeError, or OSError if it does not load.
             _log.warning("pylsl: %s", error)
             raise OutletUnavailableError(
                 QT_TR_NOOP("No markers go out: Lab Streaming Layer is not installed."),
@@ -76,9 +76,9 @@ class MarkerOutlet:
         self._measure()
 
     def offer(self, spec: StreamSpec, value: Any) -> None:
-        """Send ``value`` out if it is an event that others can use.
+        """Send ``value`` if it is an event for markers.
 
-        Raises OutletUnavailableError when that fails: the outlet is closed then.
+        Raises OutletUnavailableError on failure, with the outlet closed.
         """
         if spec.delivery is not Delivery.LOSSLESS or isinstance(value, _NOT_SENT):
             return
@@ -87,7 +87,7 @@ class MarkerOutlet:
         try:
             self._send(spec, value)
         except Exception as error:
-            # Markers for others must not cost the recording, whatever their library raises.
+            # An exception in a foreign library must not end the recording.
             _log.exception("%s is not sent", spec.name)
             self.close()
             raise OutletUnavailableError(
@@ -106,11 +106,11 @@ class MarkerOutlet:
         self._outlet.push_sample([text], value.stamp_ns / 1e9 + self._lsl_minus_session_s)
 
     def close(self) -> None:
-        """The stream disappears from the network."""
+        """Remove the stream from the network."""
         self._outlet = None
 
     def _measure(self) -> None:
-        """The two clocks side by side: the reading of which the two sides are closest counts."""
+        """Measure the clock offset; of several readings, the one with the shortest duration counts."""
         readings = []
         for _ in range(_TRIES):
             before_ns = clock.now_ns()
@@ -122,7 +122,7 @@ class MarkerOutlet:
 
 
 def _shortened(value: Any) -> Any:
-    """With long texts cut, however deep they lie: the prompt of an exchange is one of its messages."""
+    """Shorten long texts at any depth, such as the prompt in an exchange."""
     if isinstance(value, str):
         return f"{value[:_LONGEST_TEXT]}…" if len(value) > _LONGEST_TEXT else value
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Videos and photos, written by threads of their own so that encoding never delays an event."""
+"""Video and photo writers in separate threads, so that encoding never delays events."""
 
 import logging
 import math
@@ -36,7 +36,7 @@ _CROWDED_SHARE = 0.6
 
 @dataclass(frozen=True, slots=True)
 class MediaFailed:
-    """``lost`` frames of ``camera``'s video, or one photo, are not on disk."""
+    """``lost`` frames of ``camera``'s video, or one photo, were not written."""
 
     kind: str
     camera: str
@@ -47,7 +47,7 @@ class MediaFailed:
 
 @dataclass(frozen=True, slots=True)
 class VideoRateChanged:
-    """Of ``camera``'s frames every ``step``-th one is encoded from now on; ``change`` says which way that goes."""
+    """From now on every ``step``-th frame of ``camera`` is encoded; ``change`` gives the direction."""
 
     camera: str
     step: int
@@ -60,7 +60,7 @@ _Photo = tuple[PhotoTaken, NDArray[np.uint8], Mapping[str, str]]
 
 
 class MediaWriter:
-    """Takes pixels from the recorder's main thread; results are collected there with :meth:`results`."""
+    """Queues images from the recorder's main thread, which collects results with :meth:`results`."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class MediaWriter:
         self._photos: _PhotoThread | None = None
 
     def wants(self, camera: str) -> bool:
-        """Whether the next frame of ``camera`` is to be added; asked once for each."""
+        """True if the next frame of ``camera`` is to be added; call once per frame."""
         thread = self._camera(camera)
         if thread.rate.wants():
             return True
@@ -91,15 +91,15 @@ class MediaWriter:
         return False
 
     def add_frame(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> bool:
-        """False when the encoder is too far behind to take it."""
+        """Queue a frame; False if the queue is full."""
         if not self._budget.take(image_bgr.nbytes):
             return False
         self._camera(ref.camera).add((ref, image_bgr, time.monotonic_ns()))
         return True
 
     def add_photo(self, taken: PhotoTaken, image_bgr: NDArray[np.uint8], texts: Mapping[str, str]) -> bool:
-        """Keep the picture as a PNG at its ``file_name`` in the session's folder; ``taken`` is the result when it is on
-        disk. ``texts`` are as in ``photo_file``. False as for :meth:`add_frame`.
+        """Queue a PNG for its ``file_name`` in the session's folder; ``taken`` is returned once it is on disk.
+        ``texts`` as in ``photo_file``. False as for :meth:`add_frame`.
         """
         if not self._budget.take(image_bgr.nbytes):
             return False
@@ -109,30 +109,30 @@ class MediaWriter:
         return True
 
     def end_videos(self) -> None:
-        """Close the videos after the frames that were added; later frames begin new ones."""
+        """End the videos after the queued frames; later frames begin new files."""
         for camera in self._cameras.values():
             camera.add(None)
 
     def give_way(self) -> None:
-        """The disk is full: what is queued takes none of the room that others are given. Any thread."""
+        """On a full disk: write no more video, so that it does not use released reserve. Any thread."""
         for camera in tuple(self._cameras.values()):
             camera.no_room = True
 
     def limit_rate(self, least_step: int) -> None:
-        """Encode at most every ``least_step``-th frame, whatever the machine could do."""
+        """Encode at most every ``least_step``-th frame."""
         self._least_step = least_step
         for camera in self._cameras.values():
             camera.rate.least_step = least_step
 
     def results(self) -> list[MediaResult]:
-        """What became of photos, and what went wrong or changed, since the last call."""
+        """Photos, failures and rate changes since the last call."""
         taken = []
         while self._results:
             taken.append(self._results.popleft())
         return taken
 
     def close(self, *, timeout_s: float) -> tuple[VideoInfo, ...]:
-        """Write what is queued, close the videos, end the threads and tell what there is."""
+        """Write the queue, close the videos, end the threads; return the videos."""
         for camera in self._cameras.values():
             camera.end()
         if self._photos is not None:
@@ -142,7 +142,7 @@ class MediaWriter:
         return self.infos()
 
     def wait(self, *, timeout_s: float) -> bool:
-        """After :meth:`close`: whether everything is closed now."""
+        """After :meth:`close`: True once everything is closed."""
         deadline_s = time.monotonic() + timeout_s
         threads = [camera.thread for camera in self._cameras.values()]
         if self._photos is not None:
@@ -152,11 +152,11 @@ class MediaWriter:
         return not any(thread.is_alive() for thread in threads)
 
     def infos(self) -> tuple[VideoInfo, ...]:
-        """The videos so far, in the order in which they ended."""
+        """Videos so far, in the order in which they ended."""
         return tuple(info for camera in self._cameras.values() for info in camera.infos())
 
     def files(self) -> list[DiskFile]:
-        """The files that grow now. Any thread."""
+        """Files being written. Any thread."""
         return [file for camera in tuple(self._cameras.values()) for file in camera.files()]
 
     @property
@@ -173,7 +173,7 @@ class MediaWriter:
         return camera
 
     def _new_video(self, camera: str, image_bgr: NDArray[np.uint8], fast: bool) -> VideoFileWriter:
-        """In the thread of the camera. The first encoder that opens is taken."""
+        """Open a new video with the first encoder that works. Runs in the camera's thread."""
         height_px, width_px = image_bgr.shape[:2]
         with self._budget.lock:
             name = video_file_name(camera, self._names)
@@ -192,13 +192,13 @@ class MediaWriter:
             except Exception as error:
                 if not encoder.hardware:
                     raise
-                # Some drivers open only so many encoders at a time.
+                # Some drivers limit the number of open encoders.
                 _log.warning("%s does not open for %s (%s): the next one is tried", encoder.title, camera, error)
         raise ValueError("no encoder opens")
 
 
 class _Budget:
-    """Bytes of pixels that may wait."""
+    """Limit on queued image bytes."""
 
     def __init__(self, most_bytes: int) -> None:
         self._most_bytes = most_bytes
@@ -214,7 +214,7 @@ class _Budget:
 
     @property
     def crowded(self) -> bool:
-        """Whether soon no more can wait."""
+        """True if the queue is nearly full."""
         return self._taken_bytes > _CROWDED_SHARE * self._most_bytes
 
     def give_back(self, size_bytes: int) -> None:
@@ -223,7 +223,7 @@ class _Budget:
 
 
 class _CameraThread:
-    """The videos of one camera, one after the other."""
+    """Video files of one camera in sequence."""
 
     def __init__(
         self,
@@ -253,7 +253,7 @@ class _CameraThread:
         self.thread.start()
 
     def add(self, frame: _Frame | None) -> None:
-        """A frame, or None: the video ends here."""
+        """Queue a frame, or None to end the video."""
         with self._changed:
             self._frames.append(frame)
             self._changed.notify()
@@ -300,7 +300,7 @@ class _CameraThread:
             ended_ns = time.monotonic_ns()
             del frame, image_bgr
             if self._refuses:
-                continue  # what is not encoded says nothing of how fast that goes
+                continue  # frames left out say nothing about the encoding speed
             waited_s, took_s = (begun_ns - queued_ns) / 1e9, (ended_ns - begun_ns) / 1e9
             crowded = self._budget.crowded and waited_s > took_s
             self._adapt(self.rate.observe(ended_ns, waited_s=waited_s, took_s=took_s, crowded=crowded))
@@ -309,7 +309,7 @@ class _CameraThread:
     def _adapt(self, change: Change) -> None:
         video = self._video
         if change == "lowered" and video is not None and not video.encoder.hardware and video.encoder != FASTEST:
-            # Before any frame is left out the encoder itself can do with less: in a new file, as its stream differs.
+            # Before dropping frames, use a cheaper encoder setting; its stream differs, so in a new file.
             _log.warning("video of %s: %s is too slow here; %s next", self._camera, video.encoder.title, FASTEST.title)
             self._fast = True
             self._close()
@@ -324,7 +324,7 @@ class _CameraThread:
         try:
             self._video_for(image_bgr).write(image_bgr, ref)
         except Exception as error:
-            # PyAV raises errors of its own kinds; none of them may end the thread.
+            # PyAV raises errors of its own types; none may end the thread.
             _log.exception("video of camera %s", self._camera)
             video, lost = self._video, 1
             if video is not None:
@@ -333,7 +333,7 @@ class _CameraThread:
                 self._finish(video)
             full = isinstance(error, OSError) and no_room(error)
             if video is not None and video.encoder.hardware and not full:
-                # The next frame begins a new file, with what does not depend on a driver.
+                # The next frame begins a new file with software encoding.
                 self._note_failure(video.encoder)
             else:
                 self._refused = True
@@ -389,7 +389,7 @@ class _CameraThread:
 
 
 def photo_event(wanted: TakePhoto, file_name: str) -> PhotoTaken:
-    """What tells of a photo once it is on disk."""
+    """Event for a photo once it is on disk."""
     ref = wanted.ref
     return PhotoTaken(
         ref.stamp_ns, ref.camera, ref.sequence, file_name, wanted.actor, wanted.person_id,
@@ -398,7 +398,7 @@ def photo_event(wanted: TakePhoto, file_name: str) -> PhotoTaken:
 
 
 def texts_for(wanted: TakePhoto, utc: str) -> dict[str, str]:
-    """What the file of a photo tells of itself."""
+    """Texts for a photo's file."""
     pose = wanted.pose_in_map
     return {
         TIME: utc,
@@ -415,7 +415,7 @@ def write_photo(
     texts: Mapping[str, str],
     on_full: Callable[[], bool] = lambda: False,
 ) -> Path:
-    """A PNG, whole or not at all. Gives its path; raises OSError, ValueError."""
+    """Write a PNG atomically. Raises OSError, ValueError."""
     import cv2
 
     try:
@@ -430,7 +430,7 @@ def write_photo(
 
 
 class _PhotoThread:
-    """PNG files, one after the other."""
+    """Writes PNG files in sequence."""
 
     def __init__(self, folder: Path, results: deque[MediaResult], budget: _Budget, on_full: Callable[[], bool]) -> None:
         self._folder = folder
@@ -444,7 +444,7 @@ class _PhotoThread:
         self.thread.start()
 
     def add(self, photo: _Photo | None) -> None:
-        """A photo, or None: there will be no more."""
+        """Queue a photo, or None to end the thread."""
         self._photos.append(photo)
         self._waiting.release()
 
@@ -472,6 +472,6 @@ class _PhotoThread:
 
 
 def be_nice() -> None:
-    """The calling thread alone: events and the console come first."""
+    """Lower the priority of the calling thread: events and the console come first."""
     if sys.platform == "linux":
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), RECORD_NICENESS)

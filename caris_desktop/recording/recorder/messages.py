@@ -1,13 +1,13 @@
-"""What the console and the recorder process say to one another.
+"""Messages between the console and the recorder process.
 
-Besides these, the console sends every domain value of the stream table as it happens, and the recorder sends back
-the events that it makes itself: ``SessionStarted``, ``SessionEnded``, ``RecordingPaused``, ``PhotoTaken``, ``Gap`` and
-``Problem``. The recorder has written those already; they are for the panels and need not be sent to it again.
+Besides these, the console sends every value of the stream table, and the recorder returns the events that it creates:
+``SessionStarted``, ``SessionEnded``, ``RecordingPaused``, ``PhotoTaken``, ``Gap`` and ``Problem``. Those are recorded
+already; they are for the panels and must not be sent back.
 
-``actor`` is who asked for it, and goes into the event that tells of it.
+``actor`` is who requested it, and is recorded in the resulting event.
 
-What the console sends is pickled. Where the byte ``ARRIVED`` and eight bytes (little-endian, signed) come before the
-pickle, these are the moment on the session clock when the value arrived at the console; else it arrives now.
+The console sends pickles. A prefix of the byte ``ARRIVED`` and eight bytes (little-endian, signed) gives the value's
+arrival at the console on the session clock; without it the value arrives now.
 """
 
 from dataclasses import field
@@ -20,7 +20,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import dataclass
 
-# Before a pickle, which begins with another byte: eight bytes of the session clock follow.
+# Cannot begin a pickle; eight bytes of session time follow.
 ARRIVED = b"T"
 
 BlurWho = Literal["nobody", "everybody", "without_consent"]
@@ -30,7 +30,7 @@ RecorderState = Literal["idle", "recording", "paused", "failed"]
 
 @dataclass(frozen=True, slots=True)
 class BlurDemand:
-    """Who has to be covered in whatever pictures are kept, and how much of them."""
+    """Whom to blur in stored images, and how much of them."""
 
     who: BlurWho = "nobody"
     what: BlurWhat = "persons"
@@ -38,8 +38,8 @@ class BlurDemand:
 
 @dataclass(frozen=True, slots=True)
 class UseConsents:
-    """The ids of those who agreed to be filmed, and of those who agreed to photos: they are not covered in these where
-    only those who did not have to be. Until this comes nobody has.
+    """Ids of people who consented to video and to photos: not blurred there if only people without consent must be.
+    None before the first message.
     """
 
     video: frozenset[str] = frozenset()
@@ -48,10 +48,10 @@ class UseConsents:
 
 @dataclass(frozen=True, slots=True)
 class SessionHeader:
-    """What heads ``session.json``. ``trial`` holds the answers of the start dialog, each under its field's name.
+    """Content for ``session.json``. ``trial`` holds the answers of the start dialog by field name.
 
-    ``software`` maps the names of programs and libraries to their versions; ``settings`` holds what was set in this
-    run, in words. Neither holds keys or paths.
+    ``software`` maps programs and libraries to versions; ``settings`` describes this run's settings as text. Neither
+    contains keys or paths.
     """
 
     anchor: ClockAnchor
@@ -68,9 +68,9 @@ class SessionHeader:
 
 @dataclass(frozen=True, slots=True)
 class StartRecording:
-    """Begin a session in ``folder``, which is made if it is not there and must be empty. Ends a running one.
+    """Begin a session in ``folder``, which is created if missing and must be empty. Ends a running one.
 
-    The session starts at the moment of this message's arrival at the console, when the recording was asked for.
+    The session starts when this message arrived at the console, which is when the recording was requested.
     """
 
     folder: Path
@@ -86,7 +86,7 @@ class StartRecording:
 
 @dataclass(frozen=True, slots=True)
 class SetRecordingPermissions:
-    """What may be recorded from now on; sent when the scenario changes during a session."""
+    """Set what may be recorded from now on; sent when the scenario changes during a session."""
 
     video: bool
     photos: bool
@@ -96,7 +96,7 @@ class SetRecordingPermissions:
 
 @dataclass(frozen=True, slots=True)
 class PauseRecording:
-    """Record nothing until it is sent again with ``paused`` False; the pause itself is recorded."""
+    """Pause recording, or resume with ``paused`` False; the pause itself is recorded."""
 
     paused: bool
     actor: Actor = ""
@@ -104,8 +104,8 @@ class PauseRecording:
 
 @dataclass(frozen=True, slots=True)
 class OfferMarkers:
-    """Show the Lab Streaming Layer outlet already, so that other recorders find it before the recording begins, or
-    take it away. With ``words``, what is said goes out too. ``StartRecording`` says the same at the start.
+    """Open the Lab Streaming Layer outlet before a recording, so that other recorders find it, or close it. With
+    ``words``, texts are sent too. ``StartRecording`` has the same fields.
     """
 
     offered: bool
@@ -114,10 +114,10 @@ class OfferMarkers:
 
 @dataclass(frozen=True, slots=True)
 class TakePhoto:
-    """Keep this frame as ``photos/NUMBER.png`` of the session, or as ``without_session`` while there is none.
+    """Save this frame as ``photos/NUMBER.png`` of the session, or as ``without_session`` if there is none.
 
-    Answered by ``PhotoTaken``, or by a ``Problem``. ``blur`` counts where there is no session. ``person_id``,
-    ``person_ids`` and ``pose_in_map`` are as in ``PhotoTaken``.
+    Answered by ``PhotoTaken`` or ``Problem``. ``blur`` applies without a session. ``person_id``, ``person_ids`` and
+    ``pose_in_map`` as in ``PhotoTaken``.
     """
 
     ref: FrameRef
@@ -131,7 +131,7 @@ class TakePhoto:
 
 @dataclass(frozen=True, slots=True)
 class StopRecording:
-    """End the session; everything sent before is in it. ``reason`` goes into ``SessionEnded``."""
+    """End the session after everything sent before. ``reason`` goes into ``SessionEnded``."""
 
     reason: str = "wizard"
     actor: Actor = ""
@@ -139,11 +139,11 @@ class StopRecording:
 
 @dataclass(frozen=True, slots=True)
 class RecorderReport:
-    """How the recording stands: at each change and about once per second while recording.
+    """State of the recorder: at each change and about once per second while recording.
 
-    ``dropped`` counts what is missing for each stream. ``bytes_per_s`` is how fast the session grew lately and
-    ``room_s`` how long the disk lasts at that rate. ``detail`` says in words what is wrong, if anything.
-    ``covered_whole`` are the cameras of which nothing is to be seen, since who is where is not known in time.
+    ``dropped`` counts missing values per stream. ``bytes_per_s`` is the recent growth of the session, ``room_s`` the
+    time until the disk is full at that rate. ``detail`` describes a problem, if any. ``covered_whole`` lists cameras
+    whose frames are entirely covered because detections are late.
     """
 
     stamp_ns: int

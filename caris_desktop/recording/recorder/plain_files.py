@@ -1,4 +1,4 @@
-"""What people expect to find beside the MCAP: movement and speech as text, exchanges and people as JSON."""
+"""Plain files next to the MCAP: movement and speech as text, exchanges and people as JSON."""
 
 import json
 import math
@@ -15,10 +15,10 @@ from caris_desktop.domain.sensing import People, RobotPose
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session.session_clock import SessionClock
 
-# Somebody who stays is seen at every frame; that needs no new file each time.
+# A present person is seen in every frame, which is no reason to rewrite the file.
 _PEOPLE_EVERY_NS = 10_000_000_000
 _POSE_EVERY_NS = 1_000_000_000
-# The place of a robot that stands trembles by centimetres.
+# The pose of a robot at rest jitters by centimetres.
 _STILL_M, _STILL_RAD = 0.05, math.radians(3.0)
 _MOVEMENT_HEAD = (
     "# How the robot was driven. Times: clock on the wall, then seconds of the session.\n"
@@ -32,7 +32,7 @@ _SPEECH_HEAD = "# Who said what. Times: clock on the wall, then seconds of the s
 
 
 class PlainFiles:
-    """Fed with every value of a session; ignores the kinds that no plain file shows. Methods raise OSError."""
+    """Accepts every value of a session and ignores those without a plain file. Methods raise OSError."""
 
     def __init__(self, folder: Path, clock: SessionClock, *, on_full: Callable[[], bool]) -> None:
         self._folder = folder
@@ -46,7 +46,7 @@ class PlainFiles:
         self._pose: Pose2D | None = None
         self._written_pose: Pose2D | None = None
         self._written_pose_ns = 0
-        self._spoken: dict[str, tuple[str, str]] = {}  # who and what
+        self._spoken: dict[str, tuple[str, str]] = {}  # speaker and text
         self._heard_from: dict[str, int] = {}
         self._exchanges = 0
         self._people: dict[str, tuple[int, int, set[int]]] = {}
@@ -81,7 +81,7 @@ class PlainFiles:
                 self._see(value.person_id, value.track, value.stamp_ns)
 
     def write_people(self) -> None:
-        """Bring ``people.json`` up to date: at once when somebody is new, else now and then."""
+        """Update ``people.json``: at once for a new person, else periodically."""
         waited_ns = time.monotonic_ns() - self._people_written_ns
         if self._people_new or (self._people_changed and waited_ns >= _PEOPLE_EVERY_NS):
             self._write_people()
@@ -103,11 +103,11 @@ class PlainFiles:
         self._people_written_ns = time.monotonic_ns()
 
     def files(self) -> list[DiskFile]:
-        """The files that grow."""
+        """Growing files."""
         return [self._movement, self._speech]
 
     def take_replaced(self) -> list[Path]:
-        """The files that were put in place as a whole since the last call."""
+        """Files replaced since the last call."""
         replaced, self._replaced = self._replaced, []
         return replaced
 
@@ -156,7 +156,7 @@ class PlainFiles:
         self._write_speech(utterance.stamp_ns, utterance.speaker, utterance.text, remark)
 
     def _add_heard(self, utterance: UtteranceChanged) -> None:
-        """Its words are known when it is over; the line has the time at which it began."""
+        """Write a line when the utterance is complete, with its start time."""
         if utterance.state == "started":
             self._heard_from[utterance.utterance_id] = utterance.stamp_ns
         elif utterance.state in ("finished", "interrupted") and utterance.text:
@@ -166,7 +166,7 @@ class PlainFiles:
             self._write_speech(from_ns, f"participant{who}", utterance.text, f"  [{utterance.origin}]")
 
     def _add_correction(self, corrected: UtteranceCorrected) -> None:
-        """A line of its own: what was written stays."""
+        """Append a line; earlier lines are never changed."""
         known = self._spoken.get(corrected.utterance_id)
         if known is None or (corrected.text is None and corrected.speaker is None and corrected.person_id is None):
             return

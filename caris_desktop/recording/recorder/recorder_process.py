@@ -1,4 +1,4 @@
-"""The recorder: a process of its own, so that neither encoding nor a full disk holds up the console."""
+"""Recorder process, so that neither encoding nor a full disk blocks the console."""
 
 import itertools
 import logging
@@ -47,7 +47,7 @@ _log = logging.getLogger(__name__)
 _TICK_S = 0.05
 _IDLE_TICK_S = 0.5
 _REPORT_EVERY_NS = 1_000_000_000
-# How long the end of the process waits for the checksums of large sessions.
+# Timeout for checksums of large sessions at exit.
 _FINISH_WITHIN_S = 60.0
 _FINISH_NICENESS = 10
 
@@ -60,11 +60,10 @@ def run_recorder(
     *,
     covering: Covering,
 ) -> None:
-    """Process body. Records what ``connection`` brings until it ends; see ``recording.messages``.
+    """Process entry point: record what ``connection`` delivers until it closes; see ``recording.messages``.
 
-    One process serves any number of sessions, one after the other. When the connection ends during a session, the
-    session is closed with the reason ``console_closed``. ``covering`` makes people unrecognisable where that is
-    demanded.
+    One process records any number of sessions in sequence. If the connection closes during a session, the session ends
+    with the reason ``console_closed``. ``covering`` blurs people where demanded.
     """
     _Recorder(connection, frames, limits or DiskLimits(), encoders or Encoders(), covering).run()
 
@@ -100,11 +99,11 @@ class _Recorder:
             self._finish_all()
 
     def _on_terminate(self, _number: int, _frame: object) -> None:
-        """A console that ends in haste terminates its children: the session is closed between two writes."""
+        """A console that exits in haste terminates its processes: close the session between two writes."""
         self._terminated = True
 
     def _serve_one(self) -> bool:
-        """Take one message, if there is one within a tick. False when the console has ended the connection."""
+        """Handle one message, if any arrives within a tick. False when the connection is closed."""
         raw = None
         try:
             idle = self._session is None and not self._blurring.waits
@@ -125,14 +124,14 @@ class _Recorder:
         return True
 
     def _handle_raw(self, raw: bytes) -> None:
-        """One message of the console: a pickle, before which may stand when it arrived there."""
+        """Handle one raw message: a pickle, optionally prefixed with its arrival time."""
         arrived_ns, begin = clock.now_ns(), 0
         if raw[:1] == ARRIVED:
             arrived_ns, begin = int.from_bytes(raw[1:9], "little", signed=True), 9
         try:
             message = pickle.loads(memoryview(raw)[begin:])  # noqa: S301 - from our own console, over a private pipe
         except Exception:
-            # One value that cannot be taken apart must not cost the session; which one it was is not known.
+            # An undecodable value must not end the session; which one it was is unknown.
             _log.exception("a message of the console could not be read")
             if self._session is not None:
                 self._session.note_unreadable()
@@ -171,7 +170,7 @@ class _Recorder:
                     self._session.write(message, arrived_ns)
 
     def _keep_photo(self, wanted: TakePhoto) -> None:
-        """Without a recording nothing else waits for this process meanwhile."""
+        """Save a photo without a session: nothing else needs this process then."""
         image_bgr = self._frames.read(wanted.ref)
         if image_bgr is None:
             self._tell_problem(
@@ -240,10 +239,10 @@ class _Recorder:
         self._send_report(replace(session.status(), state="failed", detail=what))
         self._finish(session)
 
-    # What goes on after a session
+    # Work after a session
 
     def _finish(self, session: SessionRecorder) -> None:
-        """The checksums of gigabytes take their time: the next session can begin meanwhile."""
+        """Compute checksums of gigabytes in a thread: the next session can begin meanwhile."""
 
         def finish() -> None:
             if sys.platform == "linux":
@@ -268,7 +267,7 @@ class _Recorder:
     # Markers for others
 
     def _offer_markers(self, *, offered: bool, words: bool) -> OutletUnavailableError | None:
-        """Open or close the outlet; what is to be told when it does not open."""
+        """Open or close the outlet; return the error if it does not open."""
         if not offered and self._outlet is not None:
             self._outlet.close()
             self._outlet = None
@@ -314,7 +313,7 @@ class _Recorder:
         try:
             self._connection.send(message)
         except OSError:
-            # The console is gone: nobody to tell, but the session is still to be closed properly.
+            # The console is gone, but the session must still be closed properly.
             if not self._console_gone:
                 _log.warning("the console no longer listens")
             self._console_gone = True
@@ -325,13 +324,13 @@ def _utc(ref: FrameRef) -> str:
 
 
 def _not_taken(path: Path) -> Path:
-    """The path, with a number where there is such a file already: two photos within a second."""
+    """The path, numbered if it exists: for two photos within a second."""
     numbered = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
     return next(each for each in itertools.chain([path], numbered) if not each.exists())
 
 
 def _import_writers() -> None:
-    """Before the first session, so that its first frames are not lost to imports."""
+    """Import before the first session, so that its first frames are not lost to imports."""
     import av  # noqa: F401 - for its side effect, as said above
     import cv2  # noqa: F401 - likewise
     import zstandard  # noqa: F401 - likewise

@@ -1,4 +1,4 @@
-"""One session being recorded: where each value goes, what is missing, and when to give up.
+"""Recording of one session: destination of each value, missing data, and the end on failure.
 
 Long because it decides where each value goes, and when to give up.
 """
@@ -61,7 +61,7 @@ from caris_desktop.recording.session.manifest import HashingStopped, session_fil
 from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
-# A kill costs what came since; each flush makes a chunk, which a reader's index has an entry for.
+# A kill loses data since the last flush; each flush makes a chunk with an index entry.
 _FLUSH_EVERY_NS = 450_000_000
 _SYNC_MEDIA_EVERY_S, _SYNC_LOG_EVERY_S = 0.4, 0.9
 _SECOND_NS = 1_000_000_000
@@ -73,16 +73,15 @@ _HEADER_BYTES = 256 * 1024
 """Many times what the header takes: a session says why it ended, also where nothing else finds room any more."""
 _RESERVE_SHARE = 8
 _CLOSE_SYNC_S = 2.0
-# What a repair can say is missing is as good as these counts are fresh; each costs a small file.
+# A repair derives missing data from these counts, as of their last update; each update writes a small file.
 _COUNT_EVERY_NS = 5 * _SECOND_NS
 
 
 class SessionRecorder:
     """Writes one session folder. One thread, except :meth:`finish`.
 
-    ``report`` takes the events that the recorder makes itself, after they were written. ``full`` turns True when the
-    disk takes no more, not even in the room that was kept for the events: whoever drives the recorder then closes it.
-    ``offer`` takes whatever is written to the log, for those who listen in.
+    ``report`` receives the recorder's own events after they were written. ``full`` becomes True when even the reserve
+    for events is used up; the caller then closes it. ``offer`` receives everything written to the log.
     """
 
     def __init__(
@@ -97,8 +96,8 @@ class SessionRecorder:
         started_ns: int | None = None,
         blurring: Blurring | None = None,
     ) -> None:
-        """``started_ns`` is when it was asked for; None: just now. Without ``blurring`` none may be demanded. Raises
-        OSError when the folder cannot be used.
+        """``started_ns`` is the time of the request; None: now. Without ``blurring`` none may be demanded. Raises
+        OSError if the folder is unusable.
         """
         if blurring is None and start.blur != BlurDemand():
             raise ValueError("nobody can be covered here")
@@ -107,8 +106,8 @@ class SessionRecorder:
         self._broken: OSError | None = None
         self.started_ns = clock.now_ns() if started_ns is None else started_ns
         self._waited_until_ns = 0 if started_ns is None else clock.now_ns()
-        # How far the record is, in arrivals: behind the clock where the disk or the computer is slow. What the recorder
-        # tells itself has that moment too: arrivals never fall, and what waits behind it came sooner than now.
+        # Progress of the record in arrival time: behind the clock on a slow disk or computer. The recorder's own events
+        # get this time: arrivals never decrease, and queued values arrived before now.
         self._written_until_ns = self.started_ns
         self.dropped: Counter[str] = Counter()
         self._header = start.header
@@ -184,25 +183,25 @@ class SessionRecorder:
         self._media_sync.start()
 
     def write(self, value: Any, arrived_ns: int | None = None) -> None:
-        """Record one value of the stream table. ``arrived_ns`` is when the console got it; None: just now."""
+        """Record one value of the stream table. ``arrived_ns`` is its arrival at the console; None: now."""
         if self.paused and not isinstance(value, UtteranceChanged):
-            return  # what was said before the pause may be made out in it; the console lets nothing else of it through
+            return  # Speech before the pause may be recognised during it; the console lets no other values through.
         now_ns = clock.now_ns()
         arrived_ns = now_ns if arrived_ns is None else arrived_ns
-        # What came between the wish for a recording and its folder could not be written sooner.
+        # Values between the request and the creation of the folder could not be written earlier.
         self._behind_ns = max(self._behind_ns, now_ns - max(arrived_ns, self._waited_until_ns))
         self._written_until_ns = max(self._written_until_ns, arrived_ns)
         spec = BY_TYPE.get(type(value))
         if spec is None:
             self._miss(type(value).__name__, QT_TR_NOOP("this kind is not in the stream table"))
         elif spec.expected_period_s is not None and value.stamp_ns < self._goes_on_ns:
-            pass  # of the pause, and only late
+            pass  # belongs to the pause and is merely late
         elif isinstance(value, FrameRef):
             self._write_frame(spec, value, arrived_ns)
         elif isinstance(value, AudioChunk):
             self._write_sound(value)
         elif spec.record_every_s:
-            # Large, and stands until replaced: the newest one is kept now and then, the one in between waits.
+            # Large, and valid until replaced: written periodically; values in between wait.
             topic = spec.topic_of(value)
             held = self._latched.get(topic)
             if held is None or time.monotonic_ns() - held.put_ns >= spec.record_every_s * 1e9:
@@ -216,12 +215,12 @@ class SessionRecorder:
             self._put(spec, value, arrived_ns)
 
     def note_unreadable(self) -> None:
-        """Something came from the console that could not be taken apart."""
+        """Note an undecodable value from the console."""
         if not self.paused:
             self._miss("unknown", QT_TR_NOOP("it could not be read on its way from the console"))
 
     def take_photo(self, wanted: TakePhoto) -> None:
-        """Keep one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
+        """Save one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
         if not self._photos_permitted:
             self.problem(
                 "warning",
@@ -268,19 +267,19 @@ class SessionRecorder:
         *,
         photo: bool = False,
     ) -> None:
-        """Pass the picture on, at once, or where people have to be covered in it as soon as they are."""
+        """Pass the image on: at once, or after blurring where demanded."""
         if self._blurring is None:
             then(image_bgr)
         else:
             self._blurring.add(ref, image_bgr, clock.now_ns(), then, photo=photo)
 
     def _let_go_of_pictures(self) -> None:
-        """No picture waits any longer: what is known by now has to do."""
+        """Pass on all waiting images with what is known by now."""
         if self._blurring is not None:
             self._blurring.flush()
 
     def set_permissions(self, *, video: bool, photos: bool, audio: bool, blur: BlurDemand | None = None) -> None:
-        """``blur`` is as before where it is None."""
+        """Set the permissions; ``blur`` None: unchanged."""
         self._let_go_of_pictures()
         if self._blurring is not None and blur is not None:
             self._blurring.use_demand(blur)
@@ -299,7 +298,7 @@ class SessionRecorder:
         return bool(self._pauses) and self._pauses[-1][1] is None
 
     def pause(self, *, paused: bool, at_ns: int, actor: Actor) -> None:
-        """Record nothing from now on, or go on. Both are recorded themselves."""
+        """Pause or resume. Both are recorded."""
         if paused == self.paused:
             return
         if paused:
@@ -313,14 +312,14 @@ class SessionRecorder:
             self._log_sync.ask()
         else:
             self._pauses[-1][1] = self._sound_from_ns = self._goes_on_ns = at_ns
-            # Latched values that the console sends again are new in the record, however recently they were put.
+            # Latched values that the console sends again are new in the record, however recent the last write.
             self._latched.clear()
             self._record(RecordingPaused(at_ns, False, actor), arrived_ns=at_ns)
 
     # By time
 
     def tick(self) -> None:
-        """Whatever is due by time. To be called at least ten times per second."""
+        """Do periodic work. Call at least ten times per second."""
         now_ns = time.monotonic_ns()
         self._take_media_results()
         if self._on_reserve and not self._told_reserve:
@@ -362,12 +361,12 @@ class SessionRecorder:
         self.finish()
 
     def end(self, reason: str, actor: Actor, at_ns: int | None = None) -> None:
-        """End the session as of ``at_ns``, or as of when its media are closed. Does what can be done; what cannot is
-        logged. :meth:`finish` must follow.
+        """End the session as of ``at_ns``, or of the closing of its media. Failures are logged. :meth:`finish` must
+        follow.
         """
         self._let_go_of_pictures()
         self._put_held()
-        # Media first: their indexes need room, and the reserve is for the events that come after them.
+        # Media first: their indexes need disk space, and the reserve is for the events after them.
         try:
             self._put_blocks(self._audio.close())
         except OSError:
@@ -376,7 +375,7 @@ class SessionRecorder:
         self._take_media_results()
         self._log_sync.close(timeout_s=_CLOSE_SYNC_S)
         self._media_sync.close(timeout_s=_CLOSE_SYNC_S)
-        # On a full disk whoever writes first has the room: from here on nothing else is waited for.
+        # On a full disk the first writer gets the space: nothing else is waited for from here on.
         self._reserve.release()
         self._closing_room.release()
         self._tell_missed()
@@ -390,9 +389,9 @@ class SessionRecorder:
                 _log.exception("closing the session %s", self.folder)
 
     def finish(self, *, may_go_on: Callable[[], bool] = lambda: True) -> None:
-        """After :meth:`end`, and in any thread: the checksums of everything, which may take a while.
+        """Write the checksums after :meth:`end`; may take long. Any thread.
 
-        Until then the folder is held, so that nobody takes the session for one that broke off.
+        The folder stays held until then, so that the session does not count as interrupted.
         """
         try:
             for path in (*self._plain.take_replaced(), self.folder / "session.json"):
@@ -411,7 +410,7 @@ class SessionRecorder:
             self._lock.release()
 
     def give_up(self) -> str:
-        """Once ``full``: tell why nothing more can be recorded, and end. What happened, in words for the report."""
+        """End the session once ``full``, reporting the reason; return it as text for the report."""
         error = self._broken
         what = (
             QT_TR_NOOP("The disk is full.")
@@ -445,7 +444,7 @@ class SessionRecorder:
 
         waits = self._blurring is not None and self._blurring.demanded
         if waits:
-            # Arrivals never fall in the record: a replay would show the picture after what came meanwhile.
+            # Arrivals never decrease: a replay would show the frame after values that came meanwhile.
             self._put(spec, ref, arrived_ns)
 
         def keep(covered: NDArray[np.uint8]) -> None:
@@ -477,11 +476,11 @@ class SessionRecorder:
 
     def _put_blocks(self, blocks: list[AudioBlock]) -> None:
         for block in blocks:
-            # With the sound that completed it: later than that, it would be later than what comes next.
+            # With the chunk that completed it; later it would be out of order.
             self._put(BY_TYPE[AudioBlock], block, self._written_until_ns)
 
     def _put_held(self, *, older_than_ns: int | None = None) -> None:
-        """Values that waited for their turn; those that are due at ``older_than_ns``, or all."""
+        """Write throttled latched values: those due at ``older_than_ns``, or all."""
         for topic, held in list(self._latched.items()):
             if held.value is None:
                 continue
@@ -490,7 +489,7 @@ class SessionRecorder:
                 self._put(held.spec, held.value, held.arrived_ns)
 
     def _record(self, event: Any, *, arrived_ns: int | None = None) -> None:
-        """An event of the recorder's own: written, then told. What goes wrong during a pause is only told."""
+        """Write and report an event of the recorder. Problems during a pause are only reported."""
         if not (self.paused and isinstance(event, Problem)):
             self._put(BY_TYPE[type(event)], event, self._written_until_ns if arrived_ns is None else arrived_ns)
         self._report(event)
@@ -529,7 +528,7 @@ class SessionRecorder:
         self.full = True
 
     def _make_room(self) -> bool:
-        """The disk is full: give some of the reserve back. What closing takes stays set aside until then."""
+        """Release a step of the reserve on a full disk, except the part for closing."""
         self._on_reserve = True
         self._media.give_way()
         if self._reserve.release_step():
@@ -556,9 +555,9 @@ class SessionRecorder:
         until: ProblemEnd = "recording",
         cause: str = "",
     ) -> None:
-        """Tell the wizard, and the record; ``cause`` as in Problem."""
+        """Report a problem to the wizard and record it; ``cause`` as in Problem."""
         _log.warning("%s %s %s", what, meaning, advice)
-        # Whatever it is, it is over with this recording at the latest.
+        # Whatever it is, it ends with this recording at the latest.
         self._record(Problem(clock.now_ns(), severity, what, meaning, advice, until, cause))
 
     def _troubles(self) -> list[str]:
@@ -624,7 +623,7 @@ class SessionRecorder:
         _log.info("video of %s: every %d. frame (%s)", change.camera, change.step, change.change)
         self._lowered[change.camera] = change.step
         if change.change == "lowered" and not self._told_lowered:
-            # Once a session: how it goes on is in the recorder's report, and every frame left out is counted.
+            # Once per session: the recorder's report has updates, and every dropped frame is counted.
             self._told_lowered = True
             self.problem(
                 "warning",
@@ -639,7 +638,7 @@ class SessionRecorder:
             )
 
     def _covered_whole(self) -> tuple[str, ...]:
-        """The cameras whose pictures show nobody and nothing, and not just for a moment."""
+        """Cameras whose frames have been entirely covered for more than a moment."""
         if self._blurring is None or self.paused:
             return ()
         whole_s = self._blurring.covered_whole_s(clock.now_ns())
@@ -648,7 +647,7 @@ class SessionRecorder:
     # The disk
 
     def _keep_counts(self, now_ns: int) -> None:
-        """Of what was just flushed. Not worth the room that is kept for events."""
+        """Store the counts of flushed values; they do not justify using the reserve."""
         if now_ns - self._counted_ns < _COUNT_EVERY_NS or self._on_reserve:
             return
         self._counted_ns = now_ns
@@ -710,7 +709,7 @@ class SessionRecorder:
         )
 
     def _live_on_reserve(self) -> None:
-        """Events only, from now on."""
+        """Restrict the recording to events."""
         self._told_reserve = True
         self._end_video(QT_TR_NOOP("The disk is full."))
         self._end_audio(None)
@@ -812,13 +811,13 @@ class SessionRecorder:
     # session.json
 
     def _write_last_header(self) -> None:
-        # A film that waited for room takes all that the others gave back.
+        # A video that waited for space takes all that others released.
         self._header_room.release()
         self._write_header()
         forget_counts(self.folder)
 
     def _write_header(self) -> None:
-        """As it stands: before the session, or once it has ended."""
+        """Write the session header, before the session or after its end."""
         header = self._header
         ended = self._ended_ns is not None
         videos: tuple[VideoInfo, ...] = self._media.infos() if ended else ()
@@ -863,7 +862,7 @@ class SessionRecorder:
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """When a value of its topic was put last, and the one that waits for its turn."""
+    """Throttle of a topic: time of the last write, and the value waiting for the next."""
 
     spec: StreamSpec
     put_ns: int
@@ -872,8 +871,8 @@ class _Held:
 
 
 def trial_metadata(trial: dict[str, str]) -> dict[str, str]:
-    """What the events' file says of the trial, should session.json be lost. Not who the wizard was: the file is passed
-    on as it is.
+    """Trial fields for the event log, in case session.json is lost; without the wizard, since the log is shared
+    unchanged.
     """
     return {f"{TRIAL_METADATA}{key}": value for key, value in trial.items() if value and key != "wizard"}
 
@@ -886,19 +885,19 @@ _LONGEST_REASON = 200
 
 
 def _short(why: Exception | str) -> str:
-    """As the record keeps it. What is longer comes from elsewhere, and is no text of ours."""
+    """Reason for the record. Longer texts come from elsewhere and are not translatable."""
     text = str(why)
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON]
 
 
 def _room_bytes(folder: Path, limits: DiskLimits) -> int:
-    """What is set aside: as much as the limits say where the disk is large enough."""
+    """Reserve size: as in the limits if the disk is large enough."""
     share_bytes = max(shutil.disk_usage(folder).free // _RESERVE_SHARE, _LEAST_RESERVE_BYTES)
     return min(limits.reserve_bytes, share_bytes)
 
 
 def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:
-    """What happened, what it means and what to do, for the wizard."""
+    """What happened, what it means and what to do, as user texts."""
     meaning = QT_TR_NOOP("Nothing is being recorded. Driving and speaking still work.")
     if no_room(error):
         return (
@@ -936,7 +935,7 @@ def _minutes(room_s: float) -> str:
 
 
 def _since(chunk: AudioChunk, from_ns: int) -> AudioChunk:
-    """What of it was heard from then on: sound comes in blocks, and some began before it was permitted."""
+    """Part of the chunk after ``from_ns``: the first chunk may have begun before audio was permitted."""
     missing_ns = from_ns - chunk.stamp_ns
     if missing_ns <= 0:
         return chunk

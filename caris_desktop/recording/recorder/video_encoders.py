@@ -1,4 +1,4 @@
-"""What this machine can encode video with: its graphics hardware where that works, else x264 as fast as needed."""
+"""H.264 encoders of this machine: graphics hardware if it works, else x264 with a preset by load."""
 
 import io
 import logging
@@ -14,8 +14,8 @@ from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 TICKS_PER_S = 90_000
-# Fragments, each ending at a key frame, also in a closed file: a kill costs at most one, and a file that was cut while
-# it was copied shows all that is left of it. A plain mp4 has one index, and is nothing without it.
+# Fragments that end at key frames, even in a closed file: a kill loses at most one, and a truncated copy is readable up
+# to its end. A plain mp4 is unreadable without its single index.
 MUXER = {
     "movflags": "frag_keyframe+empty_moov+default_base_moof",
     "flush_packets": "1",
@@ -23,8 +23,8 @@ MUXER = {
 _PROBE_WAIT_S = 2.0
 _TRIAL_PX, _TRIAL_FRAMES, _TRIAL_KEYS = (640, 480), 12, (0, 6)
 _LARGEST_TRIAL_DELAY = 3
-# Measured: one 1280x720 stream at 30 Hz keeps a tenth of a core busy with ultrafast and a fifth with veryfast, which
-# makes files of half the size; superfast costs as much as veryfast.
+# Measured: a 1280x720 stream at 30 Hz uses 0.1 core with ultrafast and 0.2 with veryfast, whose files are half the
+# size; superfast costs as much as veryfast.
 _GOOD_PRESET, _GOOD_CORES_720P = "veryfast", 0.2
 _SHARE_OF_IDLE = 0.08
 _PIXELS_720P = 1280 * 720
@@ -32,7 +32,7 @@ _PIXELS_720P = 1280 * 720
 
 @dataclass(frozen=True, slots=True)
 class Encoder:
-    """One way to encode H.264. ``title`` is what ``session.json`` says of it."""
+    """H.264 encoder with options. ``title`` goes into ``session.json``."""
 
     name: str
     options: tuple[tuple[str, str], ...]
@@ -48,7 +48,7 @@ def x264(preset: str) -> Encoder:
 
 
 FASTEST = x264("ultrafast")
-# No B frames and no frames in flight: after a kill the video ends where the events do.
+# No B frames and no frames in flight: after a kill the video ends with the events.
 _HARDWARE = (
     Encoder(
         "h264_nvenc",
@@ -78,7 +78,7 @@ _HARDWARE = (
 
 
 def add_stream(container: Any, encoder: Encoder, width_px: int, height_px: int) -> Any:
-    """A video stream of ``container`` (PyAV) in ticks of 1/90000 s. Raises ValueError for an unknown encoder."""
+    """Add a video stream to ``container`` (PyAV) in ticks of 1/90000 s. Raises ValueError for an unknown encoder."""
     stream = container.add_stream(encoder.name, options=dict(encoder.options))
     stream.width, stream.height = width_px, height_px
     stream.pix_fmt = encoder.pixel_format
@@ -88,7 +88,7 @@ def add_stream(container: Any, encoder: Encoder, width_px: int, height_px: int) 
 
 
 def works(encoder: Encoder) -> bool:
-    """Whether it really makes a video here: every frame comes back, key frames where asked, without long delay."""
+    """Trial encoding: True if every frame is returned, with the requested key frames and without long delay."""
     import av
 
     width_px, height_px = _TRIAL_PX
@@ -120,7 +120,7 @@ def works(encoder: Encoder) -> bool:
 
 
 class Encoders:
-    """Chooses for each new video. Any thread."""
+    """Selects an encoder for each new video. Any thread."""
 
     def __init__(self, candidates: tuple[Encoder, ...] = _HARDWARE) -> None:
         self._candidates = candidates
@@ -130,16 +130,16 @@ class Encoders:
         psutil.cpu_percent(None)
 
     def probe(self) -> None:
-        """Try the hardware; a driver may take its time, so this has a thread of its own."""
+        """Try the hardware encoders. Runs in a thread of its own, as drivers may be slow."""
         try:
-            # The first that works is the one: the table is in the order of preference.
+            # The first that works: the table is in order of preference.
             self._usable = next(((encoder,) for encoder in self._candidates if works(encoder)), ())
         finally:
             self._probed.set()
         _log.info("video is encoded by %s", " or ".join(one.title for one in self._usable) or "the processor")
 
     def choose(self, width_px: int, height_px: int, *, fast: bool = False) -> tuple[Encoder, ...]:
-        """What to try, in this order. ``fast``: nothing that asks for more of the processor than it must."""
+        """Encoders to try in order. ``fast``: the cheapest for the processor."""
         if not self._probed.wait(_PROBE_WAIT_S):
             _log.warning("the graphics driver does not answer: video is encoded by the processor")
             self._probed.set()
@@ -148,17 +148,17 @@ class Encoders:
         return tuple(dict.fromkeys((*hardware, x264(preset), FASTEST)))
 
     def note_failure(self, encoder: Encoder) -> None:
-        """It does not do what it did in the trial: not to be chosen again."""
+        """Exclude a hardware encoder that failed after its trial."""
         if encoder.hardware:
             self._failed.add(encoder.name)
 
 
 def _idle_cores() -> float:
-    """Of late, on this machine."""
+    """Recently idle processor cores."""
     return (os.cpu_count() or 1) * (1.0 - psutil.cpu_percent(None) / 100.0)
 
 
 def _preset_for(idle_cores: float, pixels: int) -> str:
-    """The better preset where one video takes little of what is idle: others may get busy later."""
+    """The better preset if one video uses little of the idle time, since other load may come later."""
     cores = _GOOD_CORES_720P * pixels / _PIXELS_720P
     return _GOOD_PRESET if cores <= _SHARE_OF_IDLE * idle_cores else "ultrafast"

@@ -1,7 +1,6 @@
-"""One camera's mp4, in fragments: readable while it grows, after a kill, and whatever is left of it.
+"""Fragmented mp4 of one camera: readable while it grows, after a kill, and if truncated.
 
-Beside it lies its index, ``video-CAMERA.frames.csv``: for each frame when the video shows it, when it arrived, and when
-it was taken as far as that is known.
+Its index ``video-CAMERA.frames.csv`` has for each frame the video time, the arrival, and the capture time if known.
 """
 
 import logging
@@ -29,10 +28,10 @@ KEY_FRAME_EVERY_S = 0.4
 
 
 class VideoFileWriter:
-    """Frames of one size, shown at the times they were taken (or else arrived): time 0 is ``first_stamp_ns``.
+    """Frames of one size, shown at capture time (else arrival): time 0 is ``first_stamp_ns``.
 
-    The lines of the index are written just before their frames, so that after a kill every frame has its line; the
-    last lines may lack theirs. ``frames`` counts those on disk, and ``last_stamp_ns`` is the stamp of the last.
+    Index lines are written just before their frames, so that after a kill every frame has its line; the last lines may
+    lack frames. ``frames`` counts those on disk, ``last_stamp_ns`` is the stamp of the last one.
     """
 
     def __init__(
@@ -45,8 +44,8 @@ class VideoFileWriter:
         clock: SessionClock,
         on_full: Callable[[], bool],
     ) -> None:
-        """Raises OSError when the files cannot be made, ValueError when the size cannot be encoded, and PyAV's errors
-        when the encoder does not open.
+        """Raises OSError if the files cannot be created, ValueError for an unsupported size, and PyAV's errors if the
+        encoder does not open.
         """
         import av
 
@@ -69,7 +68,7 @@ class VideoFileWriter:
         self._clock = clock
         self._last_tick = -1
         self._last_key_tick = 0
-        # Stamps and lines of frames that the encoder still has, and of those that the muxer still has.
+        # Stamps and lines of frames still in the encoder, and of those still in the muxer.
         self._encoding: deque[tuple[int, str]] = deque()
         self._muxed: list[tuple[int, str]] = []
         self._delays_ns = array("q")
@@ -94,8 +93,8 @@ class VideoFileWriter:
             raise
 
     def write(self, image_bgr: NDArray[np.uint8], ref: FrameRef) -> None:
-        """``image_bgr``: uint8, shape (height, width, 3); an odd last row or column is cut off. It must not change
-        before the next call.
+        """Encode ``image_bgr``: uint8, shape (height, width, 3); an odd last row or column is cropped. It must not
+        change before the next call.
 
         Raises OSError, and PyAV's errors.
         """
@@ -118,7 +117,7 @@ class VideoFileWriter:
         self._last_tick = tick
 
     def close(self) -> None:
-        """Write the last fragment, whole or not at all, and what ends the file. Raises OSError."""
+        """Write the last fragment atomically, and close the file. Raises OSError."""
         try:
             self._mux(self._stream.encode(None))
             self.file.hold_back()
@@ -131,7 +130,7 @@ class VideoFileWriter:
             self._close_files()
 
     def abandon(self) -> None:
-        """Stop here, whatever the encoder still holds: what is on disk is readable and is left alone."""
+        """Stop without flushing the encoder: the file on disk is readable and stays as it is."""
         self.file.discard()
         try:
             self._container.close()
@@ -141,17 +140,17 @@ class VideoFileWriter:
 
     @property
     def delay_ms(self) -> float | None:
-        """How long frames took from the camera to here, in the middle; None where that is not known."""
+        """Median delay from capture to arrival in ms; None if unknown."""
         return round(median(self._delays_ns) / 1e6, 3) if self._delays_ns else None
 
     @property
     def uncertainty_ms(self) -> float | None:
-        """How far off at most the moments are at which frames were taken; None where those are not known."""
+        """Maximum uncertainty of the capture times in ms; None if unknown."""
         return round(self._uncertainty_ns / 1e6, 3) if self._delays_ns else None
 
     @property
     def lost(self) -> int:
-        """Frames that were taken and, once it is closed or abandoned, are not in the file."""
+        """Frames accepted and, after closing or abandoning, not in the file."""
         return self.taken - self.frames
 
     @property
@@ -161,7 +160,7 @@ class VideoFileWriter:
     def _mux(self, packets: list[Any]) -> None:
         for packet in packets:
             if packet.is_keyframe:
-                # It sends out the fragment that the muxer holds.
+                # Makes the muxer write its fragment.
                 with self._lines_first():
                     self._container.mux(packet)
             else:
@@ -170,7 +169,7 @@ class VideoFileWriter:
 
     @contextmanager
     def _lines_first(self) -> Iterator[None]:
-        """The lines of what the muxer holds go to the index, then inside of this the frames to the video."""
+        """Context that writes the index lines of the muxer's frames before the frames themselves."""
         size_before, frames_before, last_before_ns = self.index.size_bytes, self.frames, self.last_stamp_ns
         held, self._muxed = self._muxed, []
         try:

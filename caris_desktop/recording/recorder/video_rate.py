@@ -1,10 +1,10 @@
-"""Which frames of a camera are encoded: all of them, or every second or fourth while the machine cannot keep up."""
+"""Frame rate reduction of a camera: encode every second or fourth frame while the machine is overloaded."""
 
 from collections import deque
 from typing import Literal
 
 _LARGEST_STEP = 4
-# Frames that wait so long, for so long: a burst at the beginning is none of it.
+# Waiting time and its duration that lower the rate; short bursts do not.
 _TOO_LATE_S, _LATE_FOR_NS = 0.3, 1_000_000_000
 _IN_TIME_S = 0.1
 _SETTLE_NS = 1_500_000_000
@@ -16,7 +16,7 @@ Change = Literal["", "lowered", "raised"]
 
 
 class VideoRate:
-    """One camera. ``wants`` is asked by the recorder's main thread, ``observe`` is told by the encoder's thread."""
+    """Rate of one camera. The recorder's main thread calls ``wants``, the encoder's thread ``observe``."""
 
     def __init__(self) -> None:
         self._step = 1
@@ -37,15 +37,15 @@ class VideoRate:
         return self._step >= _LARGEST_STEP
 
     def wants(self) -> bool:
-        """Whether the next frame is to be encoded."""
+        """True if the next frame is to be encoded."""
         self._offered += 1
         return self._offered % self.step == 0
 
     def observe(self, now_ns: int, *, waited_s: float, took_s: float, crowded: bool = False) -> Change:
-        """A frame was encoded: how long it had waited before, and how long that took. Tells what changes from now on.
+        """Add an encoded frame: its waiting time and encoding time. Returns the change from now on.
 
-        Lowers the rate when frames wait too long, at once where ``crowded`` says that no more of them can wait soon,
-        and raises it when twice as many would not keep the encoder busy.
+        Lowers the rate when frames wait too long, at once if ``crowded`` reports a nearly full queue; raises it when
+        twice the frames would not keep the encoder busy.
         """
         self._encoded.append((now_ns, waited_s, took_s))
         while now_ns - self._encoded[0][0] > _CALM_NS:
@@ -56,7 +56,7 @@ class VideoRate:
             self._late_since_ns = now_ns
         late = self._late_since_ns is not None and now_ns - self._late_since_ns >= _LATE_FOR_NS
         if (late or crowded) and not self.lowest and now_ns - self._changed_ns >= _SETTLE_NS:
-            # Each time it was too much again, the next attempt waits longer.
+            # Each failed attempt doubles the wait before the next one.
             self._patience_ns = min(2 * self._patience_ns, _LONGEST_PATIENCE_NS)
             return self._change(now_ns, self._step * 2, "lowered")
         if self._step > 1 and now_ns - self._changed_ns >= self._patience_ns:
@@ -68,7 +68,7 @@ class VideoRate:
         return ""
 
     def forget(self) -> None:
-        """Something else was done about it: every frame again, and time to see whether that helps."""
+        """Reset to every frame after another measure, and allow it time to take effect."""
         self._step = 1
         self._encoded.clear()
 

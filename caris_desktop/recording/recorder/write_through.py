@@ -1,4 +1,4 @@
-"""Brings what was written to the disk itself, again and again, in a thread of its own: for a power cut."""
+"""Periodic fsync of recorded files in a thread, against data loss by a power failure."""
 
 import logging
 import threading
@@ -16,7 +16,7 @@ _REMEMBER_S = 30.0
 
 
 class WriteThrough:
-    """One lane. A round begins when it is asked for, and ``every_s`` after the last one began at the latest."""
+    """Sync thread. A round begins on request, or ``every_s`` after the start of the last one."""
 
     def __init__(self, name: str, files: Callable[[], Iterable[DiskFile]], *, every_s: float) -> None:
         self._files = files
@@ -34,23 +34,23 @@ class WriteThrough:
         self._thread.start()
 
     def ask(self) -> None:
-        """Something was written that is to be on the disk soon."""
+        """Request a round soon."""
         self._due.set()
 
     def note(self, path: Path) -> None:
-        """A whole file was put in its place: it, and its name in the folder, are brought to the disk."""
+        """Note a replaced file: it and its folder entry are synced."""
         self._paths.append(path)
 
     def delays_s(self, now_s: float, *, within_s: float) -> list[float]:
-        """How long the rounds of the last ``within_s``, or the slowest write before each, took (``time.monotonic``),
-        and how long the present one takes already.
+        """Durations of the rounds within ``within_s`` (``time.monotonic``), or of the slowest write before each, and
+        the elapsed time of the present one.
         """
         began_s = self._began_s
         going_s = 0.0 if began_s is None else now_s - began_s
         return [going_s, *(took_s for at_s, took_s in tuple(self._rounds) if now_s - at_s <= within_s)]
 
     def close(self, *, timeout_s: float) -> None:
-        """End after a last round; a round that the disk does not finish is left to itself."""
+        """End after a last round; a round that the disk does not finish is abandoned."""
         self._ended = True
         self._due.set()
         if self._thread.ident is not None:
@@ -59,7 +59,7 @@ class WriteThrough:
                 _log.error("the disk has not confirmed within %.0f s what was written", timeout_s)
 
     def bring(self) -> None:
-        """One round, now."""
+        """Run one round now."""
         paths = {self._paths.popleft() for _ in range(len(self._paths))}
         folders = {path.parent for path in paths}
         paths_in_order = (*sorted(paths), *sorted(folders))
@@ -68,7 +68,7 @@ class WriteThrough:
             try:
                 sync()
             except FileNotFoundError:
-                # Replaced by a newer one meanwhile, which is noted too.
+                # Replaced by a newer file, which is noted too.
                 continue
             except OSError as error:
                 self.disk_full = self.disk_full or no_room(error)

@@ -1,1 +1,1 @@
-"""Random access to a recorded session: its values by the moment they arrived, and its videos."""
+"""Random access to recorded sessions: values by arrival time, and video frames."""

@@ -1,4 +1,4 @@
-"""A recorded session by the moment its values reached the console: any moment, without reading the whole of it."""
+"""Random access to a recorded session by arrival time, without reading all of it."""
 
 import logging
 from collections import OrderedDict
@@ -25,7 +25,7 @@ _END_TOLD_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Block:
-    """An unfolded block. ``arrivals_ns`` is int64, one for each message, never falling."""
+    """Decompressed chunk. ``arrivals_ns`` is int64, one for each message, non-decreasing."""
 
     content: bytes
     messages: tuple[Message, ...]
@@ -34,14 +34,14 @@ class _Block:
 
 
 class SessionTimeline:
-    """Reads where it is asked to, on the session's own clock. One thread at a time; ``close`` when done.
+    """Reads values by session time. One thread at a time; ``close`` when done.
 
-    A value's arrival is when it reached the console, which is what the panels showed it by. In the record arrivals
-    never fall; where they do (clocks of old recordings), a value counts as arrived together with those before it.
+    A value's arrival is when it reached the console and was displayed. Arrivals never decrease; where they do (clocks
+    of old recordings), a value counts as arrived together with its predecessors.
     """
 
     def __init__(self, session: Session) -> None:
-        """Raises SessionError when the record cannot be read."""
+        """Raises SessionError if the recording cannot be read."""
         self.session = session
         self._path = session.folder / "events.mcap"
         try:
@@ -53,7 +53,7 @@ class SessionTimeline:
             ) from error
         anchor = session.clock.anchor
         self._session_from_utc_ns = anchor.monotonic_ns - anchor.utc_ns
-        # When the last message of each block, and all before it, had arrived.
+        # Arrival of the last message of each chunk, including all before it.
         self._ends_ns = np.maximum.accumulate(self._index.ends_utc_ns + self._session_from_utc_ns)
         self._topics = {number: channel.topic for number, channel in self._index.channels.items()}
         specs = {number: spec_of_topic(topic) for number, topic in self._topics.items()}
@@ -69,14 +69,14 @@ class SessionTimeline:
 
     @property
     def end_ns(self) -> int:
-        """When the session ended, and its end had been told."""
+        """End of the session, including the recording of its end event."""
         told_ns = int(self._ends_ns[-1]) if self._index.count else 0
         return max(self.session.started_ns, self.session.ended_ns, min(told_ns, self.session.ended_ns + _END_TOLD_NS))
 
     def state_at(self, at_ns: int) -> list[Any]:
-        """What the panels showed at that moment: the newest value of each state stream, and of each of its keys.
+        """State at a time: the newest value of each state stream and key.
 
-        Ordered by arrival. How old they are is for the reader to judge.
+        Sorted by arrival. The reader judges their age.
         """
         return [value for _arrived_ns, value in self.arrivals_until(at_ns)]
 
@@ -93,7 +93,7 @@ class SessionTimeline:
     def between(
         self, after_ns: int, until_ns: int, *, types: Iterable[type[Any]] | None = None
     ) -> Iterator[tuple[int, Any]]:
-        """Arrival and value of everything (or of these types) that arrived after the one and not after the other."""
+        """Arrival and value of everything (or of these types) with ``after_ns`` < arrival <= ``until_ns``."""
         channels = self._channels_of(types)
         first = int(np.searchsorted(self._ends_ns, after_ns, side="right"))
         last = int(np.searchsorted(self._ends_ns, until_ns, side="right"))
@@ -110,7 +110,7 @@ class SessionTimeline:
                         yield int(block.arrivals_ns[place]), value
 
     def events_before(self, at_ns: int, limit: int, types: Iterable[type[Any]] | None = None) -> list[tuple[int, Any]]:
-        """Arrival and event of the newest ``limit`` events (of these types) up to that moment, oldest first."""
+        """Newest ``limit`` events (of these types) up to that time, with arrivals, oldest first."""
         channels = self._channels_of(types, events_only=types is None)
         last = min(int(np.searchsorted(self._ends_ns, at_ns, side="right")), self._index.count - 1)
         found: list[tuple[int, Any]] = []
@@ -129,7 +129,7 @@ class SessionTimeline:
         return found[::-1]
 
     def events(self, *types: type[Any]) -> list[tuple[int, Any]]:
-        """Arrival and value of every value of these types in the whole session, in the order of arrival."""
+        """All values of these types with arrivals, in order of arrival."""
         if not self._index.count:
             return []
         return list(self.between(-(2**62), int(self._ends_ns[-1]), types=types))
@@ -157,7 +157,7 @@ class SessionTimeline:
         return self._channels(lambda spec: not events_only or spec.delivery is Delivery.LOSSLESS)
 
     def _blocks_with(self, channels: set[int], first: int, last: int) -> list[int]:
-        """Numbers of the blocks from ``first`` to ``last`` with anything of these channels, rising."""
+        """Sorted numbers of the chunks from ``first`` to ``last`` that contain these channels."""
         parts = []
         for channel in channels:
             blocks = self._index.blocks_of.get(channel)
@@ -166,7 +166,7 @@ class SessionTimeline:
         return np.unique(np.concatenate(parts)).tolist() if parts else []
 
     def _newest(self, channel: int, at_ns: int) -> tuple[int, int] | None:
-        """Block and place of the newest message of the channel that had arrived."""
+        """Chunk and position of the channel's newest message by that time."""
         blocks = self._index.blocks_of.get(channel)
         if blocks is None:
             return None
@@ -186,7 +186,7 @@ class SessionTimeline:
         return 0 if block is None else int(block.arrivals_ns[place])
 
     def _value(self, number: int, place: int) -> Any | None:
-        """As :meth:`_made`, the last one of each channel kept: a map stands for a whole session and is made once."""
+        """Value of a message, with the last one of each channel cached: a map is valid for a whole session."""
         block = self._block(number)
         if block is None:
             return None
@@ -202,7 +202,7 @@ class SessionTimeline:
         return None if found is None else found[1]
 
     def _block(self, number: int) -> _Block | None:
-        """None for a damaged one, which is left out."""
+        """Chunk by number; None if damaged."""
         if number in self._blocks:
             self._blocks.move_to_end(number)
             return self._blocks[number]

@@ -1,4 +1,4 @@
-"""The videos of a session by the session's clock: which frame was on show at a moment, and its picture."""
+"""Video frames of a session by session time or frame number."""
 
 import logging
 from collections.abc import Iterator
@@ -26,13 +26,13 @@ from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
-# Decoding so many frames more costs less than going to another place in the file.
+# Decoding this many frames is cheaper than a seek.
 _FRAMES_PER_SEEK = 4
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedFrame:
-    """One frame of a camera's video. ``number`` counts all frames of that camera from 0, over all of its files."""
+    """One frame of a camera. ``number`` counts the camera's frames from 0 across all of its files."""
 
     camera: str
     number: int
@@ -44,17 +44,16 @@ class RecordedFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VideoPicture:
-    """A frame with its pixels: uint8 BGR, shape (height, width, 3)."""
+    """Frame with its pixels: uint8 BGR, shape (height, width, 3)."""
 
     info: RecordedFrame
     image_bgr: NDArray[np.uint8]
 
 
 class VideoReader:
-    """Frames by moment or number. One thread at a time; ``close`` when done.
+    """Frames by time or number. One thread at a time; ``close`` when done.
 
-    Files are opened when their first frame is asked for. One that cannot be read counts as having no frames, and
-    ``problems`` says so.
+    Files are opened on first use. An unreadable file counts as empty, with an entry in ``problems``.
     """
 
     def __init__(self, session: Session) -> None:
@@ -69,29 +68,29 @@ class VideoReader:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Those with video, in the order in which they began."""
+        """Cameras with video, in order of their start."""
         return tuple(self._videos)
 
     def frame_times_ns(self, camera: str) -> list[int]:
-        """The stamp of every frame of a camera, rising; empty for one without video."""
+        """Stamps of all frames of a camera, ascending; empty without video."""
         times_ns: list[int] = self._stamps_ns(camera).tolist()
         return times_ns
 
     def info_at(self, camera: str, stamp_ns: int) -> RecordedFrame | None:
-        """The frame on show at that moment: the newest until then. None before the first."""
+        """Info of the newest frame up to that time; None before the first."""
         number = int(np.searchsorted(self._stamps_ns(camera), stamp_ns, side="right")) - 1
         return None if number < 0 else self._info(camera, number)
 
     def frame_at(self, camera: str, stamp_ns: int, *, nearest_key: bool = False) -> VideoPicture | None:
-        """As :meth:`info_at`, with the picture.
+        """Frame of :meth:`info_at` with its image.
 
-        ``nearest_key`` gives the key frame at or before it, which is quick anywhere; the info says which that was.
+        ``nearest_key`` returns the key frame at or before it, which is fast to seek; the info identifies it.
         """
         found = self.info_at(camera, stamp_ns)
         return None if found is None else self.frame(camera, found.number, nearest_key=nearest_key)
 
     def frame(self, camera: str, number: int, *, nearest_key: bool = False) -> VideoPicture | None:
-        """A frame by its number; None where there is none, or where it cannot be decoded."""
+        """Frame by number; None if there is none or it cannot be decoded."""
         place = self._place(camera, number)
         if place is None:
             return None
@@ -104,7 +103,7 @@ class VideoReader:
         return None if info is None else VideoPicture(info, picture.to_ndarray(format="bgr24"))
 
     def thumbnail(self, camera: str, stamp_ns: int, width_px: int) -> NDArray[np.uint8] | None:
-        """A small picture of about that moment: the key frame at or before it, ``width_px`` wide."""
+        """Thumbnail for about that time: the key frame at or before it, ``width_px`` wide."""
         found = self.info_at(camera, stamp_ns)
         place = None if found is None else self._place(camera, found.number)
         if found is None or place is None:
@@ -120,8 +119,8 @@ class VideoReader:
         return image_bgr
 
     def packets(self, camera: str) -> Iterator[tuple[RecordedFrame, bytes]]:
-        """Every frame of a camera as it lies in its videos, in their order: H.264 in Annex B, and before each key frame
-        what a decoder needs to begin there. Nothing of a video in another encoding, or from where it is damaged.
+        """Encoded frames of a camera in order: H.264 in Annex B, with parameter sets before each key frame. Empty for
+        other codecs; ends where a video is damaged.
         """
         videos = self._known(camera)
         for first, video in zip(self._firsts[camera].tolist(), videos, strict=True):
@@ -150,7 +149,7 @@ class VideoReader:
         return self._stamps[camera]
 
     def _known(self, camera: str) -> list["_Video"]:
-        """The camera's videos with their times read."""
+        """The camera's videos with their frame times read."""
         videos = self._videos.get(camera, [])
         if camera not in self._firsts:
             for video in videos:
@@ -166,7 +165,7 @@ class VideoReader:
         videos = self._known(camera)
         firsts = self._firsts[camera]
         which = int(np.searchsorted(firsts, number, side="right")) - 1
-        # Of files without frames the last one is found; the one with the frame begins at the same number.
+        # Of files without frames, the search finds the last; the one with the frame begins at the same number.
         while which >= 0 and number - firsts[which] >= videos[which].times.count:
             which -= 1
         if which < 0 or number < 0:
@@ -190,10 +189,10 @@ class VideoReader:
 
 
 class _Video:
-    """One file. ``times`` is there after :meth:`prepare`; the file is opened for the first picture."""
+    """One file. ``times`` is valid after :meth:`prepare`; the file is opened for the first image."""
 
     def __init__(self, path: Path, first_ns: int, told_bytes: int | None) -> None:
-        """``told_bytes`` is how large the file was when its session was closed."""
+        """``told_bytes`` is the file's size when its session was closed."""
         self.path = path
         self._told_bytes = told_bytes
         self.times = FrameTimes.none()
@@ -205,11 +204,11 @@ class _Video:
         self._failed = False
 
     def prepare(self) -> str:
-        """Find out when the frames were taken; what is wrong with the file, if anything, in words for people."""
+        """Read the frame times; return a problem with the file as text, or an empty one."""
         try:
             self.times = read_frame_times(index_path(self.path))
         except FileNotFoundError:
-            # Sessions of an older version have none; the video's own times are good to 11 µs.
+            # Sessions of older versions have none; the video's own times are good to 11 µs.
             return self._read_own_times()
         except (OSError, ValueError) as error:
             return self._read_own_times() or f"The frame times of {self.path.name} cannot be read: {error}."
@@ -222,19 +221,19 @@ class _Video:
         return ""
 
     def decode(self, number: int, *, nearest_key: bool) -> tuple[int, Any] | None:
-        """Number and picture (of PyAV) of a frame, or of the key frame at or before it."""
+        """Number and image (PyAV) of a frame, or of the key frame at or before it."""
         if self._failed or not self._opened():
             return None
         try:
             return self._decoded(number, nearest_key=nearest_key)
         except Exception as error:
-            # PyAV raises errors of its own kinds, and a damaged file any of them.
+            # PyAV raises errors of its own types, and a damaged file any of them.
             _log.warning("%s cannot be read at frame %d: %s", self.path, number, error)
             self._at, self._frames = None, iter(())
             return None
 
     def packets(self) -> Iterator[bytes]:
-        """Each frame as it is encoded."""
+        """Encoded frames in order."""
         import av
         from av.bitstream import BitStreamFilterContext
 
@@ -245,7 +244,7 @@ class _Video:
                     return
                 to_annex_b = BitStreamFilterContext("h264_mp4toannexb", stream)
                 for packet in container.demux(stream):
-                    # The last one is empty, and ends the stream.
+                    # The last packet is empty and flushes the filter.
                     yield from map(bytes, to_annex_b.filter(packet) if packet.size else ())
         except (av.error.FFmpegError, OSError, IndexError) as error:
             _log.warning("%s cannot be read: %s", self.path, error)
@@ -303,7 +302,7 @@ class _Video:
 
 
 def _files_of(session: Session, problems: list[str]) -> list[tuple[Path, str, int]]:
-    """Path, camera and first stamp of each video: those that the header names, else those that lie there."""
+    """Path, camera and first stamp of each video: by the header, else by the files present."""
     told = session.header.get("videos")
     files: dict[str, tuple[Path, str, int]] = {}
     for entry in told if isinstance(told, list) else ():
@@ -318,7 +317,7 @@ def _files_of(session: Session, problems: list[str]) -> list[tuple[Path, str, in
             problems.append(f"{name} is missing.")
         else:
             files[name] = (session.folder / name, camera, first_ns)
-    # Where the recording was cut off, the header does not name them.
+    # The header of an interrupted recording does not list them.
     others = [path for path in sorted(session.folder.glob("video-*.mp4")) if path.name not in files]
     others = [path for path in others if inside(session.folder, path.name)]
     if others and session.header.get("ended_ns") is None:
@@ -327,7 +326,7 @@ def _files_of(session: Session, problems: list[str]) -> list[tuple[Path, str, in
 
 
 def _unnamed(session: Session, path: Path) -> tuple[Path, str, int] | None:
-    """A video that nobody names: its camera is one of those recorded, its beginning in its index or the record."""
+    """Video missing in the header: its camera is a recorded one, its start comes from its index or the log."""
     cameras: dict[str, int] = {}
     for _, value in session.values("frame"):
         if isinstance(value, FrameRef) and value.camera not in cameras:

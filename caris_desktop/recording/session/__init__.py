@@ -1,1 +1,1 @@
-"""A session folder that was written: reading, repairing and checking it, and what happened in it as wholes."""
+"""Recorded session folders: reading, repair, verification, and aggregation of events."""

@@ -1,4 +1,4 @@
-"""What was wrong while a session was recorded: one value for each alarm, from the events that report it."""
+"""Alarms of a session: one record per alarm, from its change events."""
 
 from collections.abc import Iterable, Sequence
 
@@ -9,9 +9,9 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class AlarmRecord:
-    """One alarm. ``start_ns`` is when the record first has it, ``end_ns`` when it was last over, None where it stood
-    when the session ended. ``stood_s`` is for how long it was there, without pauses; ``times`` how often it was raised.
-    ``seen_to_by`` is who saw to it, where it did not end by itself.
+    """One alarm. ``start_ns`` is its first record, ``end_ns`` its last end, None if active at the end of the session.
+    ``stood_s`` is its active time without pauses; ``times`` counts how often it was raised. ``seen_to_by`` is who
+    resolved it, unless it ended without intervention.
     """
 
     alarm_id: str
@@ -28,10 +28,10 @@ class AlarmRecord:
 def alarms_of(
     events: Iterable[AlarmChanged], *, ended_ns: int, pauses: Sequence[tuple[int, int]] = ()
 ) -> tuple[AlarmRecord, ...]:
-    """In the order in which they were first there.
+    """Alarms in order of their first occurrence.
 
-    Nothing is recorded while the recording is paused, and what is wrong still is raised again when it goes on: an alarm
-    that stood when a pause began, and is not told of afterwards, was over with it.
+    Nothing is recorded during a pause, and active alarms are raised again after it: an alarm without a later event
+    ended with the pause.
     """
     histories: dict[str, list[AlarmChanged]] = {}
     for event in events:

@@ -1,4 +1,4 @@
-"""What became of the answers of language models. What nobody heard was not used, whatever was asked for."""
+"""Use of language model answers in a session. Answers that were never audible count as unused."""
 
 from collections.abc import Iterable, Sequence
 from typing import Literal
@@ -11,14 +11,14 @@ _SAID_WITHIN_NS = 5_000_000_000
 
 
 def questions_of(exchanges: Iterable[LlmExchange]) -> tuple[LlmExchange, ...]:
-    """What the wizard asked. Of suggestions and proposals there are events of their own."""
+    """Exchanges that the wizard asked; suggestions and proposals have events of their own."""
     return tuple(exchange for exchange in exchanges if exchange.purpose == "question")
 
 
 def answer_uses(
     exchanges: Iterable[LlmExchange], uses: Iterable[AnswerUsed], utterances: Sequence[SpokenUtterance]
 ) -> dict[str, LlmUse]:
-    """What became of each answer, by exchange: said if it ever was heard as it stood, else edited, else dismissed."""
+    """Use of each answer by exchange: said if it was audible unchanged, else edited, else dismissed."""
     by_exchange: dict[str, set[str]] = {}
     for use in uses:
         if not unheard(use, utterances):
@@ -33,7 +33,7 @@ def answer_uses(
 
 
 def unheard(use: AnswerUsed, utterances: Iterable[SpokenUtterance]) -> bool:
-    """Whether an answer was to be said and nobody heard it: it was silenced first, or the voice failed."""
+    """True if an answer was to be spoken but was not audible: cancelled before, or speech failed."""
     if use.use == "dismissed":
         return False
     utterance = _utterance_of(use, utterances)
@@ -41,7 +41,7 @@ def unheard(use: AnswerUsed, utterances: Iterable[SpokenUtterance]) -> bool:
 
 
 def _utterance_of(use: AnswerUsed, utterances: Iterable[SpokenUtterance]) -> SpokenUtterance | None:
-    """By its id; older records have only the same words at about the same time."""
+    """The utterance by id; older recordings only allow matching by text and time."""
     robots = [item for item in utterances if item.speaker == "robot"]
     if use.utterance_id:
         return next((item for item in robots if item.utterance_id == use.utterance_id), None)

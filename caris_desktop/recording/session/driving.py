@@ -1,4 +1,4 @@
-"""When a wizard drove: one definition for measures, report, timeline, tiers and training data."""
+"""Driving time: one definition for measures, report, timeline, tiers and training data."""
 
 from collections.abc import Sequence
 
@@ -12,10 +12,9 @@ COMMAND_HOLDS_S = 0.3
 def held_until_ns(
     stamps_ns: NDArray[np.int64], *, ended_ns: int, pauses: Sequence[tuple[int, int]] = ()
 ) -> NDArray[np.int64]:
-    """Until when each velocity command holds: the next one, the end of the recording, a pause, or ``COMMAND_HOLDS_S``.
+    """End of each velocity command: the next one, the end of the recording, a pause, or ``COMMAND_HOLDS_S``.
 
-    ``stamps_ns`` is in the order of time. A command is driving where any part of its velocity is not zero, however
-    slow.
+    ``stamps_ns`` is sorted. A command counts as driving if any velocity component is nonzero, however slow.
     """
     if not stamps_ns.size:
         return stamps_ns

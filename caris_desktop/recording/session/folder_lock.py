@@ -1,4 +1,4 @@
-"""The lock on a session folder that is being written: nobody repairs a session that still grows."""
+"""Lock on a session folder being written, so that a growing session is not repaired."""
 
 import errno
 import logging
@@ -11,7 +11,7 @@ from typing import Self
 
 _log = logging.getLogger(__name__)
 LOCK_NAME = ".recording"
-# Somebody who only looks whether the folder is held has it for a moment.
+# A check by :func:`is_held` locks it briefly.
 _TRIES, _BETWEEN_TRIES_S = 20, 0.025
 
 
@@ -20,14 +20,14 @@ class FolderHeldError(OSError):
 
 
 class FolderLock:
-    """Held until :meth:`release`, or until the process ends in whatever way: then the file remains, unheld."""
+    """Lock until :meth:`release` or the end of the process, after which the file remains unlocked."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self._path = path
         self._descriptor: int | None = descriptor
 
     def release(self) -> None:
-        """Let go, and leave no file behind."""
+        """Release the lock and remove its file."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is None:
             return
@@ -55,7 +55,7 @@ class FolderLock:
 
 
 def hold(folder: Path) -> FolderLock:
-    """Keep ``folder`` for this process: to record into it, or to repair it.
+    """Lock ``folder`` for recording or repair.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def hold(folder: Path) -> FolderLock:
     path = folder / LOCK_NAME
     for _ in range(_TRIES):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        # Whoever held it may have removed the file between our opening and our locking it.
+        # The previous holder may have removed the file between our open and our lock.
         if _locked(descriptor) and _is_file_at(path, descriptor):
             return FolderLock(path, descriptor)
         os.close(descriptor)
@@ -76,13 +76,13 @@ def hold(folder: Path) -> FolderLock:
 
 
 def is_held(folder: Path) -> bool:
-    """Whether somebody records into ``folder``, or repairs it, at this moment."""
+    """True while ``folder`` is being recorded into or repaired."""
     try:
         descriptor = os.open(folder / LOCK_NAME, os.O_RDONLY)
     except FileNotFoundError:
         return False
     except OSError:
-        # The system refuses even to open it while another process has it (Windows).
+        # Windows refuses to open it while another process holds it.
         return sys.platform == "win32"
     try:
         return not _locked(descriptor, shared=True)
@@ -101,7 +101,7 @@ if sys.platform == "win32":
     import msvcrt
 
     def _locked(descriptor: int, *, shared: bool = False) -> bool:
-        """The lock goes with the descriptor when that is closed."""
+        """Lock the file; closing the descriptor releases it."""
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         except OSError:
@@ -111,7 +111,7 @@ else:
     import fcntl
 
     def _locked(descriptor: int, *, shared: bool = False) -> bool:
-        """The lock goes with the descriptor when that is closed."""
+        """Lock the file; closing the descriptor releases it."""
         try:
             fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -1,8 +1,8 @@
-"""What whoever writes a session and whoever reads it agree on: its version, and how ``session.json`` tells of media."""
+"""Session format shared by writer and reader: version, and media entries of ``session.json``."""
 
 from caris_desktop.domain.value_class import dataclass
 
-# 1 and 2 had schemas of our own only, null for None, and did not tell who asked; 2 brought the checksums.
+# 1 and 2 had our own schemas only, null for None, and no actor; 2 added the checksums.
 FORMAT, FORMAT_VERSION = "caris-desktop session", 3
 TRIAL_METADATA = "trial."
 

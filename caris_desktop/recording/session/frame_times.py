@@ -1,4 +1,4 @@
-"""The side index of a video: when each of its frames came and was taken, one line each, as the recorder writes it."""
+"""Frame index of a video: arrival and capture time of each frame, one line each."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -21,9 +21,8 @@ _MAX_INDEX_BYTES = 1 << 30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameTimes:
-    """One entry for each frame. ``stamps_ns`` are the arrivals; ``robot_stamps_ns`` is NO_ROBOT_STAMP where the robot
-    sent none. ``taken_ns`` is when the camera took it, to within ``uncertainty_ms``; UNKNOWN and NaN where that is not
-    known.
+    """One entry per frame. ``stamps_ns`` are arrivals; ``robot_stamps_ns`` is NO_ROBOT_STAMP if the robot sent none.
+    ``taken_ns`` is the capture time within ``uncertainty_ms``; UNKNOWN and NaN if not known.
     """
 
     video_s: NDArray[np.float64]
@@ -34,7 +33,7 @@ class FrameTimes:
 
     @property
     def delay_ms(self) -> float | None:
-        """How long a frame took from the camera to here, in the middle; None where that is known of none."""
+        """Median delay from capture to arrival in ms; None if unknown for all frames."""
         known = self.taken_ns != UNKNOWN
         return round(float(np.median((self.stamps_ns - self.taken_ns)[known])) / 1e6, 3) if known.any() else None
 
@@ -45,7 +44,7 @@ class FrameTimes:
 
     @property
     def shown_ns(self) -> NDArray[np.int64]:
-        """The moments that the video shows: when a frame was taken, or else when it came."""
+        """Times that the video shows: capture, else arrival."""
         return np.where(self.taken_ns == UNKNOWN, self.stamps_ns, self.taken_ns)
 
     @property
@@ -53,7 +52,7 @@ class FrameTimes:
         return len(self.stamps_ns)
 
     def first(self, count: int) -> "FrameTimes":
-        """Those of the first ``count`` frames."""
+        """Entries of the first ``count`` frames."""
         return FrameTimes(*(getattr(self, field.name)[:count] for field in fields(self)))
 
     @classmethod
@@ -63,12 +62,12 @@ class FrameTimes:
 
 
 def index_path(video: Path) -> Path:
-    """Where the side index of ``video`` lies."""
+    """Path of the frame index of ``video``."""
     return video.with_suffix(INDEX_SUFFIX)
 
 
 def read_frame_times(path: Path) -> FrameTimes:
-    """The whole lines of a side index, up to the first that is none.
+    """Read a frame index up to the first invalid line.
 
     Raises
     ------

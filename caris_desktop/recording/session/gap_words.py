@@ -1,4 +1,4 @@
-"""Why values are missing from a record: kept as plain English text with each gap, and found again where it is shown."""
+"""Reasons for gaps in a recording: stored as plain English text, matched for translation on display."""
 
 from caris_desktop.domain.translation import QT_TR_NOOP, refilled
 
@@ -24,5 +24,5 @@ _REASONS = (
 
 
 def read_reason(kept: str) -> str:
-    """The reason of a gap as the record has it, for ``tr``."""
+    """Recorded reason of a gap, for ``tr``."""
     return refilled(kept, _REASONS)

@@ -1,4 +1,4 @@
-"""Where the robot went by itself: one value for each navigation goal, put together from the events that report it."""
+"""Navigation goals of a session: one record per goal, from its change events."""
 
 from collections.abc import Iterable, Sequence
 
@@ -12,8 +12,8 @@ _OVER: tuple[GoalState, ...] = ("reached", "cancelled", "failed")
 
 @dataclass(frozen=True, slots=True)
 class NavigationGoal:
-    """One goal. ``end_ns`` is None where it was under way still, and is ``start_ns`` where it was refused at once.
-    ``actor`` set it.
+    """One goal. ``end_ns`` is None if it was still active, and ``start_ns`` if it was refused at once. ``actor`` set
+    it.
     """
 
     goal_id: str
@@ -28,10 +28,10 @@ class NavigationGoal:
 def navigation_goals(
     events: Iterable[GoalChanged], *, started_ns: int, pauses: Sequence[tuple[int, int]] = ()
 ) -> tuple[NavigationGoal, ...]:
-    """The goals of a session, in the order in which they were first told of.
+    """Goals of a session in order of their first event.
 
-    A recording that begins, or goes on after one of the ``pauses``, notes how the last goal stands: one of which that
-    tells first that it is over was none of this recording.
+    A recording that begins, or resumes after one of the ``pauses``, notes the state of the last goal: one that was over
+    by then does not belong to it.
     """
     histories: dict[str, list[GoalChanged]] = {}
     for event in events:
@@ -43,7 +43,7 @@ def navigation_goals(
         unrecorded = first.stamp_ns <= started_ns or any(begin < first.stamp_ns <= end for begin, end in pauses)
         if over is not first or not unrecorded:
             end_ns, state = (None, history[-1].state) if over is None else (over.stamp_ns, over.state)
-            # Of one that is cancelled the event names who did that.
+            # The event of a cancelled goal names who cancelled it.
             actor = first.actor if first.state != "cancelled" else ""
             goals.append(
                 NavigationGoal(first.goal_id, first.target_in_map, first.place, first.stamp_ns, end_ns, state, actor)

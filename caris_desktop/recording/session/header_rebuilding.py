@@ -1,4 +1,4 @@
-"""What heads a session, as far as its events tell, for a session whose ``session.json`` was lost."""
+"""Recovery of a lost or damaged ``session.json`` from a session's events."""
 
 import io
 import json
@@ -26,7 +26,7 @@ _LAST_UNTOLD_VERSION = 2
 
 
 def holds_record(folder: Path) -> bool:
-    """Whether ``folder`` holds events that this program recorded, whatever became of its ``session.json``."""
+    """True if ``folder`` contains events recorded by this program, with or without ``session.json``."""
     try:
         return mcap_blocks.library_of(folder / _EVENTS) == _LIBRARY
     except OSError:
@@ -34,9 +34,9 @@ def holds_record(folder: Path) -> bool:
 
 
 def rebuilt_header(folder: Path, *, missing: bool) -> dict[str, Any] | None:
-    """A head made of the events in ``folder``, that of a session which was not closed; None where they do not tell.
+    """Header rebuilt from the events in ``folder``, as for an unclosed session; None if they do not suffice.
 
-    ``missing`` says whether there was no ``session.json``, or one that was damaged.
+    ``missing``: there was no ``session.json``, rather than a damaged one.
     """
     try:
         with (folder / _EVENTS).open("rb") as file:
@@ -89,7 +89,7 @@ def rebuilt_header(folder: Path, *, missing: bool) -> dict[str, Any] | None:
 
 
 def _beginning(file: IO[bytes], index: BlockIndex) -> tuple[ClockAnchor, int] | None:
-    """One moment on the session's clock and in UTC, and when the session began on its clock."""
+    """A moment in session time and UTC, and the start in session time."""
     topic = f"/{BY_TYPE[SessionStarted].name}"
     numbers = [number for number, channel in index.channels.items() if channel.topic == topic]
     for only in (numbers, list(index.channels)):
@@ -99,9 +99,9 @@ def _beginning(file: IO[bytes], index: BlockIndex) -> tuple[ClockAnchor, int] | 
                 stamp_ns = told["stamp_ns"]
             except (ValueError, KeyError, TypeError, RecursionError):
                 continue
-            # What the robot stamped was published by its clock, which is another moment than its arrival.
+            # Messages with a robot stamp are published in robot time, which differs from their arrival.
             if isinstance(stamp_ns, int) and message.publish_ns > 0 and told.get("robot_stamp_ns") is None:
-                # What was known before the session began is older than it, and arrived when it did.
+                # Values from before the session are older than it, and arrived at its start.
                 return ClockAnchor(stamp_ns, message.publish_ns), message.log_ns - message.publish_ns + stamp_ns
     return None
 
@@ -118,7 +118,7 @@ def _first(file: IO[bytes], index: BlockIndex, kind: type[T]) -> T | None:
 
 
 def _messages(file: IO[bytes], index: BlockIndex, channels: list[int]) -> Iterator[tuple[Message, bytes]]:
-    """The messages of these channels in the first blocks that have any."""
+    """Messages of these channels in the first chunks that contain any."""
     blocks = sorted({int(number) for channel in channels for number in index.blocks_of.get(channel, ())})
     for number in blocks[:3]:
         try:

@@ -1,6 +1,6 @@
-"""How many values were in the record a few seconds ago: what a recording that is cut off can be compared with.
+"""Value counts of a running recording, updated every few seconds, to detect data loss after an interruption.
 
-The file is there while a session is recorded, and goes with its end: ``session.json`` has the counts then.
+The file exists only while a session is recorded; afterwards ``session.json`` has the counts.
 """
 
 import json
@@ -17,7 +17,7 @@ _MAX_BYTES = 1024 * 1024
 
 
 def keep_counts(folder: Path, counts: Mapping[str, int]) -> Path:
-    """Write down how many values of each stream are in the record now; where. Does not wait for the disk.
+    """Store the number of values per stream, without fsync; return the path.
 
     Raises OSError.
     """
@@ -27,7 +27,7 @@ def keep_counts(folder: Path, counts: Mapping[str, int]) -> Path:
 
 
 def last_counts(folder: Path) -> Counter[str] | None:
-    """What was written down last; None where nothing was."""
+    """Last stored counts; None if there are none."""
     try:
         with (folder / COUNTS_NAME).open("rb") as file:
             data = json.loads(file.read(_MAX_BYTES))
@@ -37,14 +37,14 @@ def last_counts(folder: Path) -> Counter[str] | None:
 
 
 def counts_of(data: object) -> Counter[str] | None:
-    """Counts as a file tells them; None where it tells none."""
+    """Counts from file content; None if invalid."""
     if not isinstance(data, dict):
         return None
     return Counter({str(name): count for name, count in data.items() if isinstance(count, int) and count > 0}) or None
 
 
 def forget_counts(folder: Path) -> None:
-    """The head of the session has them now."""
+    """Remove the file once the session header has the counts."""
     try:
         (folder / COUNTS_NAME).unlink(missing_ok=True)
     except OSError:

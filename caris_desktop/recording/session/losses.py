@@ -1,4 +1,4 @@
-"""What a session lacks of all that was recorded: told by what its head says of the files, wherever it is read."""
+"""Missing data of a session: differences between its header and its files."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -18,16 +18,16 @@ _MAX_TOLD = 5
 
 
 def losses_of(folder: Path, header: Mapping[str, Any], missing: Mapping[str, int]) -> tuple[str, ...]:
-    """A sentence for each thing that was recorded and is not there any more; empty where nothing is known to be lost.
+    """A sentence for each known data loss; empty if there is none.
 
-    Those that a repair wrote down, the values that are :func:`missing <missing_values>`, and files that are missing or
-    shorter than when the session was closed. Other changes to files are a matter of their checksums.
+    Includes the findings of a repair, :func:`missing values <missing_values>`, and files that are missing or shorter
+    than at the close. Other changes are a matter of checksums.
     """
     return (*told_losses(header), *missing_words(header, missing), *files_lacking(folder, header))
 
 
 def missing_words(header: Mapping[str, Any], missing: Mapping[str, int]) -> tuple[str, ...]:
-    """How many values are missing, in words for people; empty where none are."""
+    """Sentence on the number of missing values; empty if none are."""
     count = sum(missing.values())
     if not count:
         return ()
@@ -36,9 +36,9 @@ def missing_words(header: Mapping[str, Any], missing: Mapping[str, int]) -> tupl
 
 
 def missing_values(folder: Path, header: Mapping[str, Any]) -> Counter[str]:
-    """How many values of each stream the head of a closed session counts and its record does not hold any more.
+    """Missing values per stream: counted in the header of a closed session and no longer in its log.
 
-    Those that a repair found missing are not among them: it counted what was left. Raises OSError.
+    Excludes those that a repair found missing, since it counted the rest. Raises OSError.
     """
     expected = counts_of(header.get("counts"))
     if header.get("ended_ns") is None or expected is None:
@@ -47,7 +47,7 @@ def missing_values(folder: Path, header: Mapping[str, Any]) -> Counter[str]:
 
 
 def _values_in(path: Path, named: Counter[str]) -> Counter[str]:
-    """How many values of each stream can be read; of those that this program does not know, by the ``named`` ones."""
+    """Readable values per stream; unknown streams by the names in ``named``."""
     index = mcap_blocks.read_index(path)
     of_channel: Counter[int] = Counter()
     with path.open("rb") as file:
@@ -70,13 +70,13 @@ def _values_in(path: Path, named: Counter[str]) -> Counter[str]:
 
 
 def told_losses(header: Mapping[str, Any]) -> tuple[str, ...]:
-    """What a repair found missing, in words for people."""
+    """Missing data found by a repair, as sentences."""
     told = header.get("losses")
     return tuple(words.read_loss(str(sentence)) for sentence in told) if isinstance(told, list) else ()
 
 
 def lost_values(header: Mapping[str, Any]) -> dict[str, int]:
-    """How many values of each stream were recorded and are lost since, as a repair found."""
+    """Number of lost values per stream, as found by a repair."""
     told = header.get("lost")
     if not isinstance(told, dict):
         return {}
@@ -84,7 +84,7 @@ def lost_values(header: Mapping[str, Any]) -> dict[str, int]:
 
 
 def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
-    """A sentence for each file that is missing or shorter than the head of a closed session says."""
+    """A sentence for each file that is missing or shorter than the header of a closed session says."""
     if header.get("ended_ns") is None:
         return ()
     sentences: list[str] = []
@@ -110,7 +110,7 @@ def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def told_bytes_of(header: Mapping[str, Any], name: str) -> int | None:
-    """How large a file was when the session was closed; None where its head does not tell."""
+    """Size of a file when the session was closed; None if the header lacks it."""
     return next((size for told, size in _told_files(header) if told == name), None)
 
 
@@ -128,7 +128,7 @@ def _told_files(header: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
 
 
 def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, told_bytes: int) -> str:
-    """Of a video or a sound, what it has lost in pictures and seconds; empty for other files."""
+    """Loss of a video or audio file in frames and seconds; empty for other files."""
     video = _entry(header, "videos", path.name)
     if video is not None:
         told = {"file": path.name, "count": video.get("frames"), "camera": video.get("camera")}

@@ -1,6 +1,6 @@
-"""``manifest-sha256.txt``: the checksum of every file of a closed session, as ``sha256sum -c`` reads it.
+"""``manifest-sha256.txt``: checksums of all files of a closed session, for ``sha256sum -c``.
 
-What is made of the session afterwards, annotations, exports and derived layers, is no part of it.
+Later results (annotations, exports, derived layers) are excluded.
 """
 
 import hashlib
@@ -20,11 +20,11 @@ _LINE = re.compile(r"(\\?)([0-9a-f]{64}) [ *](.+)")
 
 
 class HashingStopped(Exception):  # noqa: N818 - no error: somebody asked for it
-    """Whoever asked for the manifest no longer waits for it."""
+    """The caller no longer waits for the manifest."""
 
 
 def write_manifest(folder: Path, *, may_go_on: Callable[[], bool] = lambda: True) -> Path:
-    """Hash every file of the session in ``folder``; the manifest appears whole or not at all, on the disk itself.
+    """Hash every file of the session in ``folder``; the manifest is written atomically and synced.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def write_manifest(folder: Path, *, may_go_on: Callable[[], bool] = lambda: True
 
 
 def verify_manifest(folder: Path) -> list[str]:
-    """What is not as the manifest says, one sentence each; empty when all is as it was when the session closed.
+    """Differences from the manifest, one sentence each; empty if all files are as at the close of the session.
 
     Raises
     ------
@@ -70,10 +70,10 @@ def verify_manifest(folder: Path) -> list[str]:
 
 
 def session_files(folder: Path) -> list[str]:
-    """The files that make up a session, sorted, as relative paths with forward slashes.
+    """Files of a session, sorted, as relative paths with forward slashes.
 
-    Without the manifest itself, annotations, exports, derived layers, the counts of a recording under way, and what is
-    hidden: that is there only while something is being written, or is some program's own.
+    Excludes the manifest, annotations, exports, derived layers, the counts of a running recording, and hidden files,
+    which are temporary or belong to other programs.
     """
     names = []
     for path in folder.rglob("*"):

@@ -1,4 +1,4 @@
-"""The marks and notes of a session as the wizard left them: one value for each, whatever was changed about it."""
+"""Final marks and notes of a session: one record per mark, from all of its changes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from caris_desktop.domain.events import Marked, MarkKind
 from caris_desktop.domain.value_class import dataclass
 
 if TYPE_CHECKING:
-    # The running console folds its own marks, and reads no session.
+    # The running console folds its own marks without reading a session.
     from caris_desktop.recording.session.session_reader import Session
 
 _TAG = re.compile(r"(?<!\S)#(\w[\w-]*)")
@@ -19,10 +19,10 @@ _TAG = re.compile(r"(?<!\S)#(\w[\w-]*)")
 
 @dataclass(frozen=True, slots=True)
 class FinalMark:
-    """A moment, or a stretch where ``end_ns`` is set, on the session clock; ``end_ns`` is not before ``start_ns``.
+    """Point or interval (with ``end_ns`` >= ``start_ns``) in session time.
 
-    ``marked_ns`` is when ``actor`` first said so, ``open_at_end`` a stretch that nobody ended: the session did.
-    ``rewritten``: its note had other words before.
+    ``marked_ns`` is when ``actor`` created it; ``open_at_end``: an interval that only the end of the session closed.
+    ``rewritten``: its note was changed.
     """
 
     mark_id: str
@@ -38,22 +38,22 @@ class FinalMark:
 
     @property
     def tags(self) -> tuple[str, ...]:
-        """Words of the note that begin with #, without that, in their order."""
+        """Words of the note after a #, in order."""
         return tuple(dict.fromkeys(_TAG.findall(self.note)))
 
 
 def notes_among(marks: Iterable[FinalMark]) -> tuple[FinalMark, ...]:
-    """What was written down: notes, and marks with a note."""
+    """Notes, and marks with a note."""
     return tuple(mark for mark in marks if mark.kind == "note" or mark.note)
 
 
 def final_marks(session: Session) -> tuple[FinalMark, ...]:
-    """The marks of a session in the order of their moments, without the withdrawn ones. Raises SessionError."""
+    """Marks of a session in order of time, without withdrawn ones. Raises SessionError."""
     return final_marks_of((value for _, value in session.values("event/marked")), ended_ns=session.ended_ns)
 
 
 def final_marks_of(events: Iterable[Marked], *, ended_ns: int) -> tuple[FinalMark, ...]:
-    """Fold ``events``, in the order of recording. Marks of older sessions, which had no ids, get mark-1, mark-2..."""
+    """Final marks from ``events`` in recording order. Marks of older sessions without ids get mark-1, mark-2..."""
     histories: dict[str, list[Marked]] = {}
     for number, event in enumerate(events, start=1):
         histories.setdefault(event.mark_id or f"mark-{number}", []).append(event)
@@ -65,7 +65,7 @@ def _final(mark_id: str, history: list[Marked], ended_ns: int) -> FinalMark | No
     first, last = history[0], history[-1]
     if last.state == "withdrawn":
         return None
-    # A change that does not say which moment is meant leaves it as it was.
+    # A change without times leaves them as they were.
     starts_ns = [event.start_ns for event in history if event.start_ns is not None]
     start_ns = starts_ns[-1] if starts_ns else first.stamp_ns
     end_ns = last.end_ns

@@ -1,7 +1,7 @@
-"""Reads ``events.mcap`` block by block: by its index where it has one, else by looking at all of it once.
+"""Reader of ``events.mcap`` by chunk: uses the index if present, else scans the file once.
 
-A block is a chunk with its compressed messages, or a run of messages outside of chunks. See https://mcap.dev/spec
-for the records; what is damaged or cut is left out, never guessed.
+A block is a chunk with compressed messages, or a run of messages outside of chunks. See https://mcap.dev/spec for the
+records; damaged or truncated ones are left out, never guessed.
 """
 
 import json
@@ -44,17 +44,17 @@ _log = logging.getLogger(__name__)
 _BESIDE = (HEADER, ATTACHMENT, METADATA)
 _TAIL_BYTES = HEAD.size + FOOTER_BODY.size + len(MAGIC)
 _INDEX_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
-# A map of 10,000 x 10,000 cells has 100 million bytes; the recorder closes a block after some megabytes.
+# A map of 10,000 x 10,000 cells has 100 million bytes; the recorder closes a chunk after some megabytes.
 _MAX_BLOCK_BYTES = 1 << 28
 _RUN_BYTES = 1 << 20
 _LONGEST_HEADER_BYTES = 1024
 _LARGEST_NS = 2**63 - 1
-# Where a chunk's compression is named, counted from its first byte: how the next one is found behind damage.
+# Offset of the compression name in a chunk, which locates the next chunk behind damage.
 _ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", HEAD.size + CHUNK_BODY.size - 4
 
 
 class Message(NamedTuple):
-    """One message of a block: ``content[start:end]`` is its data. Times are UTC nanoseconds."""
+    """One message of a chunk: ``content[start:end]`` is its data. Times are UTC nanoseconds."""
 
     channel: int
     sequence: int
@@ -65,17 +65,17 @@ class Message(NamedTuple):
 
     @property
     def record_start(self) -> int:
-        """Where the record begins that holds the message, in the block's content."""
+        """Offset of the message's record in the chunk's content."""
         return self.start - MESSAGE_BODY.size - HEAD.size
 
 
 class DamagedBlockError(ValueError):
-    """A block that cannot be unfolded."""
+    """Chunk that cannot be decompressed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """``record`` and ``schema`` are the records as they are in the file, head and all."""
+    """``record`` and ``schema`` are the complete raw records."""
 
     topic: str
     record: bytes
@@ -83,12 +83,12 @@ class Channel:
 
     @property
     def schema_number(self) -> int:
-        """0 for a channel that needs no schema."""
+        """Schema id, 0 for a channel without a schema."""
         return int.from_bytes(self.record[HEAD.size + 2 : HEAD.size + 4], "little")
 
     @property
     def json_schema(self) -> dict[str, Any] | None:
-        """What its messages look like, as the file tells it; None where it does not."""
+        """JSON Schema of its messages from the file; None if it has none."""
         body = self.schema[HEAD.size + 2 :]
         for _ in ("name", "encoding"):
             body = body[4 + int.from_bytes(body[:4], "little") :]
@@ -101,10 +101,10 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockIndex:
-    """Where the blocks are. Arrays have one entry for each block, in the order of the file.
+    """Positions of the chunks. Arrays have one entry per chunk, in file order.
 
-    ``has_summary`` is True where the file's own index was used. Otherwise ``damaged_bytes`` counts what was left out,
-    and ``beside`` has the records that belong to the file as a whole: header, metadata, attachments.
+    ``has_summary`` is True if the file's own index was used. Otherwise ``damaged_bytes`` counts skipped bytes, and
+    ``beside`` has the file-level records: header, metadata, attachments.
     """
 
     offsets: NDArray[np.int64]
@@ -123,7 +123,7 @@ class BlockIndex:
 
 @dataclass(slots=True)
 class _Gathered:
-    """An index in the making."""
+    """Index under construction."""
 
     blocks: list[tuple[int, int, int]] = field(default_factory=list)
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -170,19 +170,19 @@ class _Gathered:
 
 
 def read_index(path: Path) -> BlockIndex:
-    """The index of the file, or what one look at all of it gives where that is missing or damaged. Raises OSError."""
+    """Index of the file, from a scan if it is missing or damaged. Raises OSError."""
     with path.open("rb") as file:
         return _by_summary(file) or scan(file, thorough=False)
 
 
 def has_summary(path: Path) -> bool:
-    """Whether the file was finished: it ends as one with an index does. Raises OSError."""
+    """True if the file was finished, with an index at its end. Raises OSError."""
     with path.open("rb") as file:
         return _summary_span(file) is not None
 
 
 def library_of(path: Path) -> str:
-    """Which program began the file; empty where it does not say, or is no MCAP file. Raises OSError."""
+    """Library that wrote the file; empty if unnamed or not an MCAP file. Raises OSError."""
     with path.open("rb") as file:
         begin = file.read(_LONGEST_HEADER_BYTES)
     try:
@@ -199,7 +199,7 @@ def library_of(path: Path) -> str:
 
 
 def messages_of(content: bytes) -> Iterator[Message]:
-    """The messages of an unfolded block."""
+    """Messages of a decompressed chunk."""
     at, end = 0, len(content)
     while at + HEAD.size <= end:
         opcode, length = HEAD.unpack_from(content, at)
@@ -213,7 +213,7 @@ def messages_of(content: bytes) -> Iterator[Message]:
 
 
 def channels_in(content: bytes) -> Iterator[int]:
-    """The channel of each message of an unfolded block."""
+    """Channel of each message of a decompressed chunk."""
     at, end = 0, len(content)
     while at + HEAD.size <= end:
         opcode, length = HEAD.unpack_from(content, at)
@@ -224,12 +224,12 @@ def channels_in(content: bytes) -> Iterator[int]:
 
 
 def read_block(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
-    """The records of one block, unfolded. Raises DamagedBlockError, OSError."""
+    """Decompressed records of one chunk. Raises DamagedBlockError, OSError."""
     return unfolded(read_record(file, index, number))
 
 
 def compression_of(chunk: bytes) -> tuple[str, int]:
-    """How a chunk's record is compressed, and to how many bytes."""
+    """Compression of a chunk's record, and its compressed size in bytes."""
     at = HEAD.size + CHUNK_BODY.size
     (name_bytes,) = struct.unpack_from("<I", chunk, at - 4)
     (folded_bytes,) = struct.unpack_from("<Q", chunk, at + name_bytes)
@@ -237,12 +237,12 @@ def compression_of(chunk: bytes) -> tuple[str, int]:
 
 
 def is_chunk(record: bytes) -> bool:
-    """Whether a block's record is a chunk, not a run of messages."""
+    """True if the record is a chunk rather than a run of messages."""
     return record[:1] == bytes([CHUNK])
 
 
 def read_record(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
-    """One block as it lies in the file, compressed. Raises DamagedBlockError, OSError."""
+    """Raw record of one chunk, compressed. Raises DamagedBlockError, OSError."""
     if index.lengths[number] > _MAX_BLOCK_BYTES:
         raise DamagedBlockError(f"it has {index.lengths[number]} bytes")
     file.seek(int(index.offsets[number]))
@@ -253,7 +253,7 @@ def read_record(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
 
 
 def unfolded(record: bytes) -> bytes:
-    """The records inside of a chunk's record; a run of messages as it is. Raises DamagedBlockError."""
+    """Decompress a chunk's record; a run of messages is returned unchanged. Raises DamagedBlockError."""
     if not is_chunk(record):
         return record
     try:
@@ -271,7 +271,7 @@ def unfolded(record: bytes) -> bytes:
         import zstandard
 
         try:
-            # What the frame says of itself is believed when memory is taken.
+            # The frame's own size would be allocated unchecked.
             if zstandard.frame_content_size(content) not in (-1, size_bytes):
                 raise DamagedBlockError("its sizes contradict one another")
             content = zstandard.ZstdDecompressor().decompress(content, max_output_size=size_bytes)
@@ -285,7 +285,7 @@ def unfolded(record: bytes) -> bytes:
 
 
 def _summary_span(file: IO[bytes]) -> tuple[int, int, int] | None:
-    """Start, end and checksum of the summary."""
+    """Start, end and checksum of the summary section."""
     size_bytes = file.seek(0, 2)
     if size_bytes < len(MAGIC) + _TAIL_BYTES:
         return None
@@ -327,16 +327,16 @@ def _by_summary(file: IO[bytes]) -> BlockIndex | None:
             elif opcode == STATISTICS:
                 (messages,) = struct.unpack_from("<Q", summary, body)
             at = body + length
-        # Without an index of its chunks, or of what lies in them, the file has to be looked at.
+        # Without chunk or message indexes the file must be scanned.
         return None if messages and not sum(map(len, gathered.numbers)) else gathered.index(has_summary=True)
     except (struct.error, ValueError, OverflowError):
         return None
 
 
 def scan(file: IO[bytes], *, thorough: bool = True) -> BlockIndex:
-    """Look at the whole file: every block that is whole, also behind damage. Raises OSError.
+    """Scan the whole file for intact chunks, also behind damage. Raises OSError.
 
-    Unless ``thorough``, what the file tells of a block is believed; :func:`read_block` will find out.
+    Unless ``thorough``, the chunk headers and indexes are trusted; :func:`read_block` detects errors later.
     """
     end = file.seek(0, 2)
     file.seek(0)
@@ -389,7 +389,7 @@ def scan(file: IO[bytes], *, thorough: bool = True) -> BlockIndex:
 
 
 def _add_listed_chunk(gathered: _Gathered, file: IO[bytes], at: int, record_bytes: int) -> bool:
-    """Take the word of the message indexes behind a chunk for what is in it; False where they do not tell all."""
+    """Add a chunk by its message indexes; False if these are incomplete."""
     head = file.read(CHUNK_BODY.size)
     if len(head) < CHUNK_BODY.size:
         return False
@@ -405,7 +405,7 @@ def _add_listed_chunk(gathered: _Gathered, file: IO[bytes], at: int, record_byte
             break
         numbers.append(int.from_bytes(entry[HEAD.size :], "little"))
         place += HEAD.size + length
-    # A chunk that declares a channel has to be unfolded, and so has the last one, which may lack some of its indexes.
+    # A chunk that declares a channel must be decompressed, and so must the last one, whose indexes may be incomplete.
     if not numbers or any(number not in gathered.channels for number in numbers) or last_ns > _LARGEST_NS:
         return False
     gathered.add_block((at, record_bytes, last_ns), np.array(sorted(numbers), np.int64))
@@ -444,7 +444,7 @@ def _add_records(gathered: _Gathered, content: bytes, place: tuple[int, int]) ->
 
 
 def _next_chunk(file: IO[bytes], at: int, end: int) -> int:
-    """The first byte from ``at`` on where a chunk may begin; ``end`` where there is none."""
+    """First offset from ``at`` at which a chunk may begin; ``end`` if there is none."""
     window = 1 << 22
     while at < end:
         file.seek(at)

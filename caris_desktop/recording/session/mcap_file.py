@@ -1,8 +1,8 @@
-"""Writes MCAP (https://mcap.dev/spec), chunk by chunk, for sessions of any length.
+"""MCAP writer (https://mcap.dev/spec), chunk by chunk, for sessions of any length.
 
-The ``mcap`` package reads it, in tests too. Its own writer keeps an object for every chunk and channel, which grows
-by megabytes an hour where chunks are short, writes each chunk in pieces, any of which a kill may find missing, and
-takes over no chunk of another file as it is.
+The ``mcap`` package reads the result, in tests too. Its writer is not used: it accumulates an object per chunk and
+channel (megabytes per hour with short chunks), writes a chunk in several pieces, which a kill may interrupt, and cannot
+copy chunks of another file.
 """
 
 import struct
@@ -27,7 +27,7 @@ _COMPRESSION_LEVEL = 3
 
 @dataclass(slots=True)
 class _Chunk:
-    """The one in progress: its records, and for each channel when and where its messages are, in turns."""
+    """Current chunk: its records, and alternating times and offsets of the messages per channel."""
 
     records: bytearray = field(default_factory=bytearray)
     index: "dict[int, array[int]]" = field(default_factory=dict)
@@ -45,10 +45,10 @@ class _Chunk:
 
 
 class McapFile:
-    """One file that is written from front to end. Times are nanoseconds of UTC. Methods raise OSError."""
+    """Sequential writer of one file. Times are UTC nanoseconds. Methods raise OSError."""
 
     def __init__(self, file: DiskFile, *, library: str, header: bytes = b"") -> None:
-        """``header`` is the record of a file that is taken over, in place of one of our own."""
+        """``header`` is the record of a copied file, instead of our own."""
         import zstandard
 
         self._file = file
@@ -66,11 +66,11 @@ class McapFile:
         file.write(records.MAGIC + (header or record(records.HEADER, text("") + text(library))))
 
     def add_metadata(self, name: str, entries: dict[str, str]) -> None:
-        """Outside of any chunk. To be called before the first message."""
+        """Write a metadata record. Call before the first message."""
         self.copy_beside(record(records.METADATA, text(name) + records.text_map(entries)))
 
     def copy_beside(self, whole: bytes) -> None:
-        """A record of metadata or of an attachment. To be called before the first message."""
+        """Copy a metadata or attachment record. Call before the first message."""
         place = struct.pack("<QQ", self._file.tell(), len(whole))
         body = whole[records.HEAD.size :]
         if whole[0] == records.METADATA:
@@ -78,7 +78,7 @@ class McapFile:
             self._metadata_indexes += record(records.METADATA_INDEX, place + name)
             self._metadata += 1
         elif whole[0] == records.ATTACHMENT:
-            # Two times, name, media type, then how much there is of the data.
+            # Two times, name, media type, then the length of the data.
             names_end = records.text_end(body, records.text_end(body, 16))
             data_bytes = body[names_end : names_end + 8]
             self._attachment_indexes += record(
@@ -88,14 +88,14 @@ class McapFile:
         self._file.write(whole)
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """The number of the schema."""
+        """Add a schema; return its id."""
         number = max(self._schemas, default=0) + 1
         self._schemas[number] = records.schema_record(number, name, encoding, data)
         self._chunk.records += self._schemas[number]
         return number
 
     def add_channel(self, topic: str, message_encoding: str, schema: int) -> int:
-        """The number of the channel."""
+        """Add a channel; return its id."""
         number = max(self._channels, default=0) + 1
         body = struct.pack("<HH", number, schema) + text(topic) + text(message_encoding) + records.text_map({})
         self._channels[number] = record(records.CHANNEL, body)
@@ -103,18 +103,18 @@ class McapFile:
         return number
 
     def declare(self, declaration: bytes) -> None:
-        """The record of a schema or channel that chunks taken over bring with them, so that the summary has it."""
+        """Declare a schema or channel record of copied chunks, for the summary."""
         table = self._schemas if declaration[0] == records.SCHEMA else self._channels
         table[records.number_of(declaration)] = declaration
 
     def add_lost_schema(self, number: int, name: str, data: bytes) -> None:
-        """A JSON Schema in the place of one that a channel taken over refers to and that is nowhere in its file."""
+        """Add a JSON Schema for a copied channel whose own schema is missing in its file."""
         if number not in self._schemas:
             self._schemas[number] = records.schema_record(number, name, "jsonschema", data)
             self._file.write(self._schemas[number])
 
     def add_message(self, channel: int, data: bytes, *, log_time: int, publish_time: int, sequence: int) -> None:
-        """It is in the file once :meth:`flush` has returned. Where this raises it is not added."""
+        """Add a message; it is in the file after :meth:`flush`. On an exception it is not added."""
         if len(self._chunk.records) > _LARGEST_CHUNK_BYTES:
             self.flush()
         chunk = self._chunk
@@ -125,13 +125,13 @@ class McapFile:
         chunk.records += data
 
     def flush(self) -> None:
-        """Write the chunk in progress, in one piece with its index. What the disk does not take stays in progress."""
+        """Write the current chunk and its index in one piece; it is retained if the write fails."""
         if self._chunk.index:
             self._write_chunk(self._chunk, self._folded(self._chunk))
             self._chunk = _Chunk()
 
     def copy_chunk(self, content: bytes, folded: bytes = b"") -> None:
-        """A chunk of these records, which hold messages; ``folded`` is the chunk itself where there is one already."""
+        """Copy a chunk with these records of messages; ``folded`` is its compressed form, if available."""
         self.flush()
         chunk = _Chunk(bytearray(content))
         for message in messages_of(content):
@@ -168,7 +168,7 @@ class McapFile:
         self._end_ns = max(self._end_ns, chunk.end_ns)
 
     def finish(self) -> None:
-        """The summary at the end, by which readers jump."""
+        """Write the summary section for random access."""
         self.flush()
         data_end = record(records.DATA_END, struct.pack("<I", 0))
         begin = self._file.tell() + len(data_end)

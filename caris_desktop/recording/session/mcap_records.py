@@ -1,4 +1,4 @@
-"""The records of an MCAP file (https://mcap.dev/spec), as whoever writes and whoever reads it needs them."""
+"""MCAP record types and layouts (https://mcap.dev/spec), for reader and writer."""
 
 import struct
 
@@ -6,13 +6,13 @@ MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, ATTACHMENT, ATTACHMENT_INDEX = range(1, 11)
 STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(11, 16)
 KNOWN = range(HEADER, DATA_END + 1)
-# Every record begins with what it is and how many bytes follow.
+# Head of every record: opcode and length.
 HEAD = struct.Struct("<BQ")
-# What comes before the data of a message: channel, sequence, log time, publish time.
+# Before the data of a message: channel, sequence, log time, publish time.
 MESSAGE_BODY = struct.Struct("<HIQQ")
-# Start, end, unfolded size, checksum; then the name of the compression, whose length is the last of these.
+# Start, end, uncompressed size, checksum, and length of the compression name that follows.
 CHUNK_BODY = struct.Struct("<QQQII")
-# Start, end, offset and length of a chunk, and how many bytes follow that tell where its message indexes are.
+# Start, end, offset and length of a chunk, and the length of the following message index offsets.
 CHUNK_INDEX_BODY = struct.Struct("<QQQQI")
 FOOTER_BODY = struct.Struct("<QQI")
 
@@ -32,7 +32,7 @@ def text_map(entries: dict[str, str]) -> bytes:
 
 
 def text_end(data: bytes, at: int) -> int:
-    """Where a text that begins at ``at`` ends."""
+    """End offset of a string that begins at ``at``."""
     return at + 4 + int.from_bytes(data[at : at + 4], "little")
 
 
@@ -41,5 +41,5 @@ def schema_record(number: int, name: str, encoding: str, data: bytes) -> bytes:
 
 
 def number_of(declaration: bytes) -> int:
-    """Of a schema's or a channel's record."""
+    """Id of a schema or channel record."""
     return int.from_bytes(declaration[HEAD.size : HEAD.size + 2], "little")

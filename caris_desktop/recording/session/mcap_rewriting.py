@@ -1,4 +1,4 @@
-"""Writes an ``events.mcap`` anew: every whole block as it is, with the index and summary that a cut one lacks."""
+"""Repair of ``events.mcap``: copies intact chunks and adds the missing index and summary."""
 
 import json
 import logging
@@ -18,7 +18,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class AddedMessage:
-    """A message to put behind all others. ``schema`` is a JSON Schema of that name; times are UTC nanoseconds."""
+    """Message to append. ``schema`` is a JSON Schema of that name; times are UTC nanoseconds."""
 
     topic: str
     schema_name: str
@@ -36,9 +36,9 @@ def rewrite(
     added: AddedMessage | None,
     look_at: Callable[[bytes], None],
 ) -> None:
-    """Copy what :func:`mcap_blocks.scan` found in ``source`` to the new file ``target``.
+    """Copy the result of :func:`mcap_blocks.scan` of ``source`` to the new file ``target``.
 
-    ``look_at`` is given the unfolded content of each block. Raises OSError.
+    ``look_at`` receives the decompressed content of each chunk. Raises OSError.
     """
     writer = _begun(target, index)
     for number in range(index.count):
@@ -55,9 +55,9 @@ def rewrite(
 
 
 def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change: Callable[[bytes], bytes]) -> None:
-    """Copy a record to the new file ``target``, the data of each message as ``change`` gives it.
+    """Copy a log to the new file ``target``, with the data of each message replaced by ``change``.
 
-    ``index`` is that of :func:`mcap_blocks.scan`. Blocks that are damaged are left out. Raises OSError.
+    ``index`` is from :func:`mcap_blocks.scan`. Damaged chunks are left out. Raises OSError.
     """
     writer = _begun(target, index)
     for number in range(index.count):
@@ -90,7 +90,7 @@ def _changed(content: bytes, change: Callable[[bytes], bytes]) -> bytes:
 
 
 def _begun(target: DiskFile, index: BlockIndex) -> McapFile:
-    """The new file with what belongs to it as a whole."""
+    """New file with the file-level records."""
     header = next((record for record in index.beside if record[0] == records.HEADER), b"")
     writer = McapFile(target, library="caris-desktop", header=header)
     for record in index.beside:
@@ -102,17 +102,17 @@ def _begun(target: DiskFile, index: BlockIndex) -> McapFile:
         writer.declare(channel.record)
     for channel in index.channels.values():
         if channel.schema_number and not channel.schema:
-            # It was in a lost block, and no reader does without one.
+            # Its schema was in a lost chunk, and readers require one.
             writer.add_lost_schema(channel.schema_number, *_schema_of(channel.topic))
     return writer
 
 
 def _copy_block(writer: McapFile, index: BlockIndex, content: bytes, record: bytes) -> None:
-    """``record`` is the block as it lies in the other file, empty where it is not to be taken as it is."""
+    """Copy one chunk; ``record`` is its raw record, empty if the content was changed."""
     messages = list(mcap_blocks.messages_of(content))
     known = [message for message in messages if message.channel in index.channels]
     if len(known) < len(messages) or (record and not mcap_blocks.is_chunk(record)):
-        # A run of messages outside of chunks, or one whose channel was in a lost block.
+        # A run of messages outside of chunks, or one whose channel was in a lost chunk.
         content = b"".join(content[message.record_start : message.end] for message in known)
         record = b""
     if known:
@@ -120,7 +120,7 @@ def _copy_block(writer: McapFile, index: BlockIndex, content: bytes, record: byt
 
 
 def _schema_of(topic: str) -> tuple[str, bytes]:
-    """Name and content of the JSON Schema that this program gives a topic."""
+    """Name and content of this program's JSON Schema for a topic."""
     name, schema = recorded_schema(topic) or ("lost", {})
     return name, json.dumps(schema).encode()
 

@@ -1,4 +1,4 @@
-"""Makes sound and video files of a broken-off recording agree with what is in them."""
+"""Repair of audio and video files of an interrupted recording: headers and indexes that match the content."""
 
 import logging
 import os
@@ -22,13 +22,13 @@ from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
 _LARGEST_WAV = 2**32 - 1
-# A video rounds times down to 1/90000 s, and frames with equal stamps follow one another by so much.
+# Video times are rounded down to 1/90000 s, and frames of equal stamps are this far apart.
 _SAME_FRAME_NS = 25_000
 
 
 @dataclass(frozen=True, slots=True)
 class VideoContent:
-    """The frames that are whole in a video file. ``times_s`` rise."""
+    """Complete frames of a video file; ``times_s`` ascending."""
 
     times_s: tuple[float, ...]
     width_px: int
@@ -37,7 +37,7 @@ class VideoContent:
 
 @dataclass(frozen=True, slots=True)
 class SoundContent:
-    """The sound that is in a WAV file. ``samples`` counts those of one channel."""
+    """Audio in a WAV file. ``samples`` counts those of one channel."""
 
     sample_rate_hz: int
     channels: int
@@ -50,7 +50,7 @@ class SoundContent:
 
 
 def repair_wav(path: Path) -> SoundContent:
-    """Write the true length into a WAV's head, if another one is there.
+    """Correct the length in a WAV header.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def repair_wav(path: Path) -> SoundContent:
 
 
 def whole_bytes(path: Path) -> int:
-    """Where the last whole fragment of a growing mp4 ends; its size for one that was finished. Raises OSError."""
+    """End of the last complete fragment of a growing mp4, or its size if finished. Raises OSError."""
     at, good, fragmented = 0, 0, False
     with path.open("rb") as file:
         size_bytes = file.seek(0, os.SEEK_END)
@@ -106,7 +106,7 @@ def whole_bytes(path: Path) -> int:
                 length = int.from_bytes(head[8:], "big")
             if length < 8 or at + length > size_bytes:
                 break
-            # A moof tells of the mdat behind it and is worth nothing without that.
+            # A moof describes the following mdat and is useless without it.
             if kind == b"moof":
                 fragmented = True
             else:
@@ -116,7 +116,7 @@ def whole_bytes(path: Path) -> int:
 
 
 def content_of(path: Path) -> VideoContent | None:
-    """Which frames of a video are whole; None where it cannot be read at all."""
+    """Complete frames of a video; None if unreadable."""
     import av
 
     try:
@@ -136,10 +136,10 @@ def content_of(path: Path) -> VideoContent | None:
 
 
 def index_lines(video: Path, content: VideoContent, recorded: list[FrameRef], clock: SessionClock) -> bytes | None:
-    """The side index that fits the frames of a video; None where the one that is there does.
+    """Frame index that matches the frames of a video; None if the present one does.
 
-    ``recorded`` are the frames of its camera as the record tells, by stamp. Lines that are there are kept as they are;
-    frames without one get theirs from the record.
+    ``recorded`` are the camera's frames in the log, by stamp. Present lines are preserved; frames without one get
+    theirs from the log.
     """
     path = index_path(video)
     try:

@@ -1,4 +1,4 @@
-"""When a recording was paused, from the events that tell it."""
+"""Pauses of a recording, from its events."""
 
 from collections.abc import Iterable
 
@@ -6,7 +6,7 @@ from caris_desktop.domain.events import RecordingPaused
 
 
 def pauses_of(events: Iterable[RecordingPaused], *, ended_ns: int) -> list[tuple[int, int]]:
-    """Beginning and end of each pause, in the order of recording; one that nobody ended ends with the session."""
+    """Start and end of each pause in recording order; an unfinished one ends with the session."""
     pauses: list[tuple[int, int]] = []
     began_ns: int | None = None
     for event in events:

@@ -1,4 +1,4 @@
-"""What was checked before a recording, from its record."""
+"""Pre-session checks of a recording, from its events."""
 
 from collections.abc import Iterable
 
@@ -8,7 +8,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Preflight:
-    """How each check stood as the recording began; what was ticked by hand later on counts as ``ticked_later``."""
+    """State of each check at the start; those ticked manually afterwards are in ``ticked_later``."""
 
     checks: tuple[PreflightChecked, ...] = ()
     ticked_later: frozenset[str] = frozenset()
@@ -23,7 +23,7 @@ class Preflight:
 
 
 def preflight_of(events: Iterable[PreflightChecked]) -> Preflight:
-    """``events`` in the order in which they happened."""
+    """Fold ``events``, in order of time."""
     checks: dict[str, PreflightChecked] = {}
     ticked: set[str] = set()
     for event in events:
@@ -35,7 +35,7 @@ def preflight_of(events: Iterable[PreflightChecked]) -> Preflight:
 
 
 def open_words(preflight: Preflight) -> list[str]:
-    """Each check that was open, with how: ``Emergency stop is released (major; the wizard began nevertheless)``."""
+    """Each open check with its state: ``Emergency stop is released (major; the wizard began nevertheless)``."""
     return [_open_words(check, later=check.check_id in preflight.ticked_later) for check in preflight.still_open]
 
 

@@ -1,4 +1,4 @@
-"""The protocol of a session, planned against actual: when the wizard was in which step, and how long, how late."""
+"""Protocol of a session, planned against actual: visits of each step, durations and delays."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -19,9 +19,9 @@ Left = Literal["", "next", "skipped", "back", "branch", "chosen", "ended"]
 
 @dataclass(frozen=True, slots=True)
 class StepVisit:
-    """One stretch in a step. ``how`` it was entered and ``left``; that is empty where the session ended in it, or
-    another protocol came. ``time_s`` is without pauses, ``late_s`` by how much it was over what was expected, with what
-    the step had taken before where the wizard came back to it.
+    """One visit of a step. ``left`` is empty if the session ended in it or another protocol was opened. ``time_s``
+    excludes pauses; ``late_s`` is the excess over the expected time, including earlier time in the step after a return
+    to it.
     """
 
     step_id: str
@@ -40,8 +40,8 @@ class StepVisit:
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """A step of the protocol over the whole session. ``visits`` counts how often it was begun, going back to it not
-    among them; 0 where it never was. ``ticked`` of ``to_tick`` items were ticked off in the end.
+    """Step of the protocol over the whole session. ``visits`` counts how often it was begun, without returns; 0 if
+    never. ``ticked`` of ``to_tick`` items were ticked at the end.
     """
 
     step_id: str
@@ -58,7 +58,7 @@ class StepRecord:
 
 
 def read_protocol(session: Session) -> tuple[tuple[StepVisit, ...], tuple[StepRecord, ...]]:
-    """Of a session; nothing where it had no protocol. Raises SessionError."""
+    """Visits and steps of a session; empty without a protocol. Raises SessionError."""
     events = [value for _, value in session.values(*PROTOCOL_STREAMS)]
     pauses = pauses_of((value for _, value in session.values("event/recording_paused")), ended_ns=session.ended_ns)
     visits = step_visits_of(events, ended_ns=session.ended_ns, pauses=pauses)
@@ -68,7 +68,7 @@ def read_protocol(session: Session) -> tuple[tuple[StepVisit, ...], tuple[StepRe
 def step_visits_of(
     events: Iterable[ProtocolEvent], *, ended_ns: int, pauses: Sequence[tuple[int, int]] = ()
 ) -> tuple[StepVisit, ...]:
-    """From the events in the order of recording, which is the order of the visits."""
+    """Visits in order of time, from events in recording order."""
     plan: dict[str, PlannedStep] = {}
     visits: list[StepVisit] = []
     present: StepEntered | None = None
@@ -108,7 +108,7 @@ def step_visits_of(
 
 
 def steps_of(events: Iterable[ProtocolEvent], visits: Iterable[StepVisit]) -> tuple[StepRecord, ...]:
-    """Every step that was planned in the end, and whatever else was visited, in the order of the plan."""
+    """All steps of the final plan, and any others visited, in the order of the plan."""
     planned: dict[str, PlannedStep] = {}
     last: tuple[PlannedStep, ...] = ()
     ticks: dict[tuple[str, str], bool] = {}
@@ -142,6 +142,6 @@ def _unvisited(step: PlannedStep, number: int) -> StepRecord:
 
 
 def _without(start_ns: int, end_ns: int, pauses: Sequence[tuple[int, int]]) -> float:
-    """How long it was from the one to the other, without pauses."""
+    """Seconds between two times, without pauses."""
     paused_ns = sum(max(0, min(end_ns, until_ns) - max(start_ns, since_ns)) for since_ns, until_ns in pauses)
     return (end_ns - start_ns - paused_ns) / 1e9

@@ -1,6 +1,6 @@
-"""Repairs a session whose recording was cut off, so that all that was saved of it can be used; nothing is overwritten.
+"""Crash recovery of an interrupted session: makes all saved data usable without overwriting any.
 
-What is replaced lies on in the folder ``recovered`` as it was found.
+Replaced files are preserved in the folder ``recovered``.
 """
 
 import json
@@ -51,7 +51,7 @@ _LOOKED_AT = (FrameRef, AudioBlock, Gap, RecordingPaused, SessionEnded)
 
 @dataclass(frozen=True, slots=True)
 class RepairReport:
-    """``sentences`` say what was done, or why it could not be, in words for people; empty where all was well."""
+    """``sentences`` list the repairs, or why they failed, as user texts; empty if none were needed."""
 
     repaired: bool
     sentences: tuple[str, ...] = ()
@@ -59,8 +59,8 @@ class RepairReport:
 
 @dataclass(slots=True)
 class _Record:
-    """What the events of a session say of the rest of it. ``highest`` is the highest number of a value of a stream: the
-    recorder counts them from 1, so that a hole shows.
+    """Data on the session's media from its events. ``highest`` is the highest sequence number per stream: the recorder
+    counts from 1, so that gaps show.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -75,13 +75,13 @@ class _Record:
 
 
 def needs_repair(folder: Path) -> bool:
-    """Whether a session was not closed properly, or is just being recorded. Raises SessionError."""
+    """True for a session that was not closed properly or is being recorded. Raises SessionError."""
     header = read_header(folder)
     return bool(_wanting(folder, header, times_of(header, folder)))
 
 
 def repair_session(folder: Path) -> RepairReport:
-    """Repair the session in ``folder`` if it needs it. As often as one likes; a kill in the middle does no harm.
+    """Repair the session in ``folder`` if needed. Idempotent; a kill does no harm.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def repair_session(folder: Path) -> RepairReport:
         lock = hold(folder)
     except FolderHeldError as error:
         if wanting == "manifest":
-            return RepairReport(False)  # the recorder is just making it
+            return RepairReport(False)  # the recorder is creating it
         raise SessionError(
             filled(
                 QT_TR_NOOP(
@@ -126,7 +126,7 @@ def repair_session(folder: Path) -> RepairReport:
         except SessionError:
             raise
         except Exception as error:
-            # What somebody's file does to a repair is no reason not to show the rest of it.
+            # A file's effect on a repair must not hide the rest of the session.
             _log.exception("repairing %s", folder)
             why: object = filled(
                 QT_TR_NOOP("something in it is damaged in a way that was not foreseen; the log has the details")
@@ -151,7 +151,7 @@ def repair_session(folder: Path) -> RepairReport:
 
 
 def _wanting(folder: Path, header: dict[str, Any], times: SessionTimes) -> Literal["", "end", "manifest"]:
-    """What a session lacks: a proper end, or no more than its manifest."""
+    """What the session lacks: a proper end, or only its manifest."""
     try:
         path = folder / _EVENTS
         if times.ended_ns is None or not mcap_blocks.has_summary(path):
@@ -167,7 +167,7 @@ def _wanting(folder: Path, header: dict[str, Any], times: SessionTimes) -> Liter
 
 
 class _Repair:
-    """One repair, with the folder held. Every step leaves a session that the next attempt can go on from."""
+    """One repair, with the folder held. Every step leaves a session that the next attempt can continue from."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -176,7 +176,7 @@ class _Repair:
         self._sentences: list[str] = []
         self._losses = [*told_losses(self._header)]
         self._lost: Counter[str] = Counter()
-        # What was closed was whole then: it was damaged since, and what its head says is the measure.
+        # A closed session was complete: it was damaged later, and its header is the reference.
         self._finished = self._times.ended_ns is not None
         self._expected = counts_of(self._header.get("counts")) if self._finished else last_counts(folder)
         self._record = _Record()
@@ -188,13 +188,13 @@ class _Repair:
     def run(self) -> RepairReport:
         wanting = _wanting(self._folder, self._header, self._times)
         if not wanting:
-            return RepairReport(False)  # somebody else was quicker
+            return RepairReport(False)  # another process was first
         begun_s = time.monotonic()
         told = len(self._losses)
         if wanting == "end":
             self._repair_events()
             if self._finished:
-                # Whether its media are whole is told each time the session is read; nothing need be made of them.
+                # Incomplete media are reported on each reading; they need no repair.
                 self._write_finished_header()
             else:
                 sounds = self._repair_sounds()
@@ -206,7 +206,7 @@ class _Repair:
                 QT_TR_NOOP("The list of checksums was missing and has been made now: it tells of changes from here on.")
             )
         forget_counts(self._folder)
-        # The one from when the session was closed says what has changed since. It is never made anew.
+        # The manifest from the close shows later changes. It is never rewritten.
         if not (self._folder / MANIFEST_NAME).exists():
             write_manifest(self._folder)
         sentences = (*self._sentences, *self._losses[told:])
@@ -263,7 +263,7 @@ class _Repair:
         bring_to_disk(self._folder)
 
     def _end_event(self, index: BlockIndex, file: Any) -> AddedMessage | None:
-        """The end of the session, where the record does not tell it."""
+        """End event, if the log lacks it."""
         spec = BY_TYPE[SessionEnded]
         for channel, its in index.channels.items():
             for number in index.blocks_of.get(channel, ()) if its.topic == f"/{spec.name}" else ():
@@ -328,7 +328,7 @@ class _Repair:
 
     def _tell_of_events(self) -> None:
         if self._damaged_bytes is None and self._kept(_EVENTS):
-            # An earlier attempt came so far and was cut off itself.
+            # An earlier attempt came this far and was interrupted.
             with (self._folder / KEPT_FOLDER / self._kept(_EVENTS)).open("rb") as original:
                 self._damaged_bytes = mcap_blocks.scan(original).damaged_bytes
         left, recorded = self._count_lost_values()
@@ -352,8 +352,8 @@ class _Repair:
             self._losses.append(unread_bytes_words(self._damaged_bytes))
 
     def _count_lost_values(self) -> tuple[int, int]:
-        """How many values are left, and of how many, as far as anything tells; fills in which are lost."""
-        # What was added at the end was not recorded, or was and is there again.
+        """Values left and values expected, as far as known; also notes the lost ones."""
+        # Except for the end event, which the repair adds.
         end = BY_TYPE[SessionEnded].name
         left = Counter({name: count for name, count in self._record.counts.items() if name != end})
         expected = Counter({name: self._record.highest[name] for name in left})
@@ -452,7 +452,7 @@ class _Repair:
         return {**told, **asdict(info)}
 
     def _cut_tail(self, path: Path) -> None:
-        """Half a fragment at the end of a video is no use and makes some players fail: it is put aside."""
+        """Move an incomplete fragment at the end of a video aside: it is unusable and breaks some players."""
         whole = media_repair.whole_bytes(path)
         if whole in (0, path.stat().st_size):
             return
@@ -470,7 +470,7 @@ class _Repair:
         self._sentences.append(filled(what, file=path.name, place=f"{KEPT_FOLDER}/{kept.name}"))
 
     def _count_lost_frames(self, videos: list[dict[str, Any]]) -> None:
-        """Frames that the record tells of and that came after the last whole part of the video."""
+        """Count logged frames after the last complete part of the video."""
         for camera, frames in self._record.frames.items():
             last_ns = max((video["last_stamp_ns"] for video in videos if video["camera"] == camera), default=0)
             lost = sum(ref.shown_ns > last_ns for ref in frames)
@@ -483,7 +483,7 @@ class _Repair:
     # The rest
 
     def _keep_leftovers(self) -> None:
-        """Files that were half written: out of the way, not thrown away."""
+        """Move half-written files aside without deleting them."""
         for path in sorted(self._folder.rglob(".*.part")):
             if path.name != _REWRITTEN and path.is_file() and not path.is_symlink():
                 kept = _unused(self._folder / KEPT_FOLDER / path.name.removeprefix("."))
@@ -493,7 +493,7 @@ class _Repair:
                 self._sentences.append(filled(what, place=f"{KEPT_FOLDER}/{kept.name}"))
 
     def _write_finished_header(self) -> None:
-        """As the session was closed, but for its events: what it says of all else is still the measure."""
+        """Restore the header of a closed session except for its events: the rest remains the reference."""
         files = self._header.get("files")
         size_bytes = (self._folder / _EVENTS).stat().st_size
         kept = [file for file in files if not (isinstance(file, dict) and file.get("name") == _EVENTS)] if files else []
@@ -549,22 +549,22 @@ class _Repair:
         return pauses
 
     def _kept(self, name: str) -> str:
-        """The name under which the newest original of a file is kept; empty where there is none."""
+        """Name of the newest preserved original of a file; empty if there is none."""
         found = sorted((self._folder / KEPT_FOLDER).glob(f"{name}.original*"), key=lambda path: path.stat().st_mtime_ns)
         return found[-1].name if found else ""
 
     def _keep(self, path: Path) -> None:
-        """Keep a file that is about to be replaced, as it is."""
+        """Preserve a file that will be replaced."""
         kept_folder = self._folder / KEPT_FOLDER
         kept_folder.mkdir(exist_ok=True)
         for kept in kept_folder.glob(f"{path.name}.original*"):
             if kept.samefile(path):
-                return  # an earlier attempt came so far
+                return  # an earlier attempt came this far
         kept = _unused(kept_folder / f"{path.name}.original")
         try:
             os.link(path, kept)
         except OSError:
-            # Disks for carrying about have no hard links.
+            # Removable disks may lack hard links.
             with path.open("rb") as file:
                 replace_file(kept, iter(lambda: file.read(_COPIED_BYTES), b""), durable=True)
         bring_to_disk(kept_folder)

@@ -1,6 +1,7 @@
-"""Sentences on what a repair found and on what a session lacks, whole ones for each case, so that they can be said in
-another language. What a session lacks is kept as plain text in its head and in the index of a study: ``LOSSES`` are the
-texts by which it is found again.
+"""Sentences on repairs and missing data of a session, complete for each case, so that they can be translated.
+
+Missing data is stored as plain text in the session header and the study index; ``LOSSES`` are the templates that match
+it.
 """
 
 from itertools import product
@@ -9,7 +10,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, refilled
 
 
 def new_index_words(left: int, *, finished: bool) -> str:
-    """Of events that were cut off, after so many ``{seconds}``, or were damaged after the recording had ended."""
+    """For truncated events, after ``{seconds}``, or events damaged after the end of the recording."""
     if finished:
         return QT_TR_NOOP(
             "events.mcap was damaged after the recording had ended. The %n values that are left in it got a new index.",
@@ -22,7 +23,7 @@ def new_index_words(left: int, *, finished: bool) -> str:
 
 
 def lost_values_words(lost: int, *, broken: bool, early: bool) -> str:
-    """How many there are, and, where it is so, that bytes cannot be read and that the record ends early."""
+    """For lost values; where so, with unreadable bytes and an early end."""
     if broken and early:
         return QT_TR_NOOP(
             "%n of the {recorded} values that were recorded are missing from events.mcap; {bytes} bytes of it cannot be"
@@ -48,7 +49,7 @@ def lost_values_words(lost: int, *, broken: bool, early: bool) -> str:
 
 
 def unread_bytes_words(count: int) -> str:
-    """Of what was counted before nothing is among them."""
+    """For unreadable bytes without a known loss."""
     return QT_TR_NOOP(
         "%n bytes at the end of events.mcap cannot be read. Of what had been counted before, nothing is missing.",
         "",
@@ -57,17 +58,17 @@ def unread_bytes_words(count: int) -> str:
 
 
 def unsaved_pictures_words(count: int) -> str:
-    """The last of a ``{camera}``, of so many ``{seconds}``."""
+    """For the last frames of ``{camera}``, ``{seconds}`` long."""
     return QT_TR_NOOP("The last %n pictures of camera {camera} ({seconds} s) were not saved.", "", count)
 
 
 def pictures_left_words(left: int) -> str:
-    """In a ``{file}``, of a ``{count}``, of a ``{camera}``."""
+    """For ``{file}`` with ``{count}`` frames of ``{camera}``."""
     return QT_TR_NOOP("{file} is cut off: of {count} pictures of camera {camera}, %n are left.", "", left)
 
 
 def further_files_words(count: int) -> str:
-    """Beside those that are told by name."""
+    """For files that are not listed by name."""
     return QT_TR_NOOP("%n further files are missing or shorter than they were.", "", count)
 
 
@@ -92,5 +93,5 @@ LOSSES = (
 
 
 def read_loss(kept: str) -> str:
-    """A sentence of what is lacking that was kept as plain text, for ``tr``."""
+    """Stored sentence on missing data, for ``tr``."""
     return refilled(kept, LOSSES)

@@ -1,4 +1,4 @@
-"""How long each turn of the participant waited for its answer, and by what it was answered."""
+"""Response times: the gap between each participant turn and its answer, and the means of the answer."""
 
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
@@ -20,9 +20,8 @@ _MEANS: tuple[ReplyMeans, ...] = get_args(ReplyMeans)
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """One answer. ``gap_s`` is from the end of the participant's voice to the first sound, negative where the robot
-    spoke over it. ``first``: nothing came before it, so that a filler and the answer after it are told apart. What
-    older recordings do not tell is None.
+    """One answer. ``gap_s`` is from the end of the participant's voice to the first sound, negative for overlaps.
+    ``first``: no filler or other answer came before it. Values that older recordings lack are None.
     """
 
     turn_id: str
@@ -42,7 +41,7 @@ class Response:
 
 
 def responses(session: Session) -> tuple[Response, ...]:
-    """Of a session, in the order in which they were heard. Raises SessionError."""
+    """Responses of a session in order of time. Raises SessionError."""
     events = [value for _, value in session.values("event/recording_paused", "event/response_timed")]
     pauses = [event for event in events if isinstance(event, RecordingPaused)]
     return responses_of(
@@ -55,10 +54,10 @@ def responses(session: Session) -> tuple[Response, ...]:
 def responses_of(
     utterances: Iterable[SpokenUtterance], timed: Iterable[ResponseTimed] = (), pauses: Sequence[tuple[int, int]] = ()
 ) -> tuple[Response, ...]:
-    """By what was said, as it is corrected: who turns out to be no participant was not answered. ``timed`` adds what
-    the utterances do not tell. A turn is answered by the first filler after it, and by the first that is none.
+    """Responses from corrected utterances: turns of speakers found not to be participants have none. ``timed`` adds
+    details that utterances lack. A turn is answered by the first filler after it and by the first other reply.
 
-    Left out: what comes later than ``RESPONSE_LIMIT_S``, and after a pause of the recording.
+    Excludes replies after ``RESPONSE_LIMIT_S``, and after a pause of the recording.
     """
     said = sorted((item for item in utterances if item.said), key=lambda item: item.start_ns or 0)
     turns = [item for item in said if item.speaker == "participant"]

@@ -1,8 +1,7 @@
-"""When the robot measured something, on the session clock: its own stamps, mapped by the offsets the link measured.
+"""Mapping of robot stamps to session time, by the clock offsets that the link measured.
 
-The link tells once a second how far the robot's clock is ahead of the session clock, with a bound for the error.
-Afterwards both neighbours of an estimate are known, so a line through those around it takes out their noise; the
-bound that was measured is kept.
+The link estimates the robot's clock offset once per second, with an error bound. Afterwards the neighbours of an
+estimate are known, so that a line through them removes noise; the measured bound is retained.
 """
 
 import itertools
@@ -17,10 +16,10 @@ from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.session_reader import Session
 
-# Far above any crystal: what a clock may gain or lose between two estimates without having been set.
+# Far above any crystal's drift: the maximum rate between two estimates unless the clock was set.
 DRIFT_LIMIT = 1e-3
 _WINDOW_S = 20.0
-# Of a clock that runs unevenly (a simulation's) every estimate looks like a step; those are not fitted but joined.
+# Every estimate of an uneven clock (simulation) looks like a step; those are interpolated, not fitted.
 _UNEVEN_SHARE = 0.2
 _UNKNOWN_ABOVE_NS = 1_000_000_000
 _LEAST_UNCERTAINTY_NS = 1_000.0
@@ -29,7 +28,7 @@ _NEVER_MS = 2**63 / 1e6
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A moment on the session clock; the truth lies within ``uncertainty_ns`` of it."""
+    """Moment in session time, true within ``uncertainty_ns``."""
 
     stamp_ns: int
     uncertainty_ns: int
@@ -37,8 +36,8 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class ClockSummary:
-    """One session's robot clock in figures: robot minus session clock at the first estimate, what it gained on it
-    since, and the largest uncertainty. ``utc_offset_s`` is how far it was ahead of this computer's UTC then.
+    """Robot clock statistics of a session: robot minus session clock at the first estimate, the drift since, and the
+    largest uncertainty. ``utc_offset_s`` is its initial offset to this computer's UTC.
     """
 
     estimates: int
@@ -50,7 +49,7 @@ class ClockSummary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
-    """A stretch in which the robot's clock was not set. Session and robot times rise; all relative to the first."""
+    """Interval in which the robot's clock was not set. Session and robot times ascend, relative to the first."""
 
     first_session_ns: int
     first_robot_ns: int
@@ -73,14 +72,14 @@ class _Run:
             span_ns = self.robot_ns[after] - self.robot_ns[before]
             share = (robot_ns - self.robot_ns[before]) / span_ns
             session_ns = _between(self.session_ns, before, share)
-            # Half way between two estimates the clock may have left the straight line by this much.
+            # Half way between two estimates the clock may deviate this much from the straight line.
             sag_ns = 4.0 * share * (1.0 - share) * 0.25 * DRIFT_LIMIT * span_ns
             uncertainty_ns = _between(self.uncertainty_ns, before, share) + sag_ns
         return Measured(self.first_session_ns + round(session_ns), math.ceil(uncertainty_ns))
 
 
 class RobotClock:
-    """Maps stamps of the robot's clock to the session clock."""
+    """Maps robot stamps to session time."""
 
     def __init__(self, qualities: Iterable[LinkQuality]) -> None:
         known = sorted(
@@ -91,7 +90,7 @@ class RobotClock:
             }.items()
         )
         at_ns = [stamp_ns for stamp_ns, _ in known]
-        # Whole numbers first: nanoseconds since 1970 do not fit a float.
+        # Integers first: nanoseconds since 1970 exceed a float's precision.
         offset_ns = [round(offset_ms * 1e6) for _, (offset_ms, _) in known if offset_ms is not None]
         uncertainty_ns = [max(_LEAST_UNCERTAINTY_NS, (bound or 0.0) * 1e6) for _, (_, bound) in known]
         self._runs = _runs(at_ns, offset_ns, uncertainty_ns)
@@ -101,9 +100,9 @@ class RobotClock:
         return bool(self._runs)
 
     def measured(self, robot_stamp_ns: int | None, *, arrival_ns: int) -> Measured | None:
-        """When a value that arrived at ``arrival_ns`` was measured; None where that is not known to a second.
+        """Measurement time of a value that arrived at ``arrival_ns``; None if not known within a second.
 
-        A clock that was set told some times twice: the value is taken to have been on its way as shortly as it can.
+        A clock that was set shows some times twice: the shortest plausible transmission is assumed.
         """
         if robot_stamp_ns is None or not self._runs:
             return None
@@ -116,7 +115,7 @@ class RobotClock:
         return best if best.uncertainty_ns <= _UNKNOWN_ABOVE_NS else None
 
     def summary(self, *, utc_ns_at: int, session_ns_at: int) -> ClockSummary | None:
-        """Figures for a report; the two arguments are one moment in UTC and on the session clock. None: no estimate."""
+        """Statistics for a report; the arguments are one moment in UTC and session time. None without estimates."""
         if not self._runs:
             return None
         first, last = self._runs[0], self._runs[-1]
@@ -134,12 +133,12 @@ class RobotClock:
 
 
 def robot_clock(session: Session) -> RobotClock:
-    """The robot's clock during a session; one that knows nothing where the link measured nothing. SessionError."""
+    """Robot clock of a session; maps nothing if the link measured nothing. Raises SessionError."""
     return RobotClock(value for _, value in session.values("event/link_quality"))
 
 
 def _is_number(value: float | None) -> bool:
-    """Whether it is one, and no more milliseconds than 64 bits hold as nanoseconds: what is infinite is neither."""
+    """True if its nanoseconds fit into 64 bits, which excludes infinity."""
     return value is not None and abs(value) < _NEVER_MS
 
 
@@ -148,7 +147,7 @@ def _between(values: list[float], before: int, share: float) -> float:
 
 
 def _way_ns(measured: Measured, arrival_ns: int) -> float:
-    """How long a value was on its way; one that came before it was measured is the less likely the earlier it came."""
+    """Transmission time; negative values, which are implausible, are penalised by their size."""
     way_ns = arrival_ns - measured.stamp_ns
     return way_ns if way_ns >= -measured.uncertainty_ns else -1e3 * way_ns
 
@@ -175,7 +174,7 @@ def _run(at_ns: list[int], offset_ns: list[int], uncertainty_ns: list[float], *,
     bound_ns = np.array(uncertainty_ns, dtype=np.float64)
     if fitted:
         smooth_ns, rates = _lines(session_ns, measured_ns, bound_ns)
-        # The truth lies within the bounds of what was measured, so that is where the line has to pass.
+        # The line must pass through the measured bounds, which contain the truth.
         lower_ns, upper_ns = _bounds(session_ns, measured_ns, bound_ns)
         offset = np.clip(smooth_ns, lower_ns, upper_ns)
         uncertainty = np.maximum(upper_ns - offset, offset - lower_ns)
@@ -201,7 +200,7 @@ def _run(at_ns: list[int], offset_ns: list[int], uncertainty_ns: list[float], *,
 def _bounds(
     at_ns: NDArray[np.float64], offset_ns: NDArray[np.float64], bound_ns: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Between what the offset was at each estimate: an uncertain one is bounded by better ones before and after it."""
+    """Bounds of the offset at each estimate; uncertain estimates are bounded by better neighbours."""
     lower_ns, upper_ns = offset_ns - bound_ns, offset_ns + bound_ns
     for order in (range(1, len(at_ns)), range(len(at_ns) - 2, -1, -1)):
         for index in order:
@@ -209,7 +208,7 @@ def _bounds(
             drift_ns = DRIFT_LIMIT * abs(at_ns[index] - at_ns[neighbour])
             lower_ns[index] = max(lower_ns[index], lower_ns[neighbour] - drift_ns)
             upper_ns[index] = min(upper_ns[index], upper_ns[neighbour] + drift_ns)
-    # Nothing agrees with all of a clock that drifts more than any should; each then stands for itself.
+    # A clock with excessive drift contradicts the bounds; each estimate then counts alone.
     contrary = lower_ns > upper_ns
     lower_ns[contrary] = (offset_ns - bound_ns)[contrary]
     upper_ns[contrary] = (offset_ns + bound_ns)[contrary]
@@ -219,7 +218,7 @@ def _bounds(
 def _lines(
     at_ns: NDArray[np.float64], offset_ns: NDArray[np.float64], bound_ns: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """For each estimate the line through those within the window around it: its value there and its rate."""
+    """Linear fit around each estimate within the window: its value there and its slope."""
     values, rates = offset_ns.copy(), np.zeros_like(offset_ns)
     begin = np.searchsorted(at_ns, at_ns - _WINDOW_S * 1e9, side="left")
     end = np.searchsorted(at_ns, at_ns + _WINDOW_S * 1e9, side="right")
@@ -230,7 +229,7 @@ def _lines(
         away_s = (at_ns[window] - at_ns[index]) / 1e9
         weight = 1.0 / bound_ns[window] ** 2
         value, rate = _line(away_s, offset_ns[window], weight)
-        # Once more without those that are far off for what was said of them.
+        # Once more without outliers relative to their uncertainty.
         strange = np.abs(offset_ns[window] - value - rate * away_s) / bound_ns[window]
         weight = np.where(strange > max(1.0, 3.0 * float(np.median(strange))), 0.0, weight)
         if np.count_nonzero(weight) >= 3:

@@ -1,4 +1,4 @@
-"""What the profile of a recorded robot says; whoever reads an old record need not have that profile any more."""
+"""Data from a recorded robot profile, which need not be installed any more."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ VelocityType = Literal["Twist", "TwistStamped"]
 
 
 def velocity_type(event: RobotChosen) -> VelocityType:
-    """Which message of geometry_msgs drives the robot; that of most robots where its profile does not tell."""
+    """Type of the velocity message; the common one if the profile lacks it."""
     profile = parsed_yaml(event.profile, "robot profile")
     velocity = profile.get("velocity") if isinstance(profile, dict) else None
     stamped = isinstance(velocity, dict) and velocity.get("type") == "TwistStamped"

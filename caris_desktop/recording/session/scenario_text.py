@@ -1,4 +1,4 @@
-"""What the scenario of a session says, as far as its recorded text can be read."""
+"""Data from the recorded scenario text of a session."""
 
 import logging
 import math
@@ -17,7 +17,7 @@ _MAX_CHARACTERS = 256 * 1024
 
 @dataclass(frozen=True, slots=True)
 class ScenarioText:
-    """A scenario as a reader of the record needs it. ``permissions`` holds only what the file says."""
+    """Scenario data for readers of a recording. ``permissions`` contains only what the file says."""
 
     title: str
     file_name: str
@@ -31,7 +31,7 @@ class ScenarioText:
 
 
 def read_scenario(event: ScenarioOpened) -> ScenarioText:
-    """Fields that are missing, or not as they should be, stay empty: the record may be older than this program."""
+    """Parse the scenario. Missing or invalid fields stay empty: the recording may be older than this program."""
     content = _mapping(parsed_yaml(event.content, "scenario"))
     recording = _mapping(content.get("recording"))
     return ScenarioText(
@@ -50,7 +50,7 @@ def read_scenario(event: ScenarioOpened) -> ScenarioText:
 
 
 def parsed_yaml(text: str, what: str) -> Any:
-    """What a recorded file holds; an empty mapping for one that cannot be read. ``what`` it is goes to the log."""
+    """Parsed YAML; an empty mapping if unreadable. ``what`` names it in the log."""
     if not text:
         return {}
     if len(text) > _MAX_CHARACTERS:
@@ -79,7 +79,7 @@ def _metres(value: Any) -> float | None:
 
 
 def _sentences(phrases: Any) -> Iterator[str]:
-    """Of phrases as they are, with what goes along with them, or in groups."""
+    """Sentences of phrases: plain ones, those with options, and groups."""
     for entry in _list(phrases):
         group = _mapping(entry)
         yield from (sentence for sentence in (_string(entry), _string(group.get("say"))) if sentence)

@@ -1,4 +1,4 @@
-"""Session time: nanoseconds of the session clock as seconds of the session, UTC and the wall clock."""
+"""Session time: conversion of session clock nanoseconds to session seconds, UTC and local time."""
 
 from datetime import UTC, datetime
 
@@ -8,13 +8,13 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class SessionClock:
-    """Second 0 is ``started_ns``."""
+    """Session clock; second 0 is ``started_ns``."""
 
     anchor: ClockAnchor
     started_ns: int
 
     def session_s(self, stamp_ns: int) -> float:
-        """Seconds since the session began; negative for what was known before."""
+        """Seconds since the session start; negative for earlier values."""
         return (stamp_ns - self.started_ns) / 1e9
 
     def utc(self, stamp_ns: int) -> str:
@@ -24,7 +24,7 @@ class SessionClock:
         return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds // 1000:06d}Z"
 
     def wall(self, stamp_ns: int) -> str:
-        """What the clock on the wall showed: ``10:14:02.123``, local time."""
+        """Local time: ``10:14:02.123``."""
         seconds, nanoseconds = divmod(self.anchor.utc_ns_at(stamp_ns), 1_000_000_000)
         moment = datetime.fromtimestamp(seconds, UTC).astimezone()
         return f"{moment:%H:%M:%S}.{nanoseconds // 1_000_000:03d}"

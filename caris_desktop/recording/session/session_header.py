@@ -1,4 +1,4 @@
-"""``session.json``: what heads a session, read with care: it may come from anywhere."""
+"""Session header (``session.json``), read defensively, since sessions may come from any source."""
 
 import json
 import logging
@@ -19,12 +19,12 @@ _MAX_HEADER_BYTES = 16 * 1024 * 1024
 
 
 class SessionError(Exception):
-    """A folder that is no session, or one that cannot be read; the text is for people."""
+    """Folder that is not a readable session; the text is for people."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionTimes:
-    """When a session was. ``ended_ns`` is None where it was not closed."""
+    """Times of a session. ``ended_ns`` is None if it was not closed."""
 
     clock: SessionClock
     ended_ns: int | None
@@ -32,7 +32,7 @@ class SessionTimes:
 
 
 def read_header(folder: Path) -> dict[str, Any]:
-    """``session.json`` of a folder that has what makes a session; where it is lost, what the events tell in its place.
+    """Read ``session.json``; if it is lost, rebuild it from the events.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def read_header(folder: Path) -> dict[str, Any]:
 
 
 def is_session(folder: Path) -> bool:
-    """Whether a session was recorded into ``folder``, also where its ``session.json`` is lost."""
+    """True if ``folder`` contains a session, even one without ``session.json``."""
     return (folder / "session.json").exists() or holds_record(folder)
 
 
@@ -151,12 +151,12 @@ def _told_header(folder: Path, path: Path) -> Any:
 
 
 def inside(folder: Path, name: str) -> bool:
-    """Whether a file of that name lies in ``folder`` itself, and not somewhere that a link leads to."""
+    """True if the file name is directly in ``folder``, also after resolving links."""
     return Path(name).name == name and (folder / name).resolve().parent == folder.resolve()
 
 
 def times_of(header: Mapping[str, Any], folder: Path) -> SessionTimes:
-    """Raises SessionError when the header does not tell."""
+    """Times from the header. Raises SessionError if they are missing."""
     try:
         anchor = ClockAnchor(int(header["clock"]["monotonic_ns"]), int(header["clock"]["utc_ns"]))
         clock = SessionClock(anchor, int(header["started_ns"]))

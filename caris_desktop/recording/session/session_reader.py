@@ -1,4 +1,4 @@
-"""Reads a session folder, also one that was cut off in the middle."""
+"""Reader of session folders, including interrupted recordings."""
 
 import json
 import logging
@@ -34,15 +34,14 @@ def _as_it_is(content: T) -> T:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One recorded session. ``header`` is ``session.json`` as it is on disk.
+    """One recorded session. ``header`` is ``session.json`` as on disk.
 
-    Where the recorder was killed, ``closed_properly`` is False; ``reason`` is then ``recovered``, or empty as long as
-    nobody repaired the session, and ``ended_ns`` is the moment of the last that was saved. ``notices`` says, in words
-    for people, what opening it has repaired, or why it could not; ``losses`` what was recorded and is not there any
-    more, and ``lost`` how many values of each stream that are.
+    For an interrupted recording ``closed_properly`` is False, ``reason`` is ``recovered``, or empty without a repair,
+    and ``ended_ns`` is the time of the last saved value. ``notices`` are user texts on repairs at opening or their
+    failure; ``losses`` describe missing data, and ``lost`` counts missing values per stream.
 
-    For others to see, ``recording.names`` gives pseudonyms: ``scrub`` is then what the JSON of each value passes
-    through, ``wizard_name`` and ``coder_name`` what a wizard and a coder are called.
+    For pseudonymisation (``recording.names``), ``scrub`` is applied to the JSON of each value; ``wizard_name`` and
+    ``coder_name`` map names.
     """
 
     folder: Path
@@ -73,26 +72,25 @@ class Session:
 
     @property
     def repairs(self) -> tuple[str, ...]:
-        """What was ever repaired of it, in words for people."""
+        """All repairs so far, as user texts."""
         told = self.header.get("repairs")
         return tuple(str(sentence) for sentence in told) if isinstance(told, list) else ()
 
     @property
     def identity(self) -> tuple[Any, ...]:
-        """What only this session and its copies have: when its clock began to count, when it began, and whose it is."""
+        """Identity shared with copies only: clock anchor, start, and trial fields."""
         anchor = self.clock.anchor
         whose = (self.trial.get(name, "") for name in ("participant", "condition", "trial", "recording", "wizard"))
         return anchor.utc_ns - anchor.monotonic_ns, self.started_ns, *whose
 
     def told_losses(self) -> tuple[str, ...]:
-        """``losses``, by the name under which scripts of studies ask for them."""
+        """Alias of ``losses``, which scripts of studies use."""
         return self.losses
 
     def values(self, *streams: str) -> Iterator[tuple[StreamSpec, Any]]:
-        """Every value of these streams (all of them when none is named), as recorded, in the order of recording.
+        """Values of these streams (default: all) in recording order.
 
-        Values of streams that this program does not know, and values that do not fit their type, are left out and
-        logged.
+        Values of unknown streams, and those that do not fit their type, are left out and logged.
 
         Raises
         ------
@@ -102,7 +100,7 @@ class Session:
         return ((spec, value) for _, spec, value in self.arrivals(*streams))
 
     def arrivals(self, *streams: str) -> Iterator[tuple[int, StreamSpec, Any]]:
-        """As :meth:`values`, each with the moment it reached the console, on the session clock."""
+        """As :meth:`values`, each with its arrival at the console in session time."""
         wanted = {BY_NAME[name].name for name in streams}
         anchor = self.clock.anchor
         return _values(self, wanted, anchor.monotonic_ns - anchor.utc_ns)
@@ -113,9 +111,9 @@ class Session:
 
 
 def open_session(folder: Path, *, repair: bool = True) -> Session:
-    """Open a session; one that was not closed properly is repaired first, and ``notices`` says what was done.
+    """Open a session; one that was not closed properly is repaired first, with ``notices``.
 
-    Without ``repair`` nothing on the disk is touched, and a session that is still being recorded can be looked at.
+    Without ``repair`` nothing on disk is changed, and a session in progress can be read.
 
     Raises
     ------
@@ -146,7 +144,7 @@ def open_session(folder: Path, *, repair: bool = True) -> Session:
 
 
 def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | None]:
-    """Makes values of a recorded channel's topic and data; None, told once for each kind, where they do not fit."""
+    """Decoder of a channel's messages by topic and data; None, logged once per kind, if they do not fit."""
     unusable: set[str] = set()
 
     def read(topic: str, data: bytes) -> tuple[StreamSpec, Any] | None:
@@ -177,7 +175,7 @@ def _unreadable(path: Path, error: OSError) -> SessionError:
 
 
 def _newest_ns(path: Path, clock: SessionClock) -> int:
-    """When the last that was saved had arrived."""
+    """Arrival of the last saved message."""
     ends_utc_ns = _index_of(path).ends_utc_ns
     anchor = clock.anchor
     newest_utc_ns = int(ends_utc_ns.max()) if len(ends_utc_ns) else 0

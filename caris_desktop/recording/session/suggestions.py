@@ -1,4 +1,4 @@
-"""What became of each suggested reply that was shown in a session: exactly one fate, also where the end is missing."""
+"""Outcome of each suggested reply that was displayed in a session: exactly one, even for interrupted sessions."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -14,8 +14,8 @@ Fate = Literal["taken", "edited", "dismissed", "superseded", "expired"]
 
 @dataclass(frozen=True, slots=True)
 class ShownReply:
-    """One that was displayed. ``told`` is False where the session ends or pauses before its fate was: it has expired
-    then, since nobody can have said it any more.
+    """Displayed suggestion. ``told`` is False if the session ended or paused before its outcome; it has then expired,
+    as it could no longer be used.
     """
 
     suggestion_id: str
@@ -35,7 +35,7 @@ class ShownReply:
 
 
 def shown_replies(session: Session) -> tuple[ShownReply, ...]:
-    """In the order in which they were shown. Raises SessionError."""
+    """Displayed suggestions in order. Raises SessionError."""
     events = [value for _, value in session.values("event/suggestion_changed", "event/recording_paused")]
     paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
     changes = (event for event in events if isinstance(event, SuggestionChanged))
@@ -43,8 +43,8 @@ def shown_replies(session: Session) -> tuple[ShownReply, ...]:
 
 
 def replies_of(changes: Iterable[SuggestionChanged], *, ends_ns: Sequence[int]) -> tuple[ShownReply, ...]:
-    """``ends_ns`` are when the recording paused and ended. The first fate that is told is the one; a fate of something
-    that the recording has not seen displayed is none of it.
+    """Outcomes from ``changes``. ``ends_ns`` are the pauses and the end of the recording. The first outcome counts;
+    outcomes of suggestions whose display was not recorded are ignored.
     """
     replies: dict[str, ShownReply] = {}
     for change in changes:

@@ -1,4 +1,4 @@
-"""What was said in a session: one value for each utterance, put together from the events that report on it."""
+"""Utterances of a session: one record per utterance, from its events and corrections."""
 
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
@@ -32,18 +32,17 @@ _ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
 
 @dataclass(frozen=True, slots=True)
 class SpokenUtterance:
-    """One utterance. Times are those of the session clock.
+    """One utterance, in session time.
 
-    ``start_ns`` and ``end_ns`` are None where nothing was said: it was still waiting when it was dropped, the voice
-    failed, or the session ended first. ``state`` is the last one recorded: ``started`` with an ``end_ns`` means that
-    the end itself was not recorded, and ``end_ns`` is then when the recording paused or ended, or the same speaker
-    went on. ``estimated``: nobody told exactly when it began or ended. ``requested_ns`` is None for what was heard
-    rather than asked for. ``actor`` had it said.
+    ``start_ns`` and ``end_ns`` are None if nothing was audible: dropped while waiting, speech failed, or the session
+    ended first. ``state`` is the last recorded one: ``started`` with an ``end_ns`` means that the end was not recorded,
+    and ``end_ns`` is a pause, the end of the recording, or the same speaker's next utterance. ``estimated``: start or
+    end is inexact. ``requested_ns`` is None for heard speech. ``actor`` requested it.
 
-    ``speaker``, ``text`` and ``person_id`` are as corrected: ``heard_text`` is what was made out before somebody
-    changed it, None where nobody did. ``speaker`` is empty where nobody was sure. ``person_id`` is who says it, or to
-    whom the robot says it. ``person_by`` decided that of a participant: the wizard, the console, or ``record`` where it
-    was found only now that nobody else was there; ``person_confidence`` is how likely it is, None where a wizard said.
+    ``speaker``, ``text`` and ``person_id`` include corrections: ``heard_text`` is the transcript before a correction,
+    else None. ``speaker`` is empty if uncertain. ``person_id`` is the speaker, or the person that the robot addresses.
+    ``person_by`` assigned it for a participant: the wizard, the console, or ``record`` if it follows from presence
+    alone; ``person_confidence`` is None for assignments by a wizard.
     """
 
     utterance_id: str
@@ -68,17 +67,17 @@ class SpokenUtterance:
 
     @property
     def said(self) -> bool:
-        """Whether anybody heard at least a part of it."""
+        """True if at least a part of it was audible."""
         if self.start_ns is None or (self.origin == "heard" and self.state == "failed"):
-            return False  # what was taken for a voice was none, or the robot's
+            return False  # noise or the robot's own voice
         if self.origin == "heard" and self.state == "started" and not self.text:
-            return False  # a turn is heard before it is decided whose voice it was: the verdict is not in the record
+            return False  # a turn begins before its speaker is classified, and the result was not recorded
         cut_short = self.state in ("interrupted", "failed") and self.end_ns is not None
         return not cut_short or (self.end_ns or 0) - self.start_ns >= HEARD_FROM_NS
 
 
 def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
-    """Every utterance of a session, in the order in which they began (or were asked for). Raises SessionError."""
+    """Utterances of a session in order of their start (or request). Raises SessionError."""
     events = [value for _, value in session.values(*UTTERANCE_STREAMS, *VISIT_STREAMS, "event/recording_paused")]
     paused = [event for event in events if isinstance(event, RecordingPaused)]
     return spoken_of(
@@ -102,9 +101,9 @@ def spoken_of(
     paused_ns: Iterable[int] = (),
     visits: Sequence[Visit] = (),
 ) -> tuple[SpokenUtterance, ...]:
-    """Fold ``events``, in the order of recording. ``paused_ns`` are the moments from which nothing was recorded.
+    """Fold ``events`` in recording order. ``paused_ns`` are the starts of pauses.
 
-    What a participant said of whom nobody knows who it was is that of who was alone there, by ``visits``.
+    Utterances of unidentified participants are assigned to the only person present, by ``visits``.
     """
     utterances: dict[str, SpokenUtterance] = {}
     corrections = Corrections()
@@ -126,7 +125,7 @@ def spoken_of(
 
 
 def _attributed(utterance: SpokenUtterance, visits: Sequence[Visit]) -> SpokenUtterance:
-    """Where nobody has decided who said it, and one person alone was there for nearly all of it."""
+    """Assign an undecided utterance if a single person was present for nearly all of it."""
     undecided = utterance.person_id == "" and utterance.person_by in ("", CONSOLE)
     if not undecided or utterance.speaker != "participant" or not utterance.said or utterance.start_ns is None:
         return utterance
@@ -161,7 +160,7 @@ def _with(known: SpokenUtterance, event: UtteranceChanged) -> SpokenUtterance:
         case "started":
             start_ns = event.stamp_ns if start_ns is None else start_ns
         case "finished":
-            # What a recogniser heard may come as one finished event: a moment, whose beginning nobody told.
+            # Recognised speech may be a single finished event without a known start.
             start_ns = event.stamp_ns if start_ns is None else start_ns
             end_ns = event.stamp_ns
         case "interrupted" | "failed":
@@ -177,7 +176,7 @@ def _with(known: SpokenUtterance, event: UtteranceChanged) -> SpokenUtterance:
         state=known.state if known.state in _ENDED and event.state not in _ENDED else event.state,
         voice=event.voice or known.voice,
         detail=event.detail or known.detail,
-        # Of what is interrupted the event names who did that.
+        # The event of an interruption names who interrupted.
         person_id=event.person_id or known.person_id,
         confidence=known.confidence if event.confidence is None else event.confidence,
         language=event.language or known.language,

@@ -1,4 +1,4 @@
-"""Who was there, and when: one value for each time that somebody came, put together from the events that report it."""
+"""Presence of people in a session: one record per visit, from its events."""
 
 import logging
 from collections.abc import Iterable, Sequence
@@ -38,10 +38,10 @@ TOGETHER_NS = 2_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Visit:
-    """An identity was there. ``number`` is that of "Person 3" on the screen, 0 where the record does not tell it.
+    """Visit of an identity. ``number`` is that of "Person 3" on screen, 0 if not recorded.
 
-    One person who was lost and found again may have several identities. ``end_ns`` is when they counted as gone, some
-    seconds after ``last_seen_ns``; that is None where the record does not tell it, or ends or pauses first.
+    A person lost and found again may have several identities. ``end_ns`` is when the person counted as gone, some
+    seconds after ``last_seen_ns``, which is None if not recorded, or if a pause or the end of the recording came first.
     """
 
     person_id: str
@@ -58,13 +58,12 @@ def visits_of(
     ended_ns: int,
     pauses: Sequence[tuple[int, int]] = (),
 ) -> tuple[Visit, ...]:
-    """In the order in which they began. Whoever left without having appeared was there before the recording.
+    """Visits in order of their start. A person who left without an arrival was present before the recording.
 
-    A pause ends all of them: a recording that goes on tells who is there. Where it turned out who somebody was, the
-    whole visit is that person's.
+    A pause ends all visits: a resumed recording lists those present. A later identification applies to the whole visit.
     """
     numbers: dict[str, int] = {}
-    since: dict[str, int] = {}  # by the id with which it began
+    since: dict[str, int] = {}  # by the first id of the visit
     seen: set[str] = set()
     spans: list[tuple[str, int, int, int | None]] = []
     links = _Links()
@@ -106,7 +105,7 @@ def visits_of(
 
 
 def seen_throughout(session: Session) -> tuple[Visit, ...]:
-    """Who neither came nor went during the recording is only in ``people.json``."""
+    """People present throughout, who are only in ``people.json``."""
     try:
         people = parse_json((session.folder / "people.json").read_text(encoding="utf-8"))["people"]
         return tuple(
@@ -126,7 +125,7 @@ def seen_throughout(session: Session) -> tuple[Visit, ...]:
 
 
 class _Links:
-    """Who turned out to be whom, as far as the record was read."""
+    """Identity links in the order of the record."""
 
     def __init__(self) -> None:
         self._is: dict[str, str] = {}
@@ -148,20 +147,20 @@ class _Links:
                 pass
 
     def of(self, person_id: str) -> str:
-        """Whose id this is."""
+        """Resolve an id to the linked identity."""
         while person_id in self._is:
             person_id = self._is[person_id]
         return person_id
 
     def _link(self, person_id: str, root: str) -> None:
         if self.of(root) == person_id:
-            self._is.pop(root, None)  # the later one counts, so that nothing turns in a circle
+            self._is.pop(root, None)  # the later link counts, which avoids cycles
         if self.of(root) != person_id:
             self._is[person_id] = root
 
 
 def most_at_once(visits: Sequence[Visit]) -> int:
-    """The most people who were there together, as the screen counted them, for ``TOGETHER_NS`` or longer."""
+    """Maximum number of people present at the same time for at least ``TOGETHER_NS``, as displayed."""
     together = (
         sum(other.start_ns <= visit.start_ns and other.end_ns >= visit.start_ns + TOGETHER_NS for other in visits)
         for visit in visits

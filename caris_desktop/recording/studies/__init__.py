@@ -1,1 +1,1 @@
-"""Many sessions: finding them, and figures over all of them."""
+"""Studies: search over many sessions, and statistics."""

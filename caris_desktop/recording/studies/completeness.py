@@ -1,4 +1,4 @@
-"""What the record of a session lacks, in words: for reports, where a gap must not look like silence."""
+"""Missing data of a session as sentences for reports, where a gap must not look like silence."""
 
 from collections import Counter
 
@@ -19,7 +19,7 @@ _STREAMS = {
 
 
 def what_is_missing(facts: SessionFacts, measures: Measures) -> tuple[str, ...]:
-    """A sentence for each thing that a reader could look for in vain; empty where the record is whole."""
+    """A sentence for each kind of missing data; empty if the recording is complete."""
     session = facts.session
     sentences = []
     if not session.closed_properly:
@@ -55,7 +55,7 @@ def counted(count: int, one: str) -> str:
 
 
 def stream_words(stream: str) -> str:
-    """The values of a stream in plain words."""
+    """Name of a stream's values for display."""
     return _STREAMS.get(stream, f"values of {stream.removeprefix('event/').replace('_', ' ')}")
 
 

@@ -1,8 +1,8 @@
-"""What can be counted and timed in a session: one definition of each figure, for report, methods sheet and statistics.
+"""Measures of a session: one definition for report, methods sheet and statistics.
 
-Times are those of the session clock; what was recorded before and after a pause is never joined to one figure.
+Times are in session time; values from before and after a pause are never combined into one.
 
-Long because every figure is defined once, here.
+Long because every measure is defined once, here.
 """
 
 import itertools
@@ -88,7 +88,7 @@ _EVENTS = (
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A stretch of the session in which something was so."""
+    """Labelled interval of the session."""
 
     start_ns: int
     end_ns: int
@@ -101,11 +101,11 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionFacts:
-    """What the figures are computed from, read once.
+    """Session data for the measures, read in one pass.
 
-    ``commands`` has a row for each velocity command: forward, left (m/s), turn (rad/s), with its moment in
-    ``command_ns`` and its source in ``command_sources``. ``odometry`` has x, y (m), speed (m/s), turn (rad/s) at
-    ``odometry_ns``, ``poses`` x, y (m), heading (rad) in the map at ``pose_ns``. Each in the order of time.
+    ``commands`` has a row per velocity command: forward, left (m/s), turn (rad/s), at ``command_ns``, with its source
+    in ``command_sources``. ``odometry`` has x, y (m), speed (m/s), turn (rad/s) at ``odometry_ns``; ``poses`` x, y (m),
+    heading (rad) in the map at ``pose_ns``. Each in order of time.
     """
 
     session: Session
@@ -123,18 +123,18 @@ class SessionFacts:
     events: dict[type[Any], tuple[Any, ...]]
 
     def of(self, kind: type[T]) -> tuple[T, ...]:
-        """The events of one kind, in the order of recording."""
+        """Events of one type in recording order."""
         return self.events.get(kind, ())
 
     @property
     def photos(self) -> tuple[PhotoTaken, ...]:
-        """Those that were not deleted again."""
+        """Photos without deleted ones."""
         deleted = {event.file_name: not event.restored for event in self.of(PhotoDeleted)}
         return tuple(photo for photo in self.of(PhotoTaken) if not deleted.get(photo.file_name))
 
 
 def read_facts(session: Session, progress: Callable[[float], None] = lambda _: None) -> SessionFacts:
-    """Read what the figures need, in one pass. ``progress`` may raise to cancel. Raises SessionError."""
+    """Read the session data in one pass. ``progress`` may raise to cancel. Raises SessionError."""
     events: dict[type[Any], list[Any]] = {kind: [] for kind in (*_EVENTS, CommandSent, Odometry, RobotPose)}
     span_ns = max(1, session.ended_ns - session.started_ns)
     protocol: list[ProtocolEvent] = []
@@ -196,12 +196,12 @@ def _pose(pose: Pose2D) -> tuple[float, ...]:
     return pose.x_m, pose.y_m, pose.heading_rad
 
 
-# Figures
+# Measures
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """How values are distributed. ``sd`` is that of a sample, None for a single value."""
+    """Distribution of values. ``sd`` is the sample standard deviation, None for a single value."""
 
     n: int
     mean: float
@@ -227,7 +227,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The robot's or the wizard's answer to something: ``delay_s`` from the end of that to ``at_ns``."""
+    """Answer of the robot or wizard: ``delay_s`` from the end of its trigger to ``at_ns``."""
 
     at_ns: int
     delay_s: float
@@ -236,7 +236,7 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class Talk:
-    """What one speaker said. ``speech_s`` is the sum of its utterances."""
+    """Speech of one speaker. ``speech_s`` is the sum of its utterances."""
 
     utterances: int
     words: int
@@ -245,9 +245,9 @@ class Talk:
 
 @dataclass(frozen=True, slots=True)
 class ModelUse:
-    """The exchanges with one language model, and what the wizard did with its answers.
+    """Exchanges with one language model, and the use of its answers.
 
-    ``place`` is the host of its server, or this computer; empty where the record does not tell.
+    ``place`` is the host of its server, or this computer; empty if not recorded.
     """
 
     provider: str
@@ -267,15 +267,15 @@ class ModelUse:
 
     @property
     def accepted_fraction(self) -> float | None:
-        """Of the answers, how many were said, as they were or edited. None where there was no answer."""
+        """Share of answers that were said, unchanged or edited. None without answers."""
         return (self.said + self.edited) / self.answered if self.answered else None
 
 
 @dataclass(frozen=True, slots=True)
 class Driving:
-    """How the robot moved. ``seconds_by_source`` is time with a command other than zero; ``max_speed_mps`` and
-    ``distance_m`` are None where the robot told no odometry: its pose in the map jumps with each correction of the
-    localisation, which adds up to a multiple of the way.
+    """Motion of the robot. ``seconds_by_source`` is time with a nonzero command; ``max_speed_mps`` and ``distance_m``
+    are None without odometry: poses in the map jump with each localisation correction, which adds up to a multiple of
+    the distance.
     """
 
     distance_m: float | None
@@ -296,10 +296,10 @@ class Driving:
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """The figures of one session. Counters are in the order of first occurrence, or by label.
+    """Measures of one session. Counters are in order of first occurrence, or by label.
 
-    ``people`` is how many were there at once, as :func:`most_at_once` counts; ``identities`` are those of detector and
-    tracker, which may give several to one person.
+    ``people`` is the maximum present at once, as by :func:`most_at_once`; ``identities`` are those of the tracker,
+    which may assign several to one person.
     """
 
     recorded_s: float
@@ -337,7 +337,7 @@ class Measures:
 
     @property
     def gaps_s(self) -> tuple[float, ...]:
-        """From the end of each turn of a participant that was answered to the first sound, negative for overlaps."""
+        """Gaps from the end of each answered participant turn to the first sound, negative for overlaps."""
         return tuple(response.gap_s for response in self.gaps if response.first)
 
     @property
@@ -346,7 +346,7 @@ class Measures:
 
 
 def measure(facts: SessionFacts) -> Measures:
-    """All figures of a session."""
+    """Compute all measures of a session."""
     session = facts.session
     paused_s = sum(pause.duration_s for pause in facts.pauses)
     recorded_s = max(0.0, session.duration_s - paused_s)
@@ -389,20 +389,19 @@ def measure(facts: SessionFacts) -> Measures:
 
 
 def step_visits(facts: SessionFacts) -> tuple[StepVisit, ...]:
-    """When the wizard was in which step of the protocol."""
+    """Visits of the protocol's steps."""
     return step_visits_of(facts.protocol, ended_ns=facts.session.ended_ns, pauses=_spans(facts.pauses))
 
 
 def per_10_min(count: int, seconds: float) -> float | None:
-    """A rate; None for no time at all."""
+    """Rate per 10 minutes; None for zero time."""
     return count * 600.0 / seconds if seconds > 0.0 else None
 
 
 def response_times(said: Iterable[SpokenUtterance], pauses: Sequence[Stretch] = ()) -> tuple[Reply, ...]:
-    """Where the robot speaks right after a participant: from the end of the one to the beginning of the other.
+    """Response times: from the end of a participant's utterance to the start of the robot's next one.
 
-    Left out: a robot that begins before the participant has ended, that comes later than ``RESPONSE_LIMIT_S``, and
-    one after a pause of the recording.
+    Excludes robot speech that begins before that end, or after ``RESPONSE_LIMIT_S``, or after a pause of the recording.
     """
     turns = [item for item in said if item.speaker in ("participant", "robot") and item.start_ns is not None]
     turns.sort(key=lambda item: (item.start_ns or 0, item.speaker == "robot"))
@@ -416,8 +415,8 @@ def response_times(said: Iterable[SpokenUtterance], pauses: Sequence[Stretch] = 
 def reaction_times(
     utterances: Iterable[SpokenUtterance], exchanges: Iterable[LlmExchange], pauses: Sequence[Stretch] = ()
 ) -> tuple[Reply, ...]:
-    """How fast the wizard acts: from the end of a participant's utterance, or the arrival of a language model's
-    answer, whichever was last, to the next request to say something. Limits as for :func:`response_times`.
+    """Reaction times of the wizard: from the end of a participant's utterance or the arrival of a language model's
+    answer, whichever is later, to the next speech request. Limits as for :func:`response_times`.
     """
     happened: list[tuple[int, int, SpokenUtterance | None]] = []
     for item in utterances:
@@ -443,7 +442,7 @@ def _reply(end_ns: int | None, at_ns: int | None, utterance: SpokenUtterance, pa
 
 
 def talk(said: Iterable[SpokenUtterance]) -> dict[Speaker, Talk]:
-    """How much each speaker said, in the order participant, robot, wizard; not who nobody was sure about."""
+    """Speech per speaker, in the order participant, robot, wizard; without uncertain speakers."""
     by_speaker: dict[Speaker, list[SpokenUtterance]] = {"participant": [], "robot": [], "wizard": []}
     for utterance in said:
         if utterance.speaker:
@@ -463,7 +462,7 @@ THIS_COMPUTER = "this computer"
 
 
 def model_asked(exchange: LlmExchange) -> tuple[str, str, str, str]:
-    """Provider, model, version, and where it runs: this computer, or a server's host; empty where that is not told."""
+    """Provider, model, version, and host (or this computer); empty where not recorded."""
     try:
         here = exchange.provider == "embedded" or is_loopback(f"//{exchange.server}")
     except ValueError:
@@ -474,7 +473,7 @@ def model_asked(exchange: LlmExchange) -> tuple[str, str, str, str]:
 def model_use(
     exchanges: Sequence[LlmExchange], uses: Iterable[AnswerUsed], utterances: Sequence[SpokenUtterance]
 ) -> tuple[ModelUse, ...]:
-    """The exchanges of each model and version, in the order in which they were first asked."""
+    """Exchanges by model and version, in the order of first use."""
     became = answer_uses(exchanges, uses, utterances)
     groups: dict[tuple[str, str, str, str], list[LlmExchange]] = {}
     for exchange in exchanges:
@@ -507,7 +506,7 @@ def model_use(
 
 
 def link_trouble(changes: Iterable[LinkChanged], ended_ns: int) -> tuple[Stretch, ...]:
-    """When the control link did not stand, once it had been connected; a link that was closed on purpose is none."""
+    """Intervals without a control link after the first connection, except deliberate disconnection."""
     return tuple(
         stretch
         for stretch in _states(
@@ -524,7 +523,7 @@ def _since_connected(changes: Iterable[LinkChanged]) -> list[LinkChanged]:
 
 
 def driving_stretches(facts: SessionFacts) -> tuple[Stretch, ...]:
-    """When the wizard drove, by source: commands other than zero, each until the next one."""
+    """Intervals of driving by source: nonzero commands, each until the next one."""
     stretches: list[Stretch] = []
     for start_ns, end_ns, source in _commanded(facts):
         last = stretches[-1] if stretches else None
@@ -545,14 +544,14 @@ def _commanded(facts: SessionFacts) -> list[tuple[int, int, str]]:
 
 
 def goals_of(facts: SessionFacts) -> tuple[NavigationGoal, ...]:
-    """The navigation goals of the recording, refused ones too."""
+    """Navigation goals of the recording, including refused ones."""
     return navigation_goals(facts.of(GoalChanged), started_ns=facts.session.started_ns, pauses=_spans(facts.pauses))
 
 
 def goal_stretches(facts: SessionFacts) -> tuple[Stretch, ...]:
-    """When the robot was on its way by itself; ``label`` is the outcome, ``unfinished`` where the session ended first.
+    """Intervals of autonomous navigation; ``label`` is the outcome, ``unfinished`` if the session ended first.
 
-    Goals that were refused at once are none.
+    Excludes goals that were refused at once.
     """
     stretches = []
     for goal in goals_of(facts):
@@ -567,7 +566,7 @@ def _outcome(goal: NavigationGoal) -> str:
 
 
 def visits(facts: SessionFacts) -> tuple[Visit, ...]:
-    """When each identity was there."""
+    """Visits of each identity."""
     return visits_of(
         [event for kind in VISIT_EVENTS for event in facts.of(kind)],
         started_ns=facts.session.started_ns,
@@ -594,7 +593,7 @@ def _driving(facts: SessionFacts) -> Driving:
     if facts.odometry_ns.size:
         distance_m, speed_mps = way_m(facts.odometry_ns, facts.odometry[:, :2]), float(facts.odometry[:, 2].max())
         if not np.ptp(facts.odometry[:, :2], axis=0).any():
-            # A base that tells its velocity and no place.
+            # Odometry with velocity only, without poses.
             steps_s = np.minimum(np.diff(facts.odometry_ns) / 1e9, _LONGEST_STEP_S)
             distance_m = float((facts.odometry[:-1, 2] * steps_s).sum())
     return Driving(
@@ -612,14 +611,14 @@ def _driving(facts: SessionFacts) -> Driving:
 
 
 def way_m(stamps_ns: NDArray[np.int64], points_m: NDArray[np.float64]) -> float:
-    """The length of the way through the points, shape (n, 2), without jumps that no robot makes."""
+    """Path length through the points, shape (n, 2), without implausible jumps."""
     steps_m = np.hypot(*np.diff(points_m, axis=0).T)
     seconds = np.diff(stamps_ns) / 1e9
     return float(steps_m[steps_m <= PLAUSIBLE_SPEED_MPS * seconds].sum())
 
 
 def covered_s(stretches: Iterable[Stretch]) -> float:
-    """The time in which at least one of them was."""
+    """Duration of the union of the intervals."""
     total_ns = until_ns = 0
     for stretch in sorted(stretches, key=lambda item: item.start_ns):
         total_ns += max(0, stretch.end_ns - max(stretch.start_ns, until_ns))
@@ -628,7 +627,7 @@ def covered_s(stretches: Iterable[Stretch]) -> float:
 
 
 def _states(changes: Sequence[tuple[int, str]], ended_ns: int) -> list[Stretch]:
-    """Each state until the next change."""
+    """Interval of each state until the next change."""
     ends_ns = [stamp_ns for stamp_ns, _ in changes[1:]] + [ended_ns]
     return (
         [
@@ -645,18 +644,18 @@ def _rises(states: Sequence[bool]) -> int:
 
 
 def nearest_index(stamps_ns: NDArray[np.int64], at_ns: int) -> int | None:
-    """The last value at or before ``at_ns``, the first one where all come later; None where there are none."""
+    """Index of the last value at or before ``at_ns``, else the first; None if there are none."""
     if not stamps_ns.size:
         return None
     return max(0, bisect_left(stamps_ns, at_ns + 1) - 1)
 
 
-# The figures as one row of a table
+# Measures as one row of a table
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure of a session as a number. ``of`` gives None where the session does not tell it."""
+    """Measure of a session as a number. ``of`` returns None if it was not recorded."""
 
     name: str
     unit: str
@@ -682,17 +681,17 @@ def _median(replies: Iterable[Reply]) -> float | None:
 
 
 def quantile(values: Sequence[float], share: float) -> float | None:
-    """None for no values."""
+    """Quantile; None for no values."""
     return float(np.quantile(values, share)) if values else None
 
 
 def share_at_once(gaps_s: Sequence[float]) -> float | None:
-    """How many gaps are shorter than ``AT_ONCE_S``; None for none."""
+    """Share of gaps shorter than ``AT_ONCE_S``; None for none."""
     return sum(gap_s < AT_ONCE_S for gap_s in gaps_s) / len(gaps_s) if gaps_s else None
 
 
 def _of_steps(figure: Callable[[Sequence[StepRecord]], float]) -> Callable[[Measures], float | None]:
-    """Nothing, rather than none, where there was no protocol."""
+    """Measure over the protocol's steps; None without a protocol."""
     return lambda measures: figure(measures.steps) if measures.steps else None
 
 

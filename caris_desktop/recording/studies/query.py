@@ -1,4 +1,4 @@
-"""What can be asked about the sessions of a study, and what is found; light, as the window needs it to begin with."""
+"""Query and result types of the study search; cheap to import at window start."""
 
 from pathlib import Path
 
@@ -9,10 +9,10 @@ PLACES_A_PAGE = 500
 
 @dataclass(frozen=True, slots=True)
 class SessionEntry:
-    """One session as the list shows it.
+    """List entry of one session.
 
-    ``losses`` says what was recorded and is not there any more, in English and for ``tr``; ``copy_of`` names the
-    session whose copy this one is: it counts once.
+    ``losses`` describes missing data, in English and for ``tr``; ``copy_of`` names the original of a copy, as sessions
+    count once.
     """
 
     folder: Path
@@ -36,10 +36,10 @@ class SessionEntry:
 
 @dataclass(frozen=True, slots=True)
 class SessionQuery:
-    """What to find; empty fields do not matter. ``text`` is searched in everything said, noted and marked.
+    """Search criteria; empty fields match everything. ``text`` is searched in utterances, notes and marks.
 
-    The other fields are compared whole, whatever their case; ``*`` stands for anything. Of ``text`` each word must
-    begin a word of one utterance, note or mark. The first ``places`` are given where it was found.
+    The other fields are compared completely and case-insensitively, with ``*`` as a wildcard. Each word of ``text``
+    must begin a word of one utterance, note or mark. The first ``places`` hits are returned.
     """
 
     text: str = ""
@@ -53,9 +53,9 @@ class SessionQuery:
 
 @dataclass(frozen=True, slots=True)
 class SearchHit:
-    """Where a text was found: ``at_ns`` of that session's clock. ``snippet`` has the words around it.
+    """Text hit at ``at_ns`` in session time. ``snippet`` is the surrounding text.
 
-    ``quoted`` prompts to language models have this utterance in them: they are no places of their own.
+    ``quoted`` prompts to language models contain this utterance and are not separate hits.
     """
 
     folder: Path

@@ -1,4 +1,4 @@
-"""``caris-desktop sessions``: the sessions of a study as a list, and where in them something was said."""
+"""``caris-desktop sessions``: list of a study's sessions, and full-text search in them."""
 
 import argparse
 import shutil
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status: 0 when something was found, 1 when not or when the study cannot be read, 130 cancelled."""
+    """Exit status: 0 if something was found, 1 if not or if the study cannot be read, 130 cancelled."""
     if not args.study.is_dir():
         print(f"{args.study} is no folder.", file=sys.stderr)
         return 1
@@ -107,7 +107,7 @@ def _states(entry: SessionEntry) -> tuple[str, ...]:
 def _hits(
     entries: Sequence[SessionEntry], hits: Sequence[SearchHit], places: Mapping[Path, int], page: int
 ) -> list[str]:
-    """By session, in the order of ``entries``, which is that of the places; sessions of other pages say which."""
+    """Hits by session in the order of ``entries``; sessions on other pages are named."""
     by_folder: dict[Path, list[SearchHit]] = {}
     for hit in hits:
         by_folder.setdefault(hit.folder, []).append(hit)

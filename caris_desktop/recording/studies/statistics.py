@@ -1,6 +1,6 @@
-"""Statistics over all sessions of a study: each one exported to Parquet once, then DuckDB over all of them.
+"""Statistics over the sessions of a study: each is exported to Parquet once and queried with DuckDB.
 
-The folder that is made holds the tables, the results as CSV, and the SQL that made them, to go on from.
+The output folder contains the tables, the results as CSV, and the SQL that produced them, for further analysis.
 """
 
 import io
@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 _FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 5
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
-# Which columns of which tables the queries need, so that a table that no session has is empty rather than absent.
+# Columns that the queries need, so that a table missing in all sessions is empty rather than absent.
 _TABLES: dict[str, dict[str, str]] = {
     "session": {"key": "VARCHAR", "value": "VARCHAR"},
     "utterances": {
@@ -89,14 +89,14 @@ _UNITS = {
 
 
 class StatisticsError(Exception):
-    """Statistics that were not made; the text is for people."""
+    """Statistics that were not computed; the text is for people."""
 
 
 @dataclass(frozen=True, slots=True)
 class SummaryRow:
-    """One figure over the sessions of a condition, or over all where ``condition`` is None.
+    """One measure over the sessions of a condition, or over all if ``condition`` is None.
 
-    ``n`` counts the sessions that tell it. ``sd`` is that of a sample, None for a single value.
+    ``n`` counts the sessions that have it. ``sd`` is the sample standard deviation, None for a single value.
     """
 
     condition: str | None
@@ -113,9 +113,9 @@ class SummaryRow:
 
 @dataclass(frozen=True, slots=True)
 class StudyStatistics:
-    """What was made: ``measures`` has a row for each session, ``problems`` a sentence for each left out.
+    """Result: ``measures`` has a row per session, ``problems`` a sentence per excluded one.
 
-    ``notices`` say which sessions are copies of others and count once, and what is missing from those that count.
+    ``notices`` list copies, which count once, and missing data of the sessions that count.
     """
 
     out: Path
@@ -134,11 +134,11 @@ def study_statistics(
     *,
     csv: CsvStyle = SHOWN,
 ) -> StudyStatistics:
-    """Bring the tables in ``out`` up to date and compute everything.
+    """Update the tables in ``out`` and compute everything.
 
-    ``progress`` is told how far it is, 0..1, and with what, in words; it may raise to cancel.
+    ``progress`` gets the fraction 0..1 and the present item as text; it may raise to cancel.
 
-    Sessions that did not change since the last time are not exported again.
+    Sessions without changes since the last run are not exported again.
 
     Raises
     ------
@@ -169,8 +169,8 @@ def study_statistics(
 
 
 def _counting(folders: list[Path]) -> tuple[list[Path], list[str]]:
-    """Each session once, and what is to be said of copies and of what is missing. What cannot be read is kept: the
-    export will say why.
+    """Sessions without copies, and notices on copies and missing data. Unreadable ones are included: the export reports
+    them.
     """
     sessions: dict[str, Session] = {}
     for folder in folders:
@@ -187,7 +187,7 @@ def _counting(folders: list[Path]) -> tuple[list[Path], list[str]]:
 
 
 def _prepare(out: Path) -> dict[str, str]:
-    """The sessions that ``out`` has tables of, with their signatures."""
+    """Signatures of the sessions that ``out`` has tables of."""
     if any((folder / "session.json").exists() for folder in (out.absolute(), *out.absolute().parents)):
         raise StatisticsError(f"{out} lies inside a recorded session. Nothing was written; choose another folder.")
     if not out.exists():
@@ -211,7 +211,7 @@ def _prepare(out: Path) -> dict[str, str]:
     if not ours:
         raise StatisticsError(f"{marker} is damaged. Nothing was written; choose another folder, or delete this one.")
     if data.get("format_version") != _FORMAT_VERSION or data.get("program_version") != __version__:
-        # Another version may make other columns.
+        # Another version may produce other columns.
         return dict.fromkeys(known, "")
     return known
 
@@ -225,14 +225,14 @@ def _save(out: Path, known: dict[str, str]) -> None:
 def _export(
     folders: list[Path], out: Path, known: dict[str, str], progress: Callable[[float, str], None]
 ) -> tuple[int, list[str]]:
-    """Bring ``out/tables`` and ``known`` up to date; how many were exported, and what went wrong."""
+    """Update ``out/tables`` and ``known``; return the number of exports, and problems."""
     tables = out / "tables"
     tables.mkdir(exist_ok=True)
     names = {folder.name for folder in folders}
     for name in [name for name in known if name not in names]:
         _remove(tables / name)
         del known[name]
-    # After the sessions that are gone, and before anything else may end this.
+    # After removed sessions, and before anything can interrupt.
     _save(out, known)
     exported, problems = 0, []
     pseudonyms = pseudonyms_of(folders)
@@ -269,7 +269,7 @@ def _remove(folder: Path) -> None:
 
 
 def queries(out: Path, *, tables: str = "tables") -> str:
-    """The SQL: the tables that there are, then the queries over them. ``tables`` is how the files' folder is named."""
+    """SQL text: views of the tables, then the queries. ``tables`` is the path of their folder in it."""
     text = (resources_dir() / "queries" / "statistics.sql").read_text(encoding="utf-8")
     lines = ["-- The tables. Those that no session has are empty."]
     for name, columns in _TABLES.items():
@@ -289,7 +289,7 @@ def _compute(out: Path, style: CsvStyle) -> tuple[tuple[SummaryRow, ...], tuple[
 
     try:
         with duckdb.connect(":memory:") as database:
-            # The tables and nothing else of this computer, whatever a query says.
+            # Restrict DuckDB to the tables, whatever a query says.
             tables = (out / "tables").resolve()
             database.execute(f"SET allowed_directories = [{_quoted(f'{tables}/')}]")
             database.execute("SET enable_external_access = false")

@@ -1,4 +1,4 @@
-"""``caris-desktop statistics``: figures of all sessions of a study, of each condition, and the SQL behind them."""
+"""``caris-desktop statistics``: measures of a study's sessions and conditions, with the SQL behind them."""
 
 import argparse
 import sys
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status: 0 when computed, 1 when not or when sessions were left out (stderr says which), 130 cancelled."""
+    """Exit status: 0 if computed, 1 if not or if sessions were excluded (listed on stderr), 130 cancelled."""
     line = ProgressLine()
     try:
         out = args.out or study_dir_of(args.study) / "statistics"
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def as_table(rows: Sequence[SummaryRow]) -> str:
-    """Lines for a terminal, columns aligned."""
+    """Lines for a terminal with aligned columns."""
     cells = [("measure", "unit", "n", "mean", "sd", "median", "min", "max")]
     cells += [
         (

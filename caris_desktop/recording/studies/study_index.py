@@ -1,4 +1,4 @@
-"""Finds sessions of a study by what heads them and by what was said in them: an index that the folders can rebuild."""
+"""Search index of a study's sessions: header fields and full text; it can be rebuilt from the folders."""
 
 import fnmatch
 import hashlib
@@ -78,13 +78,13 @@ CREATE VIRTUAL TABLE item_text USING fts5 (
 
 @dataclass(frozen=True, slots=True)
 class UnreadableSession:
-    """A folder that looks like a session and cannot be read; ``trouble`` says why."""
+    """Folder that looks like a session and cannot be read; ``trouble`` is the reason."""
 
     folder: Path
     trouble: str
 
 
-# Any of them is a session's, whatever became of the others.
+# Any of them marks a session, even without the others.
 _SESSION_FILES = ("session.json", "events.mcap", MANIFEST_NAME)
 _FIELDS = ("participant", "condition", "wizard", "scenario", "purpose")
 _ENTRY_COLUMNS = (
@@ -94,17 +94,17 @@ _ENTRY_COLUMNS = (
 
 
 def sessions_dir_of(study: Path) -> Path:
-    """Where the sessions of a study lie; ``study`` may be that folder itself."""
+    """Folder of the study's sessions; ``study`` may be that folder."""
     return study / "sessions" if (study / "sessions").is_dir() else study
 
 
 def study_dir_of(path: Path) -> Path:
-    """The study's own folder, where ``path`` is that or the folder of its sessions."""
+    """Study folder of ``path``, which may be its sessions folder."""
     return path.absolute().parent if path.absolute().name == "sessions" and sessions_dir_of(path) == path else path
 
 
 def session_folders(sessions_dir: Path) -> list[Path]:
-    """The folders in ``sessions_dir`` that hold a session, or what is left of one, by name. Raises OSError."""
+    """Folders in ``sessions_dir`` with a session or remains of one, by name. Raises OSError."""
     with os.scandir(sessions_dir) as entries:
         names = sorted(
             entry.name
@@ -117,17 +117,17 @@ def session_folders(sessions_dir: Path) -> list[Path]:
 
 
 def _no_progress(_fraction: float) -> None:
-    """Nobody watches."""
+    """Ignore progress."""
 
 
 class StudyIndex:
-    """The index of the sessions in one folder. Any thread, one at a time. Never changes a session.
+    """Index of the sessions in one folder. Any thread, one at a time. Never changes a session.
 
-    ``message`` says for people why the index is kept in memory only, or why it was made anew; empty when all is well.
+    ``message`` is a user text if the index is in memory only or was rebuilt; else empty.
     """
 
     def __init__(self, sessions_dir: Path, database: Path) -> None:
-        """Opens the index, or makes it; :meth:`update` fills it."""
+        """Open or create the index; :meth:`update` fills it."""
         self.message = ""
         self._sessions_dir = sessions_dir
         self._path = database
@@ -135,16 +135,16 @@ class StudyIndex:
 
     @classmethod
     def of_study(cls, study: Path) -> "StudyIndex":
-        """The index that a study folder keeps beside its sessions."""
+        """Index that a study folder stores next to its sessions."""
         return cls(sessions_dir_of(study), study_dir_of(study) / DATABASE_NAME)
 
     def close(self) -> None:
         self._database.close()
 
     def update(self, progress: Callable[[float], None] = _no_progress) -> None:
-        """Read sessions that are new or changed, forget those that are gone. ``progress`` may raise to cancel.
+        """Read new and changed sessions, drop removed ones. ``progress`` may raise to cancel.
 
-        What was read before stays in the index then.
+        The index then retains what was read.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class StudyIndex:
         self._whole(lambda: self._update(progress))
 
     def rebuild(self, progress: Callable[[float], None] = _no_progress) -> None:
-        """Forget everything and read all sessions again. Raises OSError as :meth:`update`."""
+        """Clear the index and read all sessions again. Raises OSError as :meth:`update`."""
 
         def anew() -> None:
             with self._database:
@@ -164,7 +164,7 @@ class StudyIndex:
         self._whole(anew)
 
     def sessions(self, query: SessionQuery | None = None) -> tuple[SessionEntry, ...]:
-        """The sessions that fit, newest first."""
+        """Matching sessions, newest first."""
         query = query or SessionQuery()
         words = _words(query.text)
         if query.text.strip() and not words:
@@ -183,15 +183,13 @@ class StudyIndex:
         return tuple(self._entry(row, copies) for row in rows)
 
     def _copies(self) -> dict[str, str]:
-        """Of each session that is a copy of another one, which that is."""
+        """Original of each session that is a copy."""
         sql = "SELECT name, identity, losses FROM session WHERE trouble = '' AND identity != ''"
         rows = self._database.execute(sql)
         return copies_among({name: (identity, losses.splitlines()) for name, identity, losses in rows})
 
     def search(self, query: SessionQuery, *, after: int = 0) -> tuple[SearchHit, ...]:
-        """Where the text was found: newest session first, each in the order of time; ``query.places`` at most, those
-        ``after`` so many.
-        """
+        """Text hits: newest session first, each in order of time; at most ``query.places``, starting at ``after``."""
         words = _words(query.text)
         rows = self._found(
             query,
@@ -206,7 +204,7 @@ class StudyIndex:
         )
 
     def places(self, query: SessionQuery) -> dict[Path, int]:
-        """In how many places of each session the text was found, all of them, newest session first."""
+        """Number of all hits per session, newest session first."""
         rows = self._found(query, "s.name, count(*)", "GROUP BY s.id ORDER BY s.started_utc DESC, s.name DESC")
         return {self._sessions_dir / name: count for name, count in rows}
 
@@ -223,7 +221,7 @@ class StudyIndex:
         return self._whole(lambda: self._database.execute(sql, [*its_arguments, *arguments, *more]).fetchall())
 
     def unreadable(self) -> tuple[UnreadableSession, ...]:
-        """Folders that hold a session, or what is left of one, and yet cannot be read."""
+        """Folders with a session, or remains of one, that cannot be read."""
         sql = "SELECT name, trouble FROM session WHERE trouble != '' ORDER BY name"
         rows = self._whole(lambda: self._database.execute(sql).fetchall())
         return tuple(UnreadableSession(self._sessions_dir / name, trouble) for name, trouble in rows)
@@ -241,7 +239,7 @@ class StudyIndex:
         changed = [
             name
             for name, folder in folders.items()
-            # One that is being recorded changes all the time: it is read when it is new, and when it has ended.
+            # A session in progress changes constantly: it is read when it is new, and when it has ended.
             if known.get(name) != signatures[name] and not (name in known and is_held(folder))
         ]
         with self._database:
@@ -250,7 +248,7 @@ class StudyIndex:
         for number, name in enumerate(changed, start=1):
             content = _read(folders[name])
             with self._database:
-                # Somebody else may keep the same index up to date.
+                # Another process may update the same index.
                 self._database.execute("BEGIN IMMEDIATE")
                 self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())
                 self._add(name, signatures[name], content)
@@ -293,7 +291,7 @@ class StudyIndex:
     # The database
 
     def _whole(self, act: Callable[[], T]) -> T:
-        """``act``, and once more with a new index where the database turns out to be damaged or not writable."""
+        """Run ``act``, and once more with a new index if the database is damaged or read-only."""
         try:
             return act()
         except sqlite3.Error as error:
@@ -318,7 +316,7 @@ class StudyIndex:
         return database
 
     def _anew(self, damage: sqlite3.Error) -> sqlite3.Connection:
-        """An empty index where the damaged one lay."""
+        """Empty index in place of a damaged one."""
         _log.warning("%s is made anew: %s", self._path, damage)
         database: sqlite3.Connection | None = None
         try:
@@ -346,7 +344,7 @@ class StudyIndex:
 
 @dataclass(frozen=True, slots=True)
 class _Item:
-    """One text that can be found."""
+    """One searchable text."""
 
     at_ns: int
     session_s: float
@@ -362,7 +360,7 @@ def _connected(path: str) -> sqlite3.Connection:
 
 
 def _prepare(database: sqlite3.Connection) -> bool:
-    """Make the tables where there are none of this version. True: the database is somebody else's."""
+    """Create missing tables. True: the database belongs to another program."""
     (application,) = database.execute("PRAGMA application_id").fetchone()
     (version,) = database.execute("PRAGMA user_version").fetchone()
     (tables,) = database.execute("SELECT count(*) FROM sqlite_master").fetchone()
@@ -371,13 +369,13 @@ def _prepare(database: sqlite3.Connection) -> bool:
     database.execute("PRAGMA journal_mode = WAL")
     database.execute("PRAGMA synchronous = NORMAL")
     if tables and version == _SCHEMA_VERSION:
-        # Proves that it can be written to, which an open database on a read-only disk cannot.
+        # Test write, since opening a database on a read-only disk succeeds.
         database.execute(f"PRAGMA user_version = {_SCHEMA_VERSION}")
         return False
     with database:
         database.execute("BEGIN IMMEDIATE")
         if database.execute("PRAGMA user_version").fetchone() == (_SCHEMA_VERSION,):
-            # Somebody else made them meanwhile.
+            # Another process created them in the meantime.
             return False
         for table in ("item_text", "item", "session"):
             database.execute(f"DROP TABLE IF EXISTS {table}")
@@ -389,14 +387,14 @@ def _prepare(database: sqlite3.Connection) -> bool:
 
 
 def _is_damage(error: sqlite3.Error) -> bool:
-    """Whether the file itself is broken, rather than locked, not writable, or the disk full."""
+    """True if the file itself is broken, rather than locked, read-only, or the disk full."""
     code = getattr(error, "sqlite_errorcode", None)
     broken = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
     return code is not None and (code & 0xFF) in broken
 
 
 def _put_aside(path: Path) -> None:
-    """Nothing is lost by it, but a file that is no index of ours is not ours to delete. Raises OSError."""
+    """Move the file aside: nothing is lost, and a foreign file must not be deleted. Raises OSError."""
     path.replace(path.with_name(f"{path.name}.damaged"))
     for suffix in ("-wal", "-shm"):
         path.with_name(path.name + suffix).unlink(missing_ok=True)
@@ -406,8 +404,8 @@ def _put_aside(path: Path) -> None:
 
 
 def content_signature(folder: Path) -> str:
-    """Changes whenever something may have changed in what is told of a session: its files or annotations."""
-    # Asked of every session each time a study is opened, hence without a Path for each file.
+    """Signature that changes with the session's files or annotations."""
+    # Called for every session of a study, hence without a Path for each file.
     names = ["session.json", "events.mcap"]
     try:
         with os.scandir(folder) as entries:
@@ -418,10 +416,10 @@ def content_signature(folder: Path) -> str:
         with os.scandir(folder / "annotations") as entries:
             names += sorted(f"annotations/{entry.name}" for entry in entries if entry.name.endswith(".json"))
     except OSError:
-        # Nobody has coded the session; what cannot be read now has no signature until it can.
+        # No annotations; unreadable ones have no signature until they are readable.
         pass
     told = "|".join(f"{name}:{_age_and_size(f'{folder}/{name}')}" for name in names)
-    # Files of annotations are called after their coders, whose names go nowhere.
+    # Annotation files are named after coders, whose names must not leak.
     return hashlib.sha256(told.encode("utf-8", "surrogateescape")).hexdigest()
 
 
@@ -429,9 +427,9 @@ _MEDIA = (".mp4", ".wav", ".txt", ".csv")
 
 
 def copies_among(sessions: Mapping[str, tuple[Any, Sequence[str]]]) -> dict[str, str]:
-    """Of the names of sessions with their identities and losses: which is a copy of which.
+    """Original of each copy, from session names with identities and losses.
 
-    Of several that are one the original is the one that lacks least, then the one that comes first by name.
+    Of several copies, the original is the one with the fewest losses, then the first by name.
     """
     groups: dict[Any, list[str]] = {}
     for name, (identity, _) in sessions.items():
@@ -453,7 +451,7 @@ def _age_and_size(path: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Content:
-    """What the index keeps of one session: its entry, which one it is, its texts; or why it cannot be read."""
+    """Index content of one session: its entry, identity and texts, or why it cannot be read."""
 
     entry: SessionEntry
     identity: str
@@ -468,7 +466,7 @@ def _read(folder: Path) -> _Content:
         _log.info("%s is not in the index: %s", folder, error)
         trouble = str(error)
     except Exception:
-        # Whatever somebody's file does to a reader, the other sessions of the study are to be found.
+        # A faulty file must not hide the other sessions of the study.
         _log.exception("%s is not in the index", folder)
         trouble = (
             f"{folder} cannot be read: something in it is damaged in a way that was not foreseen. The log has the"
@@ -478,7 +476,7 @@ def _read(folder: Path) -> _Content:
 
 
 def _content(folder: Path) -> _Content:
-    """Raises SessionError, OSError, and ValueError for moments that no index can hold."""
+    """Read a session. Raises SessionError, OSError, and ValueError for times that no index can hold."""
     session = open_session(folder, repair=False)
     items = list(_items(session))
     if not all(abs(at_ns) < _NEVER_NS for at_ns in (session.started_ns, *(item.at_ns for item in items))):
@@ -522,7 +520,7 @@ def _items(session: Session) -> Iterator[_Item]:
     def item(at_ns: int, kind: str, text: str, quoted: int = 0) -> _Item:
         return _Item(at_ns, session.clock.session_s(at_ns), kind, _storable(text), quoted)
 
-    # One pass: a session that was cut off has no index to jump by.
+    # One pass: interrupted sessions have no index to seek by.
     events = [value for _, value in session.values(*_TOLD_BY)]
     paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
     utterances = [event for event in events if isinstance(event, UtteranceEvent)]
@@ -548,7 +546,7 @@ def _items(session: Session) -> Iterator[_Item]:
 
 
 def _without_quotations(asked: str, texts: set[str]) -> tuple[str, set[str]]:
-    """A prompt without what was said in the session and stands in it, and what of that stands in it."""
+    """A prompt without its quotations of session texts, and the quoted texts."""
     left, found = [], set()
     for line in asked.splitlines():
         plain = " ".join(line.split())
@@ -577,7 +575,7 @@ def _annotations(session: Session) -> Iterator[_Item]:
 
 
 def _storable(text: str) -> str:
-    """Without what UTF-8 or SQLite cannot hold: half a character that an input method left behind, a zero."""
+    """``text`` without characters that UTF-8 or SQLite cannot hold: lone surrogates and NUL."""
     return text.encode("utf-8", "replace").decode().replace("\0", " ")
 
 
@@ -600,13 +598,13 @@ def _header_condition(query: SessionQuery) -> tuple[str, list[Any]]:
 
 
 def _words(text: str) -> list[str]:
-    """The words of what a user typed, whatever signs are between them."""
+    """Words of the user's input, ignoring punctuation."""
     words = [word for word in _storable(text).split() if any(character.isalnum() for character in word)]
     return words[:_MAX_WORDS]
 
 
 def _text_condition(words: Sequence[str]) -> tuple[str, list[Any]]:
-    """SQL for ``item i``: every word begins a word of the text. Signs that FTS5 takes for operators are quoted."""
+    """SQL for ``item i``: every word is a prefix of a word in the text. FTS5 operators are quoted."""
     conditions, arguments = [], []
     spaced = [word for word in words if not _UNSPACED.search(word)]
     if spaced:
@@ -619,17 +617,17 @@ def _text_condition(words: Sequence[str]) -> tuple[str, list[Any]]:
     return " AND ".join(conditions), arguments
 
 
-# Scripts that put no space between words, so that no word begins there for the index: Thai to Khmer, Chinese, Japanese.
+# Scripts without spaces between words, which the index cannot split: Thai to Khmer, Chinese, Japanese.
 _UNSPACED = re.compile("[\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff\u3040-\u30ff\u3400-\u9fff\uf900-\ufaff]")
 
 
 def _plain(text: str) -> str:
-    """Without case and accents, character for character."""
+    """Text without case and accents, preserving its length."""
     return "".join((unicodedata.normalize("NFKD", character).casefold() or " ")[0] for character in text)
 
 
 def _snippet(text: str, words: Sequence[str]) -> str:
-    """At most a line or two of ``text`` with the first of the words in it."""
+    """A line or two of ``text`` around the first of the words."""
     text = " ".join(text.split())
     if len(text) <= _SNIPPET_CHARACTERS:
         return text
