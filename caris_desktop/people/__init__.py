@@ -1,1 +1,1 @@
-"""Who the people in front of the robot are."""
+"""Identities of the people in front of the robot: recognition, visits and the study's people database."""

@@ -1,4 +1,4 @@
-"""The file of the study's people: opened, checked and raised to the present version, or left untouched."""
+"""SQLite file of the study's people: opening, validation and schema migration; foreign files are left untouched."""
 
 import logging
 import sqlite3
@@ -12,7 +12,7 @@ from caris_desktop.people.sealing import About, about_bytes, new_key, seal
 
 _log = logging.getLogger(__name__)
 
-# Recognised by `file` and by us: a database of another program is never written to. Reads "CaPe".
+# "CaPe", recognised by `file`: a database of another program is never written to.
 _APPLICATION_ID = 0x43615065
 _BUSY_TIMEOUT_S = 2.0
 
@@ -25,7 +25,7 @@ _CANNOT: dict[Verb, str] = {
 
 
 class PeopleStoreError(Exception):
-    """The study's people cannot be read or written; the text is a sentence for the wizard, as tr takes it."""
+    """The study's people cannot be read or written; the text is a user text for tr."""
 
 
 def _wrap_names(database: sqlite3.Connection) -> None:
@@ -39,7 +39,7 @@ def _wrap_names(database: sqlite3.Connection) -> None:
 
 
 Step = tuple[str | Callable[[sqlite3.Connection], None], ...]
-# Each step raises a database by one version; one that was once released is never changed.
+# Each step migrates by one version; released steps are never changed.
 STEPS: tuple[Step, ...] = (
     (
         """CREATE TABLE people (
@@ -116,7 +116,7 @@ STEPS: tuple[Step, ...] = (
 class PeopleDatabase:
     """Opens the database at ``path``, or creates it and its folder. Use from the thread that created it.
 
-    Everything raises PeopleStoreError, after which it remains usable.
+    Every method raises PeopleStoreError on failure and remains usable afterwards.
     """
 
     def __init__(self, path: Path) -> None:
@@ -124,7 +124,7 @@ class PeopleDatabase:
         with self.explained("opened"):
             path.parent.mkdir(parents=True, exist_ok=True)
             if not path.exists():
-                path.touch()  # SQLite's own would never be writable by the group of a shared study
+                path.touch()  # SQLite's own file would not be writable by the group of a shared study
             self.connection = sqlite3.connect(path, timeout=_BUSY_TIMEOUT_S, isolation_level=None)
         try:
             with self.explained("opened"):
@@ -172,19 +172,19 @@ class PeopleDatabase:
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("PRAGMA synchronous = NORMAL")
         database.execute("PRAGMA secure_delete = ON")
-        # A file beside it in a folder for all users would hold what VACUUM turns over.
+        # A temporary file in a shared folder would contain what VACUUM moves.
         database.execute("PRAGMA temp_store = MEMORY")
         if version < len(STEPS):
             self._migrate()
             if version:
-                # Names stood in the clear before.
+                # Earlier versions stored names in plain text.
                 self.empty_log_and_free_pages()
 
     def _migrate(self) -> None:
-        """All steps or none. No copy of the old database is kept: whoever is forgotten later would stay in it."""
+        """Migrate atomically. No copy of the old database remains, since it would retain people erased later."""
         database = self.connection
         with self._transaction():
-            # Another console may have been here since the version was looked at.
+            # Another console may have migrated since the version was read.
             version = database.execute("PRAGMA user_version").fetchone()[0]
             for number, step in enumerate(STEPS[version:], start=version + 1):
                 for statement in step:

@@ -1,4 +1,4 @@
-"""What is decided about people, by the wizard or by the console: each decision is an event, and can be taken back."""
+"""Decisions about people by the wizard or the console: each is an event and can be undone."""
 
 from collections import deque
 from collections.abc import Callable
@@ -56,7 +56,7 @@ PeopleIntent = (
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """A decision, and how it is taken back. ``concerns`` are all ids that it is about."""
+    """Decision with its undo function. ``concerns`` are all ids that it affects."""
 
     decision: PeopleDecision
     person_id: str
@@ -75,7 +75,7 @@ class Decisions:
         self._done: deque[_Done] = deque(maxlen=MOST_UNDONE)
 
     def do(self, asked: PeopleIntent, now_ns: int) -> list[Event]:
-        """What follows from it; a Problem where it cannot be done."""
+        """Events of an intent; a Problem if it cannot be executed."""
         match asked:
             case intents.NamePerson(person_id=person_id, name=name):
                 return self._name(person_id, _one_line(name), now_ns, asked.actor)
@@ -108,9 +108,9 @@ class Decisions:
     def identify(
         self, visit: Visit, is_person_id: str, now_ns: int, actor: Actor = CONSOLE, *, both_here: bool = False
     ) -> list[Event]:
-        """Of this visit everything is ``is_person_id``'s from now on.
+        """Assign the visit to ``is_person_id``.
 
-        ``both_here``: two cameras see one person, so that it is no mistake that they are here already.
+        ``both_here``: two cameras see the person, so that two present visits are no conflict.
         """
         root = self._known.root_of(is_person_id)
         if root == visit.person_id:
@@ -125,18 +125,18 @@ class Decisions:
         before, confidence = visit.person_id, 0.0 if told is None else told.confidence
         concerned = [visit] if visit.identified else self._visits.of_person(visit.visit_id)
         back = [self._given_to(each, root) for each in concerned] + [self._known.link(visit.visit_id, root)]
-        # How sure the console was says nothing of what the wizard knows.
+        # The console's confidence does not apply to a wizard's decision.
         visit.confidence = confidence if actor == CONSOLE else 0.0
         visit.summary = self._known.summary(root)
         if actor != CONSOLE:
-            # What the console decided is taken back by saying who it is not, else it would decide the same again.
+            # Undoing a decision of the console rejects the match, else it would be made again.
             self._remember("identified", visit.visit_id, root, _all([*back[::-1], visit.leave_to_wizard]))
         self._known.keep_looks(visit.visit_id)
         by: IdentifiedBy = "console" if actor == CONSOLE else "wizard"
         return [PersonIdentified(now_ns, before, root, by, round(confidence, 3), round(runner_up, 3), actor)]
 
     def forget_decisions(self) -> None:
-        """Nothing of before can be taken back."""
+        """Clear the undo history."""
         self._done.clear()
 
     def __len__(self) -> int:
@@ -221,7 +221,7 @@ class Decisions:
             return [PersonSplit(now_ns, visit.visit_id, root, actor)]
         if not visit.here:
             return [_unknown(now_ns)]
-        # Somebody else stands there now: the visit ends, and another one begins on the same tracks.
+        # A different person is there now: the visit ends, and a new one begins on the same tracks.
         tracks = tuple(visit.tracks)
         new_id = self._known.add()
         other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
@@ -294,7 +294,7 @@ class Decisions:
         for visit in visits:
             self._visits.drop(visit)
             if visit.here:
-                # Still there to be seen, as somebody of whom nothing is known.
+                # Still in view, as an unknown person.
                 new_id = self._known.add()
                 other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
                 other.forgotten = True
@@ -314,7 +314,7 @@ class Decisions:
         return back
 
     def _keep_what_is_known(self, person_id: str) -> None:
-        """Who is known now is so after a power cut too, looks included."""
+        """Persist the person's data now, appearance included, against a power failure."""
         for visit in self._visits.of_person(person_id):
             visit.settled = True
             self._known.keep_looks(visit.visit_id)

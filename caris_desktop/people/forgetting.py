@@ -1,4 +1,4 @@
-"""Whom of a study's people to forget, what of them must not be found any more, and erasing them from the database."""
+"""Erasure of a person from the people database, and the search terms for the study's files."""
 
 import shutil
 from collections.abc import Callable
@@ -19,7 +19,7 @@ _NOTHING_CHANGED = QT_TR_NOOP("Nobody was forgotten; nothing was changed.")
 
 @dataclass(frozen=True, slots=True)
 class PersonToForget:
-    """Somebody of the study. ``person_ids`` are all that they ever had, the one that stands for them first."""
+    """Person to erase: all of their ids, the main one first, with names and images."""
 
     person_ids: tuple[str, ...]
     names: tuple[str, ...]
@@ -27,7 +27,7 @@ class PersonToForget:
 
 
 def look_up(database: Path, who: str) -> PersonToForget | None:
-    """The person of this id or name; None where the study has none.
+    """Look up a person by id or name; None if the study has none.
 
     Raises
     ------
@@ -50,14 +50,14 @@ def look_up(database: Path, who: str) -> PersonToForget | None:
 
 
 def erase(database: Path, person_ids: tuple[str, ...]) -> None:
-    """Delete keys and rows of these ids. May be asked again. Raises ToldFailure."""
+    """Delete keys and rows of these ids. Idempotent. Raises ToldFailure."""
     if not database.exists():
         return
     try:
         with closing(PeopleStore(database)) as store:
             for number, person_id in enumerate(person_ids):
-                # The first goes with all that are linked to it; also where it is gone already, for a kill may have
-                # left pages that hold them.
+                # The first id includes all linked ids; repeat it even if it is gone, since a kill may have left pages
+                # that hold them.
                 if number == 0 or store.get(person_id) is not None:
                     store.forget(person_id)
     except PeopleStoreError as error:
@@ -69,7 +69,7 @@ def erase(database: Path, person_ids: tuple[str, ...]) -> None:
 
 
 def rewrite_texts(database: Path, rewrite: Callable[[str, str], str]) -> None:
-    """Pass what was noted of everybody and said to them through ``rewrite``: whose it is, and the text.
+    """Apply ``rewrite`` to all notes and history texts, given the owner's id and the text.
 
     Raises ToldFailure.
     """
@@ -85,7 +85,7 @@ def rewrite_texts(database: Path, rewrite: Callable[[str, str], str]) -> None:
 
 
 def _advice(database: Path) -> str:
-    """SQLite calls a full disk by many names."""
+    """Advice by free disk space, since SQLite reports a full disk in many ways."""
     full = shutil.disk_usage(database.parent).free < _LEAST_FREE_BYTES
     return QT_TR_NOOP("The disk is full: make room on it, then ask again.") if full else QT_TR_NOOP("Then ask again.")
 

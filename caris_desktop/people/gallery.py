@@ -1,4 +1,4 @@
-"""How known people look: a mean and a few views of each, and how much somebody resembles each of them."""
+"""Appearance gallery: mean and diverse views of each known person, and cosine similarity to them."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,17 +12,18 @@ Vectors = NDArray[np.float32]
 KEEP = 0.95
 GOOD_QUALITY = 0.4
 MOST_VIEWS = 7
-_ALIKE = 0.93  # a view that is closer than this to one that is kept tells nothing new
+_ALIKE = 0.93  # a view closer than this to a stored one adds nothing
 
 
 class Views:
-    """How one person looked in one visit, by one network: a running mean of the good views, and a few diverse ones.
+    """Appearance embeddings of one person in one visit by one network: running mean of good views, and a few diverse
+    views.
 
-    Bounded: however long somebody stays, it is :data:`MOST_VIEWS` vectors and their mean.
+    Bounded to :data:`MOST_VIEWS` vectors and their mean.
     """
 
     def __init__(self, vectors: Vectors | None = None) -> None:
-        """``vectors`` is what :meth:`vectors` gave."""
+        """``vectors`` is a result of :meth:`vectors`."""
         self.count = 0
         self._mean: Vectors | None = None
         self._views: list[Vectors] = []
@@ -32,11 +33,11 @@ class Views:
             self._views = [view.copy() for view in vectors[1 : MOST_VIEWS + 1]]
 
     def add(self, vector: Vectors, quality: float) -> bool:
-        """Whether it was good enough to be learned from."""
+        """Add a view; False if its quality is too low."""
         if quality < GOOD_QUALITY:
             return False
         self.count += 1
-        # The first ones count alike: a mean that begins with a bad one would keep it for long.
+        # Equal weights at first: otherwise a bad first view would dominate for long.
         keep = min(KEEP, 1.0 - 1.0 / self.count)
         self._mean = vector.copy() if self._mean is None else unit(keep * self._mean + (1.0 - keep) * vector)
         self._keep_diverse(vector)
@@ -52,7 +53,7 @@ class Views:
         if len(self._views) < MOST_VIEWS:
             self._views.append(vector.copy())
             return
-        # Of the two that are closest to one another one is spared, where the new one is farther from all.
+        # Replace one of the two closest views if the new one is farther from all.
         alike = views @ views.T
         np.fill_diagonal(alike, -1.0)
         if float((views @ vector).max()) < float(alike.max()):
@@ -67,7 +68,7 @@ class Views:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gallery:
-    """Vectors of many people by one network. ``vectors`` is (n, length), ``begins`` where each person's begin."""
+    """Embeddings of many people by one network. ``vectors`` is (n, length), ``begins`` the first row of each person."""
 
     person_ids: tuple[str, ...]
     vectors: Vectors
@@ -75,7 +76,7 @@ class Gallery:
 
     @classmethod
     def of(cls, vectors: Mapping[str, Sequence[Vectors]]) -> "Gallery":
-        """Of each person any number of arrays, shape (n, length); empty ones do not count."""
+        """Gallery from arrays of shape (n, length) per person; empty ones are ignored."""
         known = {person_id: [each for each in arrays if len(each)] for person_id, arrays in vectors.items()}
         known = {person_id: arrays for person_id, arrays in known.items() if arrays}
         if not known:
@@ -85,8 +86,8 @@ class Gallery:
         return cls(tuple(known), np.concatenate(stacked).astype(np.float32), begins)
 
     def likeness(self, seen: Vectors) -> NDArray[np.float64]:
-        """How much each of ``person_ids`` looks like each of ``seen``, (m, length): the cosine of the view that comes
-        closest. Shape (people, m).
+        """Cosine similarity of each of ``person_ids`` to each of ``seen``, (m, length), by the closest view. Shape
+        (people, m).
         """
         if not self.person_ids or self.vectors.shape[1] != seen.shape[1]:
             return np.zeros((0, len(seen)))
@@ -95,6 +96,6 @@ class Gallery:
 
 
 def unit(vector: Vectors) -> Vectors:
-    """The same direction, of unit length."""
+    """Vector scaled to unit length."""
     length = float(np.linalg.norm(vector))
     return (vector / length).astype(np.float32) if length > 0.0 else vector.astype(np.float32)

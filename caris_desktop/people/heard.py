@@ -1,4 +1,4 @@
-"""What participants said in their histories, also where it turns out that it was somebody else, or something else."""
+"""Participants' utterances in their histories, updated by later corrections."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ _KEPT = 200
 
 
 class HeardHistory:
-    """Remembers by utterance whose history has which words."""
+    """History entry per utterance."""
 
     def __init__(self, known: KnownPeople) -> None:
         self._known = known
@@ -20,14 +20,14 @@ class HeardHistory:
         self._corrections = Corrections()
 
     def hear(self, utterance_id: str, person_id: str, text: str) -> None:
-        """``person_id`` is the visit's own, empty where it is not known who spoke."""
+        """Add an utterance. ``person_id`` is the visit's own id, empty for an unknown speaker."""
         self._heard[utterance_id] = _Heard(person_id, text, "", "")
         if len(self._heard) > _KEPT:
             del self._heard[next(iter(self._heard))]
         self._write(self._heard[utterance_id], person_id, text)
 
     def correct(self, event: UtteranceCorrected, visit_of: Callable[[str], str]) -> None:
-        """``visit_of`` gives the visit of a person."""
+        """Apply a correction. ``visit_of`` returns the visit of a person."""
         self._corrections.take(event)
         heard, made = self._heard.get(event.utterance_id), self._corrections.of(event.utterance_id)
         if heard is None:
@@ -51,7 +51,7 @@ class HeardHistory:
 
 @dataclass(slots=True)
 class _Heard:
-    """Who said what as it was first told, and what is kept of it with whom."""
+    """Original speaker and text, and the current history entry."""
 
     person_id: str
     text: str

@@ -1,8 +1,8 @@
-"""Which of the known people somebody is: pure logic on what their looks tell, several at a time.
+"""Re-identification: which known person a visit belongs to, from several appearance embeddings; pure logic.
 
-Evidence for a person is a sum over networks of how much more somebody resembles them than a stranger would, so that
-the confidence is a softmax over everybody known and "somebody new". It is sure only where several looks agree, over a
-while, that nobody else comes near.
+Evidence for a person is the sum over networks of the excess similarity compared with a stranger, so that the confidence
+is a softmax over all known people and "new person". A match is sure only if several embeddings over a period agree and
+no other person is close.
 """
 
 import math
@@ -24,17 +24,17 @@ _SUGGEST_AFTER_LOOKS = 2
 _SURE_AFTER_LOOKS = 5
 _SURE_AFTER_NS = 1_500_000_000
 _SURE_SHARE = 0.8
-# Of three looks in a row one at least comes to 0.84 of what was seen before of the same person, also of one who turns.
-# Of nineteen in twenty others none comes to 0.65.
+# Of three consecutive embeddings of the same person, also while turning, at least one reaches 0.84 similarity to
+# earlier ones. For different people, in 19 of 20 cases none reaches 0.65.
 _MISTAKEN_BELOW, _MISTAKEN_LOOKS, _LEARNED_FROM = 0.75, 3, 4
-_VISITS_OF_A_PERSON = 3  # beside the first, of which the wizard said who it was
+_VISITS_OF_A_PERSON = 3  # in addition to the first, which the wizard identified
 MOST_STRANGERS = 60
 
 
 @dataclass(frozen=True, slots=True)
 class LooksLine:
-    """Of one kind of looks: from which cosine on it speaks for a person, how strongly, and by how much the best has to
-    beat the next, as evidence.
+    """Calibration of one kind of embedding: the cosine from which it is evidence, its scale, and the required margin to
+    the second best.
     """
 
     stranger_at: float
@@ -42,9 +42,9 @@ class LooksLine:
     margin: float
 
 
-# Of OSNet, on the simulator's people in the clothes that the benchmark does not report on: somebody in the same clothes
-# comes to 0.89 to 0.98, the stranger who looks most like anybody known to 0.88; people on a real street to 0.85 to 0.91
-# and 0.66. Of a face, as ArcFace's models tell people apart: two pictures of one lie above 0.4, of two below 0.3.
+# OSNet on the simulator's people, in clothes outside the benchmark: the same clothes reach 0.89 to 0.98, the most
+# similar stranger 0.88; people on a real street 0.85 to 0.91 and 0.66. Faces, with ArcFace models: two images of one
+# person exceed 0.4, of two people stay below 0.3.
 LINES: Mapping[LooksKind, LooksLine] = {
     "clothing": LooksLine(stranger_at=0.865, scale=45.0, margin=3.0),
     "face": LooksLine(stranger_at=0.38, scale=30.0, margin=3.0),
@@ -53,7 +53,7 @@ LINES: Mapping[LooksKind, LooksLine] = {
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """Somebody may be ``person_id``; ``kind`` is what told most."""
+    """Possible match; ``kind`` contributed most."""
 
     person_id: str
     confidence: float
@@ -63,9 +63,9 @@ class Guess:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Whom somebody may be, likeliest first. ``sure``: enough looks agree, and nobody else comes near.
+    """Candidates, most likely first. ``sure``: enough embeddings agree, and no other person is close.
 
-    ``stranger`` is how likely it is somebody new.
+    ``stranger`` is the probability of a new person.
     """
 
     guesses: tuple[Guess, ...] = ()
@@ -88,20 +88,20 @@ _By = tuple[LooksKind, str]  # kind and network
 
 @dataclass(slots=True)
 class _Recent:
-    """The last good looks of a visit by one network."""
+    """Recent good embeddings of a visit by one network."""
 
     vectors: deque[Vectors] = field(default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
     first_ns: int = 0
     last_ns: int = 0
     count: int = 0
-    unlike: int = 0  # so many looks in a row were not like those before
+    unlike: int = 0  # consecutive deviating embeddings
 
 
 class Identities:
-    """Learns how people look, visit by visit, and judges who somebody is.
+    """Learns appearances visit by visit, and identifies people.
 
-    A visit learns under an id of its own; ``link`` says whose it is. Only those count as known whose visit was
-    ``settle``\\ d: who may still turn out to be somebody else must not stand beside them.
+    Visits learn under their own id; ``link`` assigns them to a person. Only ``settle``\\ d visits are in the gallery:
+    an undecided visit must not compete with its own person.
     """
 
     def __init__(self, lines: Mapping[LooksKind, LooksLine] = LINES) -> None:
@@ -109,20 +109,20 @@ class Identities:
         self._views: dict[str, dict[_By, Views]] = {}
         self._recent: dict[str, dict[_By, _Recent]] = {}
         self._root: dict[str, str] = {}
-        self._settled: dict[str, None] = {}  # in the order in which they were
+        self._settled: dict[str, None] = {}  # in order of time
         self._lasting: set[str] = set()
         self._galleries: dict[_By, Gallery] | None = None
 
-    # What is known
+    # Known people
 
     def remember(self, person_id: str, kind: LooksKind, model: str, vectors: Vectors) -> None:
-        """What was learned before, from the study's database."""
+        """Load embeddings from the study's database."""
         self._views.setdefault(person_id, {})[kind, model] = Views(vectors)
         self._settled[person_id] = None
         self._galleries = None
 
     def link(self, person_id: str, root: str) -> None:
-        """That id's looks are ``root``'s from now on, or with an empty one its own again."""
+        """Assign the id's embeddings to ``root``, or with an empty one to itself again."""
         if root:
             for each, its_root in tuple(self._root.items()):
                 if its_root == person_id:
@@ -131,25 +131,25 @@ class Identities:
             self._settled[person_id] = None
         else:
             self._root.pop(person_id, None)
-            # Who it is is open again: beside whom they may be they must not stand as somebody else.
+            # The decision is open again: the visit must not compete with its own person.
             if person_id not in self._lasting:
                 self._settled.pop(person_id, None)
         self._galleries = None
 
     def drop_visit(self, person_id: str) -> None:
-        """Nobody decided who that was, and nobody will."""
+        """Drop an undecided visit."""
         if person_id not in self._settled:
             self._views.pop(person_id, None)
 
     def settle(self, person_id: str, *, lasting: bool = False) -> None:
-        """This visit stands for itself: somebody to be recognised. ``lasting``: the wizard knows them."""
+        """Add the visit to the gallery. ``lasting``: the wizard knows the person."""
         self._settled[person_id] = None
         if lasting:
             self._lasting.add(person_id)
         self._galleries = None
 
     def end_visit(self, person_id: str) -> None:
-        """They left: their last looks are void. What was learned stays, should it be decided later who they were."""
+        """Clear the recent embeddings of a visit that ended. Learned views stay for later decisions."""
         self._recent.pop(person_id, None)
         root = self._root.get(person_id)
         theirs = [each for each in self._settled if self._root.get(each) == root] if root else []
@@ -172,7 +172,7 @@ class Identities:
         self._galleries = None
 
     def drop(self, kind: LooksKind, person_ids: Iterable[str] | None = None) -> None:
-        """Looks of this kind are void, as those of clothes at midnight; of everybody, or of these ids."""
+        """Drop embeddings of a kind, such as clothing at midnight; of everybody or of these ids."""
         for person_id in tuple(self._views) if person_ids is None else person_ids:
             for held in (self._views.get(person_id, {}), self._recent.get(person_id, {})):
                 for by in [by for by in held if by[0] == kind]:
@@ -180,23 +180,23 @@ class Identities:
         self._galleries = None
 
     def people(self) -> frozenset[str]:
-        """Everybody whom somebody can be taken for."""
+        """All people in the gallery."""
         return frozenset(self._root.get(each, each) for each in self._settled)
 
     def knows(self, person_id: str) -> bool:
-        """Whether somebody can be taken for this person."""
+        """True if the person is in the gallery."""
         return person_id in self._settled
 
     def views_of(self, person_id: str) -> dict[_By, Vectors]:
-        """What there is to keep of that visit."""
+        """Views to store for that visit."""
         return {by: views.vectors() for by, views in self._views.get(person_id, {}).items() if views.count}
 
-    # What is seen
+    # Embeddings
 
     def still_the_same(self, person_id: str, looks: PersonLooks) -> Literal["yes", "doubtful", "somebody else"]:
-        """Whether somebody who looks like that can be whom that visit's views were learned from.
+        """Check an embedding against the visit's views, to detect a track that switched to another person.
 
-        One look may be a bad one; several in a row are somebody else, whom a tracker took for the one before.
+        One deviating embedding may be bad; several in a row are another person.
         """
         by: _By = (looks.kind, looks.model)
         views = self._views.get(person_id, {}).get(by)
@@ -210,14 +210,12 @@ class Identities:
         return "somebody else" if recent.unlike >= _MISTAKEN_LOOKS else "doubtful"
 
     def likeness(self, person_id: str, looks: PersonLooks) -> float | None:
-        """How much somebody who looks like that resembles whom that visit's views were learned from, as a cosine; None
-        where nothing was learned by that network.
-        """
+        """Cosine similarity of an embedding to the visit's views; None without views by that network."""
         views = self._views.get(person_id, {}).get((looks.kind, looks.model))
         return None if views is None or not views.count else float((views.vectors() @ looks.vector).max())
 
     def see(self, person_id: str, looks: PersonLooks) -> bool:
-        """Somebody looks like that; whether that was a view to learn and to judge from."""
+        """Add an embedding; False if its quality is too low."""
         if looks.quality < GOOD_QUALITY:
             return False
         by: _By = (looks.kind, looks.model)
@@ -231,10 +229,10 @@ class Identities:
     def judge(
         self, person_id: str, *, impossible: Collection[str] = (), confused: Collection[frozenset[str]] = ()
     ) -> Judgement:
-        """Who that visit's person may be.
+        """Identify the person of a visit.
 
-        ``impossible`` are people who are here already, or who it is not. ``confused`` are pairs that were mistaken for
-        one another before: between them twice the margin is asked for.
+        ``impossible`` are people who are present already or were rejected. ``confused`` are pairs with an earlier
+        mix-up, which require twice the margin.
         """
         evidence: dict[str, dict[LooksKind, float]] = {}
         wins: dict[str, float] = {}
@@ -275,7 +273,7 @@ class Identities:
         return Judgement(likely, max(stranger, 0.0), sure and bool(likely), looks)
 
     def held(self) -> int:
-        """How many vectors are kept, for whoever looks after memory."""
+        """Number of stored vectors, for memory monitoring."""
         learned = sum(len(views.vectors()) for each in self._views.values() for views in each.values())
         return learned + sum(len(recent.vectors) for each in self._recent.values() for recent in each.values())
 
@@ -297,7 +295,7 @@ class Identities:
 
 
 def _guesses(evidence: Mapping[str, Mapping[LooksKind, float]]) -> list[Guess]:
-    """Everybody with a confidence, likeliest first: a softmax in which "somebody new" has an evidence of 0."""
+    """Softmax over all candidates, most likely first; "new person" has evidence 0."""
     summed = {known: sum(by_kind.values()) for known, by_kind in evidence.items()}
     most = max(0.0, *summed.values())
     shares = {known: math.exp(each - most) for known, each in summed.items()}

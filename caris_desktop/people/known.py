@@ -1,4 +1,4 @@
-"""What is known of the study's people, in memory and written through to the study's database where there is one."""
+"""Known people of the study, in memory and written through to the database if there is one."""
 
 import logging
 from collections.abc import Callable
@@ -35,7 +35,7 @@ Undo = Callable[[], None]
 
 @dataclass(frozen=True, slots=True)
 class KnownPerson:
-    """Somebody of whom something is known. ``person_id`` is their own id."""
+    """Known person. ``person_id`` is their main id."""
 
     person_id: str
     about: About
@@ -43,7 +43,7 @@ class KnownPerson:
 
 
 class KnownPeople:
-    """For one thread. A database that fails costs nobody: the failure is told once, and what is known stays here.
+    """For one thread. If the database fails, the error is reported once and the data stays in memory.
 
     ``now`` is this computer's local time.
     """
@@ -51,7 +51,7 @@ class KnownPeople:
     def __init__(self, store: PeopleStore | None = None, *, now: Callable[[], datetime] = datetime.now) -> None:
         self.store = store
         self.identities = Identities()
-        self.session = ""  # the folder of the session that is recorded
+        self.session = ""  # folder of the current session
         self._now = now
         self._abouts: dict[str, About] = {}
         self._roots: dict[str, str] = {}
@@ -107,7 +107,7 @@ class KnownPeople:
         return round(datetime.combine(self._now().date(), time.min).timestamp() * 1e9)
 
     def turn_day(self) -> bool:
-        """Whether midnight has passed: clothes of yesterday tell nothing any more."""
+        """True after midnight, when clothing embeddings expire."""
         if self.today() == self._day:
             return False
         self._day = self.today()
@@ -115,10 +115,10 @@ class KnownPeople:
         self._write(lambda store: store.expire(day_began_utc_ns=self._day_began_utc_ns()))
         return True
 
-    # Who
+    # Ids
 
     def add(self) -> str:
-        """The id of somebody new."""
+        """Id of a new person."""
         if self.store is not None:
             try:
                 return self.store.add().person_id
@@ -137,21 +137,21 @@ class KnownPeople:
         return self._abouts.get(self.root_of(person_id), _NOBODY_KNOWN)
 
     def is_known(self, person_id: str) -> bool:
-        """Whether the wizard wrote anything down about them."""
+        """True if the wizard noted anything about them."""
         return self.root_of(person_id) in self._abouts
 
     def everybody(self) -> tuple[KnownPerson, ...]:
-        """All who are known, whoever was seen last first."""
+        """All known people, most recently seen first."""
         known = (KnownPerson(each, about, self._last_seen_utc_ns.get(each, 0)) for each, about in self._abouts.items())
         return tuple(sorted(known, key=lambda person: -person.last_seen_utc_ns))
 
     def namesakes(self, person_id: str, name: str) -> bool:
-        """Whether somebody else has that name."""
+        """True if another person has that name."""
         root = self.root_of(person_id)
         return bool(name) and any(each != root and about.name == name for each, about in self._abouts.items())
 
     def describe(self, person_id: str, about: About) -> Undo:
-        """Instead of what was written down before; gives how to take that back."""
+        """Replace the notes on a person; return the undo function."""
         root, before = self.root_of(person_id), self.about(person_id)
         self._describe(root, about)
         return lambda: self._describe(root, before)
@@ -165,7 +165,7 @@ class KnownPeople:
         self._write(lambda store: store.describe(root, about))
 
     def link(self, person_id: str, root: str) -> Undo:
-        """That id, with all that are linked to it, is ``root``'s, or with an empty one its own; gives the way back."""
+        """Link an id and its linked ids to ``root``, or unlink it if empty; return the undo function."""
         before = {each: self._roots.get(each, "") for each in self.ids_of(person_id) if root} | {
             person_id: self._roots.get(person_id, "")
         }
@@ -187,10 +187,10 @@ class KnownPeople:
         self.identities.link(person_id, root)
         self._write(lambda store: store.link(person_id, root))
 
-    # What they agreed to, and who they are not
+    # Consents and rejections
 
     def ask_consents_again(self, again: bool) -> None:
-        """While that is so, what was noted before counts as not given."""
+        """While ``again``, consents noted before do not count."""
         if again != self.asks_consents_again:
             self._consents_count_from_utc_ns = self.utc_now_ns() if again else 0
 
@@ -199,7 +199,7 @@ class KnownPeople:
         return self._consents_count_from_utc_ns > 0
 
     def consents(self, person_id: str) -> tuple[ConsentKind, ...]:
-        """What the person agrees to now."""
+        """Valid consents of the person."""
         held, from_utc_ns = self._consents.get(self.root_of(person_id), {}), self._consents_count_from_utc_ns
         return tuple(kind for kind, noted in held.items() if noted.given and noted.noted_utc_ns >= from_utc_ns)
 
@@ -236,18 +236,18 @@ class KnownPeople:
         return back
 
     def rejected_for(self, person_id: str) -> set[str]:
-        """Who that visit, or that person in any visit, is not."""
+        """People that the visit, or the person in any visit, was rejected for."""
         ids = set(self.ids_of(person_id)) | {person_id}
         return {self.root_of(other) for each, other in self._rejections if each in ids}
 
     def confused(self) -> set[frozenset[str]]:
-        """Pairs of people who were taken for one another before."""
+        """Pairs of people who were mixed up before."""
         return {frozenset((self.root_of(each), self.root_of(other))) for each, other in self._rejections}
 
-    # What is kept
+    # Storage
 
     def keep_looks(self, person_id: str) -> None:
-        """What was learned in the visit of this id: clothes until midnight, a face where that was agreed to."""
+        """Store the visit's embeddings: clothing until midnight, faces with consent."""
         may_keep_face = "face" in self.consents(person_id)
         for (kind, model), vectors in self.identities.views_of(person_id).items():
             if kind == "face" and not may_keep_face:
@@ -283,7 +283,7 @@ class KnownPeople:
         )
 
     def add_note(self, person_id: str, text: str) -> Undo:
-        """A note is part of the history also when another one has taken its place."""
+        """Add a note, which stays in the history after a newer one replaces it."""
         self.add_history(person_id, "note", text)
         return lambda: self.take_back_history(person_id, "note", text)
 
@@ -291,11 +291,11 @@ class KnownPeople:
         self._write(lambda store: store.take_back_history(person_id, kind, text))
 
     def history(self, person_id: str, text: str = "") -> tuple[HistoryEntry, ...]:
-        """What there was with a person over all sessions, newest first: what has all words of ``text``."""
+        """History of a person over all sessions, newest first, filtered by all words of ``text``."""
         return self._read(lambda store: store.history(person_id, text), ())
 
     def summary(self, person_id: str) -> str:
-        """In few words what there was with this person before; empty for somebody new."""
+        """Short summary of earlier visits; empty for a new person."""
         nothing: tuple[HistoryEntry, ...] = ()
         visits = self._read(lambda store: store.visits(person_id), nothing)
         lately = self._read(lambda store: store.history(person_id, at_most=_LOOKED_BACK), nothing)
@@ -310,7 +310,7 @@ class KnownPeople:
         return "; ".join(told)[:_SUMMARY_CHARACTERS]
 
     def forget(self, person_id: str) -> tuple[str, ...]:
-        """Erase a person here and in the database; gives all ids that they had. Raises PeopleStoreError."""
+        """Erase a person here and in the database; return all of their ids. Raises PeopleStoreError."""
         ids = self.ids_of(person_id)
         if self.store is not None:
             ids = tuple(dict.fromkeys((*ids, *self.store.forget(ids[0]))))
@@ -322,7 +322,7 @@ class KnownPeople:
         return ids
 
     def drop_visit(self, person_id: str) -> None:
-        """Somebody left long ago."""
+        """Drop the data of an old visit."""
         self.identities.drop_visit(person_id)
         if person_id not in self._abouts and person_id not in self._roots:
             self._last_seen_utc_ns.pop(person_id, None)
@@ -332,10 +332,10 @@ class KnownPeople:
         if self.store is not None:
             self.store.close()
 
-    # Trouble
+    # Problems
 
     def problems(self, now_ns: int) -> list[Event]:
-        """What there is to tell of the database, once."""
+        """Database problems, reported once."""
         if not self._problem or self._problem_told:
             return []
         self._problem_told = True
@@ -366,7 +366,7 @@ class KnownPeople:
         except PeopleStoreError as error:
             self._report(error)
         except KeyError:
-            # Appeared while the database could not be written, or was forgotten meanwhile: known to this session only.
+            # Added while the database was not writable, or erased meanwhile: known in this session only.
             _log.warning("a person of this session is not in %s", self.store.path)
 
     def _report(self, error: PeopleStoreError) -> None:
@@ -374,7 +374,7 @@ class KnownPeople:
 
 
 def merged(about: About, other: About) -> About:
-    """What is known of two who are one; where both say something, the first one's."""
+    """Merge data of two ids of one person; the first one's values win."""
     return replace(
         about,
         name=about.name or other.name,

@@ -1,4 +1,4 @@
-"""Where people stand: the direction from the camera, the distance from its depth, the LIDAR, or where the feet are."""
+"""Positions of people in the map: bearing from the camera; distance from depth, LIDAR, or the feet on the floor."""
 
 import math
 from collections import deque
@@ -24,17 +24,17 @@ from caris_desktop.domain.sensing import (
 WIDEST_PERSON_M = 1.0
 FARTHEST_M = 10.0
 EVIDENCE_AGE_NS = 400_000_000
-_GAP_M = 0.35  # two returns that are farther apart belong to different things
+_GAP_M = 0.35  # returns farther apart belong to different objects
 _BEARING_ERROR_RAD = 0.03
 _HALF_A_BODY_M = 0.12  # the LIDAR sees the front of the legs
-_EDGE = 0.05  # as a share of the height: a box that ends so near the lower edge may go on below it
+_EDGE = 0.05  # fraction of the height: a box that ends this close to the lower edge may be clipped
 _DEEPEST_M = 8.0
-_DEPTH_ERROR = 0.02  # per metre, of two eyes 7.5 cm apart: it grows with the square of the distance
-_FLOOR_ERROR = 0.08  # as a share of the distance: how exactly a box ends at the feet
+_DEPTH_ERROR = 0.02  # per metre, for a stereo baseline of 7.5 cm: the error grows with the square of the distance
+_FLOOR_ERROR = 0.08  # fraction of the distance: how precisely a box ends at the feet
 
 
 def located(people: People, scan: LaserScan, camera: CameraModel, map_from_robot: Pose2D) -> tuple[PersonPlace, ...]:
-    """Everybody whom a camera on the robot sees and the LIDAR, too. ``camera`` is the camera as it looked then."""
+    """Positions of people that a camera on the robot and the LIDAR both see. ``camera`` is its pose at that time."""
     return _placed(people, camera, map_from_robot, _points_in_robot(scan, map_from_robot), by_floor=False)
 
 
@@ -47,23 +47,23 @@ def _placed(
     by_floor: bool,
     depth: DepthGrid | None = None,
 ) -> tuple[PersonPlace, ...]:
-    """A place in the map for each person whose distance the camera knows, or in whose direction the LIDAR saw something
-    person-sized.
+    """Position in the map for each person with a known distance, or with a person-sized LIDAR return in their
+    direction.
 
-    Of several things in that direction the one that agrees best with where the feet stand in the picture is taken,
-    and the nearest where the feet are not to be seen.
+    Of several returns, the one that best agrees with the feet in the image is used, or the nearest if the feet are not
+    visible.
 
     Parameters
     ----------
     camera
-        As it looked when the picture was taken.
+        At the time of the image.
     map_from_base
-        What the camera is mounted on: the robot, or a place in the room.
+        Pose of the camera's base: the robot, or a fixed place.
     points_in_base
-        The middle of what the beams of the LIDAR ended at, shape (beams, 2).
+        Centres of the objects hit by the LIDAR's beams, shape (beams, 2).
     by_floor
-        Whether the feet alone are enough where the LIDAR saw nobody. On a robot, which shakes and looks low over the
-        floor, no place is better than that one.
+        Accept the feet alone where the LIDAR saw no person. Not on a robot, whose camera shakes and is low: there, no
+        position is better than that one.
     """
     camera = camera.scaled_to(people.frame_width_px, people.frame_height_px)
     seen_from_camera = points_in_base - (camera.x_m, camera.y_m)
@@ -95,7 +95,7 @@ def _placed(
 
 
 def _distance_in_depth(box: PersonBox, people: People, camera: CameraModel, depth: DepthGrid) -> float | None:
-    """How far away the middle of the body is along the floor, by its trunk: least of the room is seen beside that."""
+    """Distance along the floor from the depth image, at the trunk, where the least background is visible."""
     u_px, v_px = box.left_px + box.width_px / 2.0, box.top_px + 0.4 * box.height_px
     along_axis_m = depth.median_m(
         (u_px - box.width_px / 4.0) / people.frame_width_px,
@@ -110,7 +110,7 @@ def _distance_in_depth(box: PersonBox, people: People, camera: CameraModel, dept
 
 
 def _distance_on_floor(box: PersonBox, people: People, camera: CameraModel) -> float | None:
-    """How far away the feet stand; None where they are not in the picture, or too far away to tell."""
+    """Distance of the feet; None if they are outside the image or too far away."""
     feet_px = box.top_px + box.height_px
     if feet_px >= people.frame_height_px * (1.0 - _EDGE):
         return None
@@ -131,15 +131,15 @@ def _distance_of(box: PersonBox, distances: NDArray[np.float64], people: People,
         return things[0]
     expected_m = math.hypot(feet[0] - camera.x_m, feet[1] - camera.y_m)
     if feet_px >= people.frame_height_px * (1.0 - _EDGE):
-        # The feet are below the picture, so the person is nearer than the floor at its lower edge.
+        # The feet are below the image: the person is nearer than the floor at its lower edge.
         return things[0] if things[0] < 1.3 * expected_m else None
     best = min(things, key=lambda thing: abs(math.log(thing / expected_m)))
-    # Something far before or behind the feet is not this person: better no place than a wrong one.
+    # A return far from the feet is not this person: better no position than a wrong one.
     return best if 0.5 < best / expected_m < 2.0 else None
 
 
 def _things(distances: NDArray[np.float64]) -> list[float]:
-    """The distance to each group of neighbouring returns, nearest first; single returns are noise."""
+    """Distance to each group of adjacent returns, nearest first; single returns are noise."""
     ordered = np.sort(distances[distances > 0.05])
     if not len(ordered):
         return []
@@ -148,9 +148,9 @@ def _things(distances: NDArray[np.float64]) -> list[float]:
 
 
 def _points_in_robot(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
-    """The middle of what the beams ended at, seen from where the robot was when the picture was taken.
+    """Centres of the objects hit by the beams, relative to the robot's pose at the time of the image.
 
-    The robot's LIDAR sees that side of the legs that is turned to it, whichever side the camera sees.
+    The LIDAR sees the side of the legs facing the robot, whichever side the camera sees.
     """
     laser = scan.robot_from_laser
     if scan.map_from_laser is not None:
@@ -175,7 +175,7 @@ _S = TypeVar("_S", bound=_Stamped)
 
 
 class PeopleLocator:
-    """Keeps the last second of scans, poses and head angles, so that each picture meets those of its own moment.
+    """Buffers the last second of scans, poses and head angles to match them with images by time.
 
     ``take`` may be called from any thread, ``locate`` from one.
     """
@@ -197,11 +197,11 @@ class PeopleLocator:
             self._heads.append(value)
 
     def pose_at(self, stamp_ns: int) -> RobotPose | None:
-        """Where the robot was at that moment; None where nobody told."""
+        """Pose of the robot at that time; None if unknown."""
         return _nearest(tuple(self._poses), stamp_ns)
 
     def locate(self, people: People, camera: CameraModel) -> PeopleInMap | None:
-        """None where there is no scan or pose of that moment, which a camera that stands in the room does not need."""
+        """Positions in the map; None without a scan or pose of that time, which stationary cameras do not need."""
         if camera.stands_in_map is not None:
             return self._locate_from(camera.stands_in_map, people, camera)
         scan = _nearest(tuple(self._scans), people.stamp_ns)
@@ -217,7 +217,7 @@ class PeopleLocator:
         return PeopleInMap(people.stamp_ns, places, people.camera)
 
     def _locate_from(self, base: Pose2D, people: People, camera: CameraModel) -> PeopleInMap:
-        """By a camera that stands in the room: what the robot's LIDAR sees helps, where it looks there too."""
+        """Positions from a stationary camera, with the robot's LIDAR where it covers the same area."""
         scan = _nearest(tuple(self._scans), people.stamp_ns)
         pose = self.pose_at(people.stamp_ns)
         points = np.zeros((0, 2))

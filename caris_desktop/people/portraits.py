@@ -1,4 +1,4 @@
-"""The pictures of people that panels show: fetched by key, so that no signal has to carry them."""
+"""Portrait cache for panels, by key, so that signals need not carry images."""
 
 import threading
 from collections import OrderedDict
@@ -7,7 +7,7 @@ MOST_KEPT = 200
 
 
 class Portraits:
-    """A bounded cache of JPEG by key. Any thread."""
+    """Bounded cache of JPEGs by key. Any thread."""
 
     def __init__(self, at_most: int = MOST_KEPT) -> None:
         self._at_most = at_most
@@ -22,7 +22,7 @@ class Portraits:
                 self._kept.popitem(last=False)
 
     def get(self, key: str) -> bytes | None:
-        """The picture of ``PersonRow.portrait``; None where there is none any more."""
+        """Image of ``PersonRow.portrait``; None if it is no longer cached."""
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
@@ -33,7 +33,7 @@ class Portraits:
             self._kept.pop(key, None)
 
     def drop_all_of(self, person_id: str) -> None:
-        """Every picture whose key begins with that id."""
+        """Drop all images whose key begins with that id."""
         with self._lock:
             for key in [key for key in self._kept if key.startswith(f"{person_id}/")]:
                 del self._kept[key]

@@ -1,4 +1,4 @@
-"""Who is here: turns tracks into people, and finds out which of the known ones they are, on injected time."""
+"""Presence tracker: turns tracks into visits and identifies known people; time is injected."""
 
 import math
 import re
@@ -36,14 +36,14 @@ from caris_desktop.people.visits import Track, Visit, Visits
 
 CONFIRM_FRAMES = 3
 LEAVE_AFTER_S = 1.5
-# Of two cameras that see somebody the one that saw them first speaks for them, until it has lost them for so long.
+# Of two cameras, the one that saw a person first determines the row, until it has lost them for this long.
 _OTHER_CAMERA_AFTER_NS = 1_000_000_000
-# Who was away for longer is recognised anew, whatever number the tracker gives them.
+# After a longer absence a person is identified again, whatever the track number.
 _SAME_VISIT_WITHIN_NS = 3_000_000_000
-# Who looks like nobody known after so many looks is somebody new.
+# After this many embeddings without a match, a person counts as new.
 _STRANGER_AFTER_LOOKS = 8
 _STRANGER_FROM = 0.7
-# A row is news to the panels only if somebody could see the difference.
+# A row is updated only by visible differences.
 _MOVED_M, _TURNED_RAD, _MOVED_EVERY_NS = 0.2, 0.15, 500_000_000
 
 Recognise = Literal["nobody", "clothing", "faces"]
@@ -52,17 +52,17 @@ HistoryEvent = UtteranceChanged | UtteranceCorrected | PhotoTaken | SessionStart
 
 
 def unnamed_label(number: int) -> str:
-    """What the record calls the session's person of this number who has no name."""
+    """Recorded label of an unnamed person: ``Person 3``."""
     return f"Person {number}"
 
 
 def is_unnamed_label(name: str) -> bool:
-    """Whether it is one of :func:`unnamed_label`, and nobody's name."""
+    """True for a label of :func:`unnamed_label`."""
     return unnamed_number(name) is not None
 
 
 def unnamed_number(name: str) -> int | None:
-    """The number in an :func:`unnamed_label`; None for a name."""
+    """Number in an :func:`unnamed_label`; None for a name."""
     label = re.fullmatch(r"Person (\d+)", name)
     return None if label is None else int(label[1])
 
@@ -140,14 +140,13 @@ class RecognitionSettings:
 
 
 class Presence:
-    """Who is in front of the cameras. For one thread.
+    """People in front of the cameras. For one thread.
 
-    A track becomes a person once it was seen in ``confirm_frames`` frames, and leaves after ``leave_after_s`` without
-    being seen, or later where its camera is looked at rarely: who was not looked for is not gone. A track number that
-    returns soon is the same visit again, until :meth:`restart_tracks`; after a while that is so only where nobody is
-    recognised. Each camera has tracks of its own.
+    A track becomes a person after ``confirm_frames`` frames, and leaves ``leave_after_s`` after the last detection, or
+    later if its camera is processed rarely. A track number that returns soon continues its visit, until
+    :meth:`restart_tracks`; after a longer time only if recognition is off. Each camera has its own tracks.
 
-    What is known lasts for this object only where ``known`` has no database.
+    Without a database in ``known``, data lasts as long as this object.
     """
 
     def __init__(
@@ -174,9 +173,9 @@ class Presence:
         self._portraits_fetched: dict[str, bool] = {}
 
     def use_settings(self, settings: RecognitionSettings, *, may_decide: bool = True) -> None:
-        """Another scenario may recognise less, and then nothing that was learned is used any more.
+        """Apply a scenario's settings; with less recognition, learned data is no longer used.
 
-        Where it does not name people (``may_decide``), what was decided before cannot be taken back either.
+        Where the scenario does not name people (``may_decide``), earlier decisions cannot be undone either.
         """
         if settings.recognise == "nobody":
             for visit in self._visits:
@@ -186,15 +185,15 @@ class Presence:
         self._settings = settings
 
     def ask_consents_again(self, again: bool) -> None:
-        """While that is so, nobody has agreed to anything who was not asked since; what they said before is kept."""
+        """While ``again``, earlier consents do not count; they remain stored."""
         self._known.ask_consents_again(again)
 
-    # What is seen
+    # Detections
 
     def update(self, people: People, known_ns: int | None = None) -> tuple[People, list[Event]]:
-        """Take in one frame's tracks. ``known_ns`` is when they are known: a while after the picture was taken.
+        """Add one frame's tracks. ``known_ns`` is when the result was available, some time after the image.
 
-        Returns the same frame with ``person_id`` filled in for everybody who is confirmed, and what happened.
+        Returns the frame with ``person_id`` filled in for confirmed people, and the events.
         """
         now_ns = people.stamp_ns
         self._patience.note_look(people.camera, now_ns, now_ns if known_ns is None else known_ns)
@@ -209,7 +208,7 @@ class Presence:
         return replace(people, boxes=boxes), events
 
     def tick(self, now_ns: int) -> list[Event]:
-        """Let people leave who have not been seen for a while; to be called also when no frames arrive."""
+        """End the visits of people not seen for a while; call it without frames, too."""
         return self._let_leave(now_ns, self._patience.now_ns)
 
     def _let_leave(self, now_ns: int, patience_ns: Callable[[str], int]) -> list[Event]:
@@ -224,7 +223,7 @@ class Presence:
         return [*events, *self._known.problems(now_ns)]
 
     def take_looks(self, looks: PersonLooks) -> list[Event]:
-        """How somebody looked: to learn, and to find out who it is."""
+        """Add an appearance embedding, for learning and identification."""
         if self._settings.recognise != "nobody":
             self._cameras.take_looks(looks)
         visit = self._visits.of_track((looks.camera, looks.track))
@@ -245,7 +244,7 @@ class Presence:
         return [] if visit.identified or self._known.is_known(visit.person_id) else self._recognise(visit, looks)
 
     def take_portrait(self, portrait: PersonPortrait) -> None:
-        """The best view of somebody so far in this visit."""
+        """Add the best portrait of a visit so far."""
         visit = self._visits.of_track((portrait.camera, portrait.track))
         if visit is None or visit.forgotten or self._settings.recognise == "nobody":
             return
@@ -259,14 +258,14 @@ class Presence:
             self._known.keep_portrait(visit.visit_id, portrait.jpeg, portrait.quality)
 
     def take_places(self, places: PeopleInMap, map_from_robot: Pose2D | None) -> list[Event]:
-        """Where people stand, and who of them are one person; ``map_from_robot`` is None where that is not known."""
+        """Add positions, and join tracks of several cameras; ``map_from_robot`` is None if unknown."""
         self._cameras.take_places(places)
         if map_from_robot is not None:
             self._note_places(places, map_from_robot)
         return self._cameras.join_and_part(places.stamp_ns)
 
     def _note_places(self, places: PeopleInMap, map_from_robot: Pose2D) -> None:
-        """Seen from the robot, where it is now."""
+        """Note positions relative to the robot's current pose."""
         for place in places.people:
             candidate = self._candidates.get((places.camera, place.track))
             if candidate is not None:
@@ -288,7 +287,7 @@ class Presence:
                 visit.placed_ns = places.stamp_ns
 
     def note(self, event: HistoryEvent) -> None:
-        """What happens with people becomes their history."""
+        """Add events about people to their history."""
         match event:
             case SessionStarted():
                 self._known.session = event.folder
@@ -307,10 +306,10 @@ class Presence:
             case UtteranceChanged(speaker="robot", state="finished" | "interrupted", person_id=person_id) if person_id:
                 self._known.add_history(self._visit_id(person_id), "said", event.text)
 
-    # What is decided
+    # Decisions
 
     def do(self, asked: PeopleIntent, now_ns: int) -> list[Event]:
-        """What follows from it; a Problem where it cannot be done."""
+        """Events of an intent; a Problem if it cannot be executed."""
         here = self._visits.here()
         events = self._decisions.do(asked, now_ns)
         for visit in here:
@@ -318,10 +317,10 @@ class Presence:
                 self._end(visit)
         return [*events, *self._known.problems(now_ns)]
 
-    # What is shown
+    # Rows for display
 
     def persons(self, *, include_left: bool = False) -> tuple[PersonRow, ...]:
-        """Who is here, in the order in which they first appeared; with ``include_left`` also who was."""
+        """People present, in order of their first appearance; with ``include_left`` also those who left."""
         of_person: dict[str, list[Visit]] = {}
         for visit in self._visits:
             if visit.here or include_left:
@@ -329,7 +328,7 @@ class Presence:
         return tuple(self._row(visits) for visits in of_person.values())
 
     def everybody(self) -> tuple[PersonRow, ...]:
-        """Who is here, who was, and who is known from before, each once and in this order."""
+        """People present, people who left, and people known from earlier sessions, without duplicates."""
         rows = self.persons(include_left=True)
         seen = {row.person_id for row in rows}
         before = tuple(
@@ -343,11 +342,11 @@ class Presence:
         return (*sorted(rows, key=lambda row: not row.here), *before)
 
     def history(self, person_id: str, text: str = "") -> tuple[HistoryEntry, ...]:
-        """What there was with a person over all sessions, newest first: what has all words of ``text``."""
+        """History of a person over all sessions, newest first, filtered by all words of ``text``."""
         return self._known.history(person_id, text)
 
     def restart_tracks(self, now_ns: int) -> list[Event]:
-        """The tracker began to count anew: its numbers no longer mean the people that they meant."""
+        """End all visits, since a restarted tracker reuses its numbers."""
         self._candidates.clear()
         self._in_frame.clear()
         self._cameras.forget()
@@ -399,7 +398,7 @@ class Presence:
         return [PersonAppeared(now_ns, visit.person_id, visit.track, number)] if alone else []
 
     def _is_lost(self, visit: Visit, now_ns: int) -> bool:
-        """Whether a new track may be of that visit, which no track in view is of."""
+        """True if a new track may continue that visit, which has no track in view."""
         if now_ns - visit.last_seen_ns > SHORT_GAP_NS and visit.spot is None:
             return False
         in_view = any(track in self._in_frame.get(track[0], ()) for track in visit.tracks)
@@ -409,7 +408,7 @@ class Presence:
         return any(other.here and other is not visit for other in self._visits.of_person(visit.person_id))
 
     def _has_to_be_recognised(self, visit: Visit, now_ns: int) -> bool:
-        """A tracker finds again by a glance who was away; a name takes several looks."""
+        """True after a longer absence: a tracker's own match suffices for a short one only."""
         away_ns = now_ns - visit.last_seen_ns
         return not visit.here and away_ns > _SAME_VISIT_WITHIN_NS and self._settings.recognise != "nobody"
 
@@ -438,7 +437,7 @@ class Presence:
         return [PersonLeft(now_ns, visit.person_id, visit.track, visit.last_seen_ns)]
 
     def _end(self, visit: Visit) -> None:
-        """What there is to keep of a visit that is over."""
+        """Store a visit that ended."""
         self._known.note_visit(
             visit.visit_id,
             from_utc_ns=visit.from_utc_ns,
@@ -461,7 +460,7 @@ class Presence:
         return "" if visit is None else visit.person_id
 
     def _visit_id(self, person_id: str) -> str:
-        """Under what something that happens with a person now is kept: taking back who they are takes it along."""
+        """Id for storing events with a person: undoing their identification includes these."""
         visit = self._visits.find(person_id)
         return person_id if visit is None or not visit.here else visit.visit_id
 
@@ -472,16 +471,16 @@ class Presence:
             visit.hand_raised = getattr(box, "hand_raised", None)
             visit.facing = getattr(box, "facing", None)
 
-    # Who it is
+    # Identification
 
     def _may_keep_portrait(self, visit: Visit) -> bool:
-        """Where people have to be unrecognisable in pictures, a portrait is one."""
+        """A portrait counts as an image, in which people may have to be unrecognisable."""
         if self._settings.portraits == "consenting":
             return "photo" in self._known.consents(visit.person_id)
         return self._settings.portraits == "everybody"
 
     def _may_look(self, visit: Visit, looks: PersonLooks) -> bool:
-        """A face of somebody who was decided on is learned only with their consent."""
+        """The face of an identified person is learned only with consent."""
         if self._settings.recognise == "nobody":
             return False
         if looks.kind == "clothing":
@@ -489,12 +488,12 @@ class Presence:
         decided = visit.identified or visit.settled or self._known.is_known(visit.person_id)
         if self._settings.recognise != "faces":
             return False
-        # Of whom a face is that is not known yet, only the faces tell that others agreed to have kept.
+        # An unidentified face may be compared only with stored faces, whose owners consented.
         may_compare = not decided and not self._known.asks_consents_again
         return may_compare or "face" in self._known.consents(visit.person_id)
 
     def _somebody_else_stands_there(self, visit: Visit, now_ns: int) -> list[Event]:
-        """A tracker that mistakes one for another would pass a name on."""
+        """End the visit and begin another: a track that switched people must not pass on a name."""
         tracks = tuple(visit.tracks)
         events = self._leave(visit, now_ns)
         new_id = self._known.add()
@@ -527,7 +526,7 @@ class Presence:
         if sure and not self._contested(visit, here):
             visit.suggested_id = ""
             return self._decisions.identify(visit, best.person_id, looks.stamp_ns)
-        # A question about somebody without a name, who left, is none that a wizard could answer.
+        # A wizard cannot answer a question about an unnamed person who left.
         nameless = {each for each in self._known.identities.people() if not self._known.is_known(each)}
         visit.judgement = judgement = self._known.identities.judge(
             visit.visit_id, impossible=impossible | nameless, confused=self._known.confused()
@@ -552,7 +551,7 @@ class Presence:
         ]
 
     def _contested(self, visit: Visit, here: list[Visit]) -> bool:
-        """Whether somebody else who is here may be the same person: then it takes a wizard to tell them apart."""
+        """True if another person present may be the same: only a wizard can tell them apart."""
         best = visit.judgement.best
         return best is not None and any(
             guess.person_id == best.person_id
@@ -562,7 +561,7 @@ class Presence:
         )
 
     def _settle(self, visit: Visit) -> None:
-        """Nobody known: somebody new, to be recognised from now on."""
+        """Add the visit to the gallery as a new person."""
         if visit.looks and not visit.forgotten:
             visit.settled = True
             if "face" not in self._known.consents(visit.person_id):
@@ -572,7 +571,7 @@ class Presence:
     # Rows
 
     def _row(self, visits: list[Visit]) -> PersonRow:
-        # Of several that are here the first one speaks for all: the row stays as it is while cameras take turns.
+        # Of several visits of a person the first is used, so that the row is stable across cameras.
         visit = max(visits, key=lambda each: (each.here, -each.since_ns if each.here else each.last_seen_ns))
         about = self._known.about(visit.person_id)
         number = self._visits.number_of(visit.person_id)
@@ -618,7 +617,7 @@ class Presence:
         return self._known.about(person_id).name or unnamed_label(self._visits.number_of(person_id))
 
     def _portrait_of(self, person_id: str) -> str:
-        """The key of a known person's picture, which is fetched from the database the first time."""
+        """Key of a known person's portrait, loaded from the database on first use."""
         key = f"{person_id}/0"
         if key not in self._portraits_fetched:
             self._portraits_fetched[key] = False

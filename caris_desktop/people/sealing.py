@@ -1,4 +1,4 @@
-"""What is wrapped in a person's own data key (AES-256-GCM), so that deleting the key is deleting what it wraps."""
+"""Envelope encryption: each person's data under a key of their own (AES-256-GCM), erased by deleting the key."""
 
 import json
 import logging
@@ -20,7 +20,7 @@ _KEY_BITS = 256
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What the wizard wrote down about somebody. A person without any of it is not known, but was only seen."""
+    """The wizard's notes on a person. Someone without any counts as seen only, not as known."""
 
     name: str = ""
     group: str = ""
@@ -33,13 +33,13 @@ def new_key() -> bytes:
 
 
 def seal(key: bytes, person_id: str, what: str, content: bytes) -> bytes:
-    """Bound to whose and what it is, so that nothing can be passed off as somebody else's."""
+    """Encrypt, bound to the person and field, so that content cannot be moved to another person."""
     nonce = secrets.token_bytes(_NONCE_BYTES)
     return nonce + _cipher()(key).encrypt(nonce, content, f"{person_id}/{what}".encode())
 
 
 def unseal(key: bytes, person_id: str, what: str, content: bytes) -> bytes:
-    """Empty where it was damaged: one person's trouble must not hide the others."""
+    """Decrypt; empty if damaged, so that one person's data does not block the others."""
     from cryptography.exceptions import InvalidTag
 
     try:
@@ -50,7 +50,7 @@ def unseal(key: bytes, person_id: str, what: str, content: bytes) -> bytes:
 
 
 def _cipher() -> "type[AESGCM]":
-    """Imported once somebody is known: the first window is not kept waiting."""
+    """Late import, since the first window must not wait for it."""
     from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
     return AESGCM

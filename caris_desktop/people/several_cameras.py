@@ -1,4 +1,4 @@
-"""Visits of people whom several cameras see: joined where they are one person's, parted where they are not."""
+"""Visits of people seen by several cameras: joined for the same person, split for different ones."""
 
 from caris_desktop.domain.events import Event
 from caris_desktop.domain.people import PersonLooks
@@ -13,7 +13,7 @@ _IN_VIEW_NS = 1_500_000_000
 
 
 class SeveralCameras:
-    """Tells :class:`Together` what every camera sees, and acts on what it concludes."""
+    """Feeds :class:`Together` with all cameras' detections, and applies its results."""
 
     def __init__(self, visits: Visits, decisions: Decisions, known: KnownPeople) -> None:
         self._visits = visits
@@ -22,7 +22,7 @@ class SeveralCameras:
         self._together = Together()
 
     def see(self, track: Track, now_ns: int) -> None:
-        """This track is in the picture of its camera now."""
+        """Note that the track is in its camera's image now."""
         self._together.see(track, now_ns)
 
     def take_looks(self, looks: PersonLooks) -> None:
@@ -35,20 +35,20 @@ class SeveralCameras:
                 self._together.take_spot((places.camera, place.track), spot)
 
     def forget(self) -> None:
-        """The trackers began to count anew."""
+        """Clear all tracks after a restart of the trackers."""
         self._together.forget()
 
     def seen_by_another(self, track: Track) -> Visit | None:
-        """The visit of this track's person, who is here already before another camera."""
+        """Visit of this track's person, who is already seen by another camera."""
         for partner in self._together.partners(track):
             visit = self._visits.of_track(partner)
-            # Somebody whom this camera sees as another track is not this one.
+            # A person whom this camera sees as another track is a different one.
             if visit is not None and visit.here and not self._in_view_of(visit, track[0]):
                 return visit
         return None
 
     def join_and_part(self, now_ns: int) -> list[Event]:
-        """Visits that turn out to be one person's are that from now on, and tracks that are not are parted again."""
+        """Join visits of one person, and split off tracks of different people."""
         events: list[Event] = []
         here = self._visits.here()
         for visit in here:
@@ -62,7 +62,7 @@ class SeveralCameras:
                 continue
             newer, older = (other, visit) if self._is_decided(visit) else (visit, other)
             if self._is_decided(newer):
-                continue  # two people whom somebody knows: that is for the wizard to say
+                continue  # two known people: only the wizard may decide that
             events += self._decisions.identify(newer, older.person_id, now_ns, both_here=True)
         return events
 
@@ -74,14 +74,14 @@ class SeveralCameras:
         return visit.identified or self._known.is_known(visit.person_id)
 
     def _never(self, one: Visit, other: Visit) -> bool:
-        """Whether the wizard said that these are two people."""
+        """True if the wizard said that these are two people."""
         return (
             other.person_id in self._known.rejected_for(one.visit_id)
             or one.person_id in self._known.rejected_for(other.visit_id)
         )  # fmt: skip
 
     def _part(self, visit: Visit) -> None:
-        """A track that stands elsewhere now begins anew, as a candidate."""
+        """Detach tracks with a different position, which become candidates again."""
         its_own = (visit.camera, visit.track)
         for track in tuple(visit.tracks - {its_own}):
             if track[0] != visit.camera and self._together.verdict(its_own, track) == "different":

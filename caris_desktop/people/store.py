@@ -1,9 +1,8 @@
-"""The people of one study on disk: opaque ids in a SQLite database, and all that tells who they are under a key each.
+"""People database of one study: opaque ids in SQLite, with all identifying data encrypted under a key per id.
 
-Every id has a random data key of its own, which wraps name, group, tags, note, portrait, looks and what was said
-(AES-256-GCM). Who comes in gets an id; where it turns out who that is, the id is linked to theirs, so that the link can
-be taken back and nothing has to be moved. A person is an id and all that are linked to it, and forgetting deletes
-their keys with their rows.
+Each id has a random data key for name, group, tags, note, portrait, embeddings and history (AES-256-GCM). A newcomer
+gets an id; once identified it is linked to the person's id, so that the link can be undone and no data moves. A person
+is an id with all linked ids; erasure deletes their keys and rows.
 """
 
 import secrets
@@ -32,7 +31,7 @@ HistoryKind = Literal["visit", "said", "heard", "photo", "note"]
 
 @dataclass(frozen=True, slots=True)
 class StoredPerson:
-    """One id. ``is_person_id`` is whose it turned out to be, empty where it stands for itself."""
+    """One id. ``is_person_id`` is the person it was identified as, empty for a main id."""
 
     person_id: str
     about: About
@@ -47,9 +46,9 @@ class StoredPerson:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredLooks:
-    """How somebody looked, by one network. ``vectors`` is float32, shape (n, length), each of unit length.
+    """Appearance embeddings by one network. ``vectors`` is float32, shape (n, length), each of unit length.
 
-    ``day`` is the local day, as 2026-11-22; looks without one, as those of a face, do not expire with it.
+    ``day`` is the local day, as 2026-11-22; without one, as for faces, they do not expire.
     """
 
     person_id: str
@@ -61,7 +60,7 @@ class StoredLooks:
 
 @dataclass(frozen=True, slots=True)
 class Consent:
-    """Whether somebody agreed to it, when they were asked last, and who noted it."""
+    """Last answer to a consent question, with time and who noted it."""
 
     kind: ConsentKind
     given: bool
@@ -71,10 +70,9 @@ class Consent:
 
 @dataclass(frozen=True, slots=True)
 class HistoryEntry:
-    """Something that happened with a person. ``text`` is what was said, noted, or the file of a photo.
+    """History entry. ``text`` is speech, a note, or the file of a photo.
 
-    ``session`` is the name of the session's folder, empty where nothing was recorded. ``until_utc_ns`` is the end of a
-    visit.
+    ``session`` is the session folder's name, empty without a recording. ``until_utc_ns`` is the end of a visit.
     """
 
     kind: HistoryKind
@@ -86,16 +84,14 @@ class HistoryEntry:
 
 @dataclass(frozen=True, slots=True)
 class Traces:
-    """What must not be found anywhere any more once somebody is forgotten: all ids that they ever had, and the bytes
-    of portraits and vectors.
-    """
+    """Search terms for the erasure of a person: all ids, and bytes of portraits and vectors."""
 
     person_ids: tuple[str, ...]
     blobs: tuple[bytes, ...]
 
 
 def new_person_id() -> str:
-    """An opaque id that tells nothing about the person."""
+    """Random opaque id."""
     return f"p-{secrets.token_hex(6)}"
 
 
@@ -105,8 +101,8 @@ _TABLES = ("keys", "people", "looks", "portraits", "visits", "rejections", "cons
 class PeopleStore:
     """Opens the database at ``path``, or creates it and its folder. Use from the thread that created it.
 
-    Every method writes through before it returns and raises PeopleStoreError, after which the store remains usable. A
-    file that is not such a database is left untouched.
+    Every method writes through and raises PeopleStoreError on failure, after which the store remains usable. A file
+    that is not such a database is left untouched.
     """
 
     def __init__(self, path: Path, *, utc_now_ns: Callable[[], int] = time.time_ns) -> None:
@@ -121,10 +117,10 @@ class PeopleStore:
     def close(self) -> None:
         self._database.close()
 
-    # Who there is
+    # Ids
 
     def add(self) -> StoredPerson:
-        """A new id, of which nothing is known."""
+        """Add a new id."""
         person_id, now_ns = new_person_id(), self._utc_now_ns()
         with self._file.writing():
             self._database.execute("INSERT INTO keys VALUES (?, ?)", (person_id, new_key()))
@@ -137,13 +133,13 @@ class PeopleStore:
         return None if row is None else _person(row)
 
     def everybody(self) -> tuple[StoredPerson, ...]:
-        """All ids of the study in the order in which they were first seen."""
+        """All ids of the study in order of their creation."""
         with self._file.explained("read"):
             rows = self._database.execute(f"{_SELECT} ORDER BY created_utc_ns").fetchall()
         return tuple(_person(row) for row in rows)
 
     def ids_of(self, person_id: str) -> tuple[str, ...]:
-        """All ids of the person whose this id is, their own one first; just this one where it is not in here."""
+        """All ids of the person with this id, the main one first; only this one if unknown."""
         person = self.get(person_id)
         root = person_id if person is None or not person.is_person_id else person.is_person_id
         with self._file.explained("read"):
@@ -151,12 +147,12 @@ class PeopleStore:
         return (root, *(row[0] for row in linked))
 
     def name_of(self, person_id: str) -> str:
-        """The name of the person whose id this is or became; empty where there is none."""
+        """Name of the person with this id; empty if there is none."""
         person = self.get(self.ids_of(person_id)[0])
         return "" if person is None else person.name
 
     def link(self, person_id: str, is_person_id: str) -> None:
-        """This id, with those that are linked to it, turned out to be that person's; empty: it stands for itself.
+        """Link this id and its linked ids to that person; empty: unlink.
 
         Raises KeyError for an unknown id.
         """
@@ -172,16 +168,16 @@ class PeopleStore:
             raise KeyError(person_id)
 
     def describe(self, person_id: str, about: About) -> None:
-        """Names need not be unique. Raises KeyError for an unknown id."""
+        """Set the notes on a person. Names need not be unique. Raises KeyError for an unknown id."""
         with self._file.writing():
             self._key_of(person_id)
             sealed = self._seal(person_id, "about", about_bytes(about)) if about != About() else None
             self._database.execute("UPDATE people SET about = ? WHERE person_id = ?", (sealed, person_id))
 
-    # What is known of them
+    # Data
 
     def keep_looks(self, looks: StoredLooks, *, expires_utc_ns: int | None) -> None:
-        """Instead of those of this day, kind and model. Raises KeyError for an unknown id."""
+        """Store embeddings, replacing those of the same day, kind and model. Raises KeyError for an unknown id."""
         with self._file.writing():
             width = np.array(looks.vectors.shape[1], "<u4").tobytes()
             sealed = self._seal(looks.person_id, "looks", width + looks.vectors.astype("<f4").tobytes())
@@ -195,7 +191,7 @@ class PeopleStore:
             self._database.execute("DELETE FROM looks WHERE person_id = ? AND kind = ?", (person_id, kind))
 
     def looks(self, *, person_id: str = "") -> tuple[StoredLooks, ...]:
-        """Those that have not expired, of everybody or of one id."""
+        """Embeddings that have not expired, of everybody or of one id."""
         with self._file.explained("read"):
             rows = self._database.execute(
                 "SELECT looks.person_id, kind, model, day, vectors, key FROM looks JOIN keys USING (person_id) "
@@ -209,8 +205,8 @@ class PeopleStore:
         )
 
     def expire(self, *, day_began_utc_ns: int) -> None:
-        """Delete the looks whose day is over, and the portraits of those of whom nobody wrote anything down, or agreed
-        to photos for them, and who were not here today.
+        """Delete expired embeddings, and portraits of people without notes and consent to photos who were not present
+        today.
         """
         with self._file.writing():
             gone = self._database.execute("DELETE FROM looks WHERE expires_utc_ns <= ?", (self._utc_now_ns(),)).rowcount
@@ -225,13 +221,13 @@ class PeopleStore:
                 self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def keep_portrait(self, person_id: str, jpeg: bytes, quality: float) -> None:
-        """Instead of the one before. Raises KeyError for an unknown id."""
+        """Store the portrait, replacing the old one. Raises KeyError for an unknown id."""
         with self._file.writing():
             sealed = self._seal(person_id, "portrait", jpeg)
             self._database.execute("INSERT OR REPLACE INTO portraits VALUES (?, ?, ?)", (person_id, quality, sealed))
 
     def portrait(self, person_id: str) -> bytes | None:
-        """The best picture of the person, of all their ids; None where there is none."""
+        """Best portrait over all ids of the person; None if there is none."""
         for owner, sealed, key in self._of_all_ids(
             person_id,
             "SELECT portraits.person_id, jpeg, key FROM portraits JOIN keys USING (person_id) "
@@ -243,7 +239,7 @@ class PeopleStore:
         return None
 
     def note_visit(self, person_id: str, *, from_utc_ns: int, to_utc_ns: int, session: str = "") -> None:
-        """The visit that began then; where it is noted already, it now lasted until ``to_utc_ns``."""
+        """Add a visit by its start, or extend it to ``to_utc_ns``."""
         with self._file.writing():
             self._key_of(person_id)
             self._database.execute(
@@ -257,7 +253,7 @@ class PeopleStore:
             )
 
     def reject(self, person_id: str, is_not_person_id: str, actor: Actor = "") -> None:
-        """These two are not the same person."""
+        """Note that these are different people."""
         with self._file.writing():
             self._database.execute(
                 "INSERT OR REPLACE INTO rejections VALUES (?, ?, ?, ?)",
@@ -271,12 +267,12 @@ class PeopleStore:
             )
 
     def rejections(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of ids of which a wizard said that they are not the same person."""
+        """Pairs of ids that a wizard marked as different people."""
         with self._file.explained("read"):
             return tuple(self._database.execute("SELECT person_id, is_not_person_id FROM rejections").fetchall())
 
     def note_consent(self, person_id: str, kind: ConsentKind, *, given: bool, actor: Actor = "") -> None:
-        """Raises KeyError for an unknown id."""
+        """Add an answer to a consent question. Raises KeyError for an unknown id."""
         with self._file.writing():
             self._key_of(person_id)
             self._database.execute(
@@ -285,7 +281,7 @@ class PeopleStore:
             )
 
     def consents(self) -> dict[str, dict[ConsentKind, Consent]]:
-        """What holds now, by the person's own id: of several answers of one kind the newest."""
+        """Valid answers by main id: the newest of each kind."""
         with self._file.explained("read"):
             rows = self._database.execute(
                 "SELECT CASE WHEN is_person_id = '' THEN person_id ELSE is_person_id END, kind, given, utc_ns, actor "
@@ -297,7 +293,7 @@ class PeopleStore:
         return held
 
     def add_history(self, person_id: str, kind: HistoryKind, text: str, *, utc_ns: int, session: str = "") -> None:
-        """Raises KeyError for an unknown id."""
+        """Add a history entry. Raises KeyError for an unknown id."""
         with self._file.writing():
             sealed = self._seal(person_id, "history", text.encode())
             self._database.execute(
@@ -306,7 +302,7 @@ class PeopleStore:
             )
 
     def take_back_history(self, person_id: str, kind: HistoryKind, text: str) -> None:
-        """The newest entry of this text was none."""
+        """Remove the newest entry with this text."""
         with self._file.writing():
             rows = self._database.execute(
                 "SELECT entry_id, text FROM history WHERE person_id = ? AND kind = ? ORDER BY entry_id DESC",
@@ -319,7 +315,7 @@ class PeopleStore:
                     break
 
     def visits(self, person_id: str) -> tuple[HistoryEntry, ...]:
-        """Of a person, newest first."""
+        """Visits of a person, newest first."""
         rows = self._of_all_ids(
             person_id,
             "SELECT from_utc_ns, to_utc_ns, session FROM visits WHERE person_id IN ({}) ORDER BY from_utc_ns DESC",
@@ -329,14 +325,14 @@ class PeopleStore:
         )
 
     def history(self, person_id: str, text: str = "", *, at_most: int = MOST_HISTORY_FOUND) -> tuple[HistoryEntry, ...]:
-        """Visits, words, photos and notes of a person, newest first: those in which all words of ``text`` occur."""
+        """History of a person (visits, speech, photos, notes), newest first, filtered by all words of ``text``."""
         wanted = text.casefold().split()
         entries = merge(self.visits(person_id), self._told(person_id), key=lambda entry: -entry.utc_ns)
         found = (entry for entry in entries if all(word in entry.text.casefold() for word in wanted))
         return tuple(islice(found, at_most))
 
     def _told(self, person_id: str) -> Iterator[HistoryEntry]:
-        """All but visits, newest first; each is opened when it is asked for."""
+        """History without visits, newest first, decrypted lazily."""
         for owner, kind, utc_ns, session, sealed, key in self._of_all_ids(
             person_id,
             "SELECT history.person_id, kind, utc_ns, session, text, key FROM history JOIN keys USING (person_id) "
@@ -344,10 +340,10 @@ class PeopleStore:
         ):
             yield HistoryEntry(kind, utc_ns, session, unseal(key, owner, "history", sealed).decode())
 
-    # Forgetting
+    # Erasure
 
     def traces_of(self, person_id: str) -> Traces:
-        """What a search of every byte looks for once this person is forgotten; read it before."""
+        """Search terms for this person's erasure; read them before it."""
         ids = self.ids_of(person_id)
         vectors = [row.tobytes() for each in ids for looks in self.looks(person_id=each) for row in looks.vectors]
         jpegs = self._of_all_ids(
@@ -358,9 +354,9 @@ class PeopleStore:
         return Traces(ids, tuple(dict.fromkeys(filter(None, [*portraits, *vectors]))))
 
     def forget(self, person_id: str) -> tuple[str, ...]:
-        """Delete keys and rows of a person, also from log and free pages; gives all ids that they had.
+        """Delete keys and rows of a person, also from log and free pages; return all of their ids.
 
-        May be asked again, as after a power cut in the middle: what is left is deleted then.
+        Idempotent: after an interruption it deletes the rest.
         """
         ids = self.ids_of(person_id)
         marks = ", ".join("?" * len(ids))
@@ -372,7 +368,7 @@ class PeopleStore:
         return ids
 
     def rewrite_texts(self, rewrite: Callable[[str, str], str]) -> None:
-        """Pass each note and each entry of a history through ``rewrite``, which is given whose it is and the text."""
+        """Apply ``rewrite`` to each note and history entry, given the owner's id and the text."""
         for person in self.everybody():
             note = rewrite(person.person_id, person.about.note) if person.about.note else ""
             if note != person.about.note:
@@ -391,7 +387,7 @@ class PeopleStore:
                         (self._seal(owner, "history", rewritten.encode()), entry_id),
                     )
 
-    # How it is kept
+    # Encryption
 
     def _of_all_ids(self, person_id: str, query: str) -> list[tuple[Any, ...]]:
         ids = self.ids_of(person_id)

@@ -1,8 +1,8 @@
-"""One person before two cameras: whose tracks stand in one place at one time, and look alike where that is known.
+"""Cross-camera matching: tracks of two cameras are one person by position in the map and appearance.
 
-Two tracks of one camera are two people. Tracks of two cameras are one person where their places in the map agree for a
-moment and nobody else comes near; without places only where they look very much alike. Where it is not clear they stay
-two: a row too many is seen at once, and two people in one row are not.
+Two tracks of one camera are two people. Tracks of two cameras are one person if their positions agree for a moment and
+no other track is close; without positions only if they look very similar. Ambiguous tracks stay separate: a superfluous
+row is noticed at once, two people in one row are not.
 """
 
 import math
@@ -27,11 +27,11 @@ _COMPARED_NS = 3_000_000_000
 
 _BETWEEN_NS, _BESIDE_NS = 1_500_000_000, 250_000_000
 _WALK_MPS = 1.3
-_CAMERA_ERROR_M = 0.2  # how exactly it is known where a camera stands and looks
+_CAMERA_ERROR_M = 0.2  # accuracy of the camera's pose
 _SAME_PAIRS, _DIFFERENT_PAIRS = 2, 3
 _SAME_WITHIN, _SAME_WITHIN_M = 2.0, 0.9
 _DIFFERENT_FROM, _DIFFERENT_FROM_M = 3.5, 1.0
-_CLEARLY = 0.7  # by so much the next best has to be worse
+_CLEARLY = 0.7  # required margin to the second best
 _ALIKE_ALONE, _ALIKE_ALONE_LOOKS = 0.85, 3
 _UNALIKE = 0.4
 _ALIKE_WEIGHT = 4.0
@@ -39,7 +39,7 @@ _ALIKE_WEIGHT = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Where somebody stood at a moment, in the map; ``spread_m`` is one standard deviation."""
+    """Position in the map at a time; ``spread_m`` is one standard deviation."""
 
     stamp_ns: int
     x_m: float
@@ -49,7 +49,7 @@ class Spot:
 
 @dataclass(slots=True)
 class Sighting:
-    """What one camera's tracker saw of somebody lately. ``looks`` sums up unit vectors by network."""
+    """Recent detections of one track. ``looks`` sums unit vectors by network."""
 
     camera: str
     spots: deque[Spot] = field(default_factory=lambda: deque(maxlen=_PLACES_KEPT))
@@ -59,8 +59,8 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """How two sightings compare. ``apart`` is their distance as a multiple of its standard deviation, the median of
-    ``pairs`` moments; ``alike`` is the cosine of how they look, None where that is not known.
+    """Comparison of two tracks. ``apart`` is their distance in standard deviations, the median of ``pairs`` times;
+    ``alike`` is the cosine similarity, None if unknown.
     """
 
     pairs: int = 0
@@ -70,13 +70,13 @@ class Likeness:
 
     @property
     def score(self) -> float:
-        """The higher the likelier; of use between candidates for the same person only."""
+        """Ranking score, comparable only between candidates for the same person."""
         by_looks = 0.0 if self.alike is None else _ALIKE_WEIGHT * self.alike
         return by_looks - (self.apart if self.pairs else 0.0)
 
 
 def compared(one: Sighting, other: Sighting) -> Likeness:
-    """How two sightings by two cameras compare."""
+    """Compare two tracks of two cameras."""
     alike = _alike(one, other)
     newest_ns = max((each.spots[-1].stamp_ns for each in (one, other) if each.spots), default=0)
     apart: list[tuple[float, float]] = []
@@ -94,7 +94,7 @@ def compared(one: Sighting, other: Sighting) -> Likeness:
 
 
 def same_person(likeness: Likeness) -> Verdict:
-    """Whether two sightings by two cameras are one person, as far as these two alone tell."""
+    """Decide whether two tracks of two cameras are one person, considering only these two."""
     if not likeness.pairs:
         alone = likeness.alike is not None and likeness.alike >= _ALIKE_ALONE
         return "same" if alone else "unknown"
@@ -106,13 +106,13 @@ def same_person(likeness: Likeness) -> Verdict:
 
 
 class Together:
-    """Keeps what every camera saw lately, and tells which tracks are one person. On injected time."""
+    """Recent detections of all cameras, and which tracks are one person. Time is injected."""
 
     def __init__(self) -> None:
         self._seen: dict[Track, Sighting] = {}
 
     def see(self, track: Track, now_ns: int) -> None:
-        """This track is in the picture of its camera now."""
+        """Note that the track is in its camera's image now."""
         self._seen.setdefault(track, Sighting(track[0])).last_ns = now_ns
         for gone in [each for each, seen in self._seen.items() if now_ns - seen.last_ns > _FORGET_AFTER_NS]:
             del self._seen[gone]
@@ -130,32 +130,30 @@ class Together:
         seen.looks[looks.model] = (total + looks.vector, count + 1)
 
     def seen_ns(self, track: Track) -> int:
-        """When this track was seen last; long ago where that is forgotten."""
+        """Last detection of the track; long ago if unknown."""
         seen = self._seen.get(track)
         return -_FORGET_AFTER_NS if seen is None else seen.last_ns
 
     def forget(self) -> None:
-        """The trackers began to count anew."""
+        """Clear all tracks after a restart of the trackers."""
         self._seen.clear()
 
     def verdict(self, one: Track, other: Track) -> Verdict:
-        """As :func:`same_person`, of two tracks."""
+        """:func:`same_person` for two tracks."""
         if one[0] == other[0]:
             return "different"
         first, second = self._seen.get(one), self._seen.get(other)
         return "unknown" if first is None or second is None else same_person(compared(first, second))
 
     def partners(self, track: Track) -> tuple[Track, ...]:
-        """The tracks of other cameras that are the same person as ``track``: of each camera one at most, and none where
-        another one might be as well.
-        """
+        """Tracks of other cameras that are the same person: at most one per camera, and none if ambiguous."""
         cameras = dict.fromkeys(camera for camera, _ in self._seen if camera != track[0])
         found = (self._partner(track, camera) for camera in cameras)
         return tuple(partner for partner in found if partner is not None)
 
     def _partner(self, track: Track, camera: str) -> Track | None:
         best = self._clearly_best(track, camera)
-        # It has to be so from the other side, too: somebody else may stand nearer to that one.
+        # The match must be mutual: another person may be closer to that track.
         return best if best is not None and self._clearly_best(best, track[0]) == track else None
 
     def _clearly_best(self, track: Track, camera: str) -> Track | None:
@@ -171,13 +169,13 @@ class Together:
         rated.sort(key=lambda each: -each[0])
         if not rated or same_person(rated[0][2]) != "same":
             return None
-        # Whom no place is known of may stand anywhere.
+        # A track without a position may be anywhere.
         rivals = [score for score, _, likeness in rated[1:] if likeness.pairs or not rated[0][2].pairs]
         return rated[0][1] if not rivals or rated[0][0] - rivals[0] >= _CLEARLY else None
 
 
 def _alike(one: Sighting, other: Sighting) -> float | None:
-    """The cosine of how they look on average, by a network that saw both often enough."""
+    """Cosine similarity of the mean embeddings, by a network with enough of both."""
     for model, (total, count) in one.looks.items():
         their_total, their_count = other.looks.get(model, (total, 0))
         if min(count, their_count) >= _ALIKE_ALONE_LOOKS:
@@ -187,7 +185,7 @@ def _alike(one: Sighting, other: Sighting) -> float | None:
 
 
 def _at(spots: deque[Spot], stamp_ns: int) -> Spot | None:
-    """Where they were at that moment, between two measured places, or beside one for a moment."""
+    """Position at that time, interpolated, or the nearest within a moment."""
     stamps = [spot.stamp_ns for spot in spots]
     after = bisect_left(stamps, stamp_ns)
     if 0 < after < len(spots) and stamps[after] - stamps[after - 1] <= _BETWEEN_NS:

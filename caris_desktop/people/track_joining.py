@@ -1,4 +1,6 @@
-"""One visit seen as several tracks, since the camera turned away or lost somebody: joined by appearance and place."""
+"""Track joining: continue a visit on a new track after the camera turned or lost the person, by
+appearance and place.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -16,16 +18,16 @@ SHORT_GAP_NS = 3_000_000_000
 DECIDED_WITHIN_NS = 1_500_000_000
 """A track that may be somebody who was lost waits for its looks no longer than this."""
 _LOOKS_KEPT, _LOOKS_TO_JOIN = 6, 2
-# The same clothes come to 0.89 to 0.98, the most alike of strangers to 0.88 (see LINES of the identities).
+# The same clothes reach 0.89 to 0.98, the most similar stranger 0.88 (see LINES in identities).
 _ALIKE_FROM, _AHEAD_BY = 0.89, 0.02
 _STANDS_WITHIN_M, _WALKS_MPS, _NEAR_M = 0.8, 1.5, 0.6
-# Of a visit without a name, whose place is all that is known of it: nothing is passed on where that is wrong.
+# For a visit without a name, where a wrong match by position passes nothing on.
 _NEAR_WITHOUT_NAME_M = 1.0
 
 
 @dataclass(slots=True)
 class Candidate:
-    """A track that is no person yet."""
+    """Track that is not yet confirmed as a person."""
 
     frames: int
     first_seen_ns: int
@@ -38,7 +40,7 @@ class Candidate:
             self.looks = [*self.looks, looks][-_LOOKS_KEPT:]
 
     def is_undecided(self, now_ns: int) -> bool:
-        """Whether another look may still tell who it is."""
+        """True while another embedding may still identify the person."""
         return len(self.looks) < _LOOKS_TO_JOIN and now_ns - self.first_seen_ns < DECIDED_WITHIN_NS
 
 
@@ -46,16 +48,16 @@ Likeness = Callable[[str, PersonLooks], float | None]
 
 
 def is_lost(visit: Visit, now_ns: int) -> bool:
-    """Whether the person of a visit that no track is of now may come into view again as another one."""
+    """True if a visit without a track may be continued by a new one."""
     return not visit.forgotten and now_ns - visit.last_seen_ns <= JOINED_WITHIN_NS
 
 
 def same_visit(
     candidate: Candidate, lost: Iterable[Visit], likeness: Likeness, is_known: Callable[[str], bool], now_ns: int
 ) -> Visit | None:
-    """Whose of the ``lost`` visits that track is: one alone that it can be, and that it resembles or stands at.
+    """The ``lost`` visit that the track continues: the only possible one, by appearance or position.
 
-    ``is_known`` tells whether something is written down about a person.
+    ``is_known`` tells whether there are notes on a person.
     """
     possible: list[tuple[float, Visit]] = []
     for visit in lost:

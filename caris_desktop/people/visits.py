@@ -1,4 +1,4 @@
-"""Who is here and who was: each visit with the tracks that it was seen as."""
+"""Visits of people present and gone, each with its tracks."""
 
 from collections.abc import Iterator
 from dataclasses import field
@@ -9,13 +9,13 @@ from caris_desktop.people.identities import UNDECIDED, Judgement
 MOST_LEFT = 200
 """So many visits that are over are kept in memory, the newest ones."""
 
-Track = tuple[str, int]  # camera, and its tracker's number
+Track = tuple[str, int]  # camera and track number
 Spot = tuple[float, float]  # x_m, y_m in the map
 
 
 @dataclass(slots=True, eq=False)
 class Visit:
-    """Somebody's stay. ``visit_id`` is the id with which it began, ``person_id`` whose it is as far as is known."""
+    """Visit of a person. ``visit_id`` is its initial id, ``person_id`` the identified person."""
 
     visit_id: str
     person_id: str
@@ -28,26 +28,26 @@ class Visit:
     looks: int = 0
     settled: bool = False
     by_hand: bool = False
-    forgotten: bool = False  # asked to be: nothing about how they look is learned or kept any more
+    forgotten: bool = False  # erased on request: no embedding is learned or stored any more
     judgement: Judgement = UNDECIDED
     suggested_id: str = ""
-    resembles_somebody: bool = False  # of whom it is open whether they are the same
+    resembles_somebody: bool = False  # it is open whether they are the same
     confidence: float = 0.0
     portrait_quality: float = 0.0
     portraits: int = 0
     distance_m: float | None = None
     bearing_rad: float | None = None
     placed_ns: int = 0
-    spot: Spot | None = None  # where they were seen last
+    spot: Spot | None = None  # last position
     posture: str = ""
     hand_raised: bool | None = None
     facing: bool | None = None
     summary: str = ""
     tracks: set[Track] = field(default_factory=set)
-    seen_by_camera_ns: int = 0  # when ``camera`` saw them last, as ``track``
+    seen_by_camera_ns: int = 0  # last detection by ``camera``, as ``track``
 
     def leave_to_wizard(self) -> None:
-        """Of who this is the console only makes suggestions from now on."""
+        """Restrict the console to suggestions for this visit."""
         self.by_hand = True
 
     @property
@@ -56,7 +56,7 @@ class Visit:
 
 
 class Visits:
-    """Bounded: of those that are over the newest :data:`MOST_LEFT` stay."""
+    """Visit log, bounded to the newest :data:`MOST_LEFT` ended visits."""
 
     def __init__(self) -> None:
         self._visits: dict[str, Visit] = {}
@@ -76,7 +76,7 @@ class Visits:
         self.number_of(visit.person_id)
 
     def attach(self, visit: Visit, track: Track) -> None:
-        """That track is of this visit from now on."""
+        """Assign the track to the visit."""
         before = self._of_track.get(track)
         if before is not None:
             before.tracks.discard(track)
@@ -84,7 +84,7 @@ class Visits:
         visit.tracks.add(track)
 
     def detach(self, track: Track) -> None:
-        """That track is somebody else, who is yet to be found out."""
+        """Detach the track, whose person is unknown."""
         visit = self._of_track.pop(track, None)
         if visit is not None:
             visit.tracks.discard(track)
@@ -96,7 +96,7 @@ class Visits:
         return [visit for visit in self._visits.values() if visit.here]
 
     def find(self, person_id: str) -> Visit | None:
-        """The visit of a person, or with that id: of several who is here, and of those the newest."""
+        """Visit with that person or visit id, preferring those present, then the newest."""
         found = [visit for visit in self._visits.values() if person_id in (visit.visit_id, visit.person_id)]
         return max(found, key=lambda visit: (visit.here, visit.since_ns), default=None)
 
@@ -104,14 +104,14 @@ class Visits:
         return [visit for visit in self._visits.values() if visit.person_id == person_id]
 
     def number_of(self, person_id: str) -> int:
-        """The 3 of "Person 3"."""
+        """Number N of "Person N"."""
         if person_id not in self._numbers:
             self._numbered += 1
             self._numbers[person_id] = self._numbered
         return self._numbers[person_id]
 
     def forget_tracks(self) -> None:
-        """Their numbers mean nobody any more."""
+        """Clear all tracks, whose numbers are no longer valid."""
         self._of_track.clear()
         for visit in self._visits.values():
             visit.tracks.clear()
@@ -125,6 +125,6 @@ class Visits:
         self._numbers.pop(visit.visit_id, None)
 
     def too_many(self) -> list[Visit]:
-        """Those that are over and not to be kept any longer, oldest first."""
+        """Ended visits beyond the limit, oldest first."""
         left = sorted((visit for visit in self._visits.values() if not visit.here), key=lambda each: each.last_seen_ns)
         return left[: max(0, len(left) - MOST_LEFT)]

@@ -84,7 +84,7 @@ def read_frame_times(path: Path) -> FrameTimes:
         at = [columns.index(name) for name in ("frame", "video_s", "stamp_ns", "robot_stamp_ns")]
     except ValueError as error:
         raise ValueError(f"{path.name} has not the columns of a video's index: {', '.join(columns)[:200]}") from error
-    lines = rest.split(b"\n")[:-1]  # what follows the last line end is empty, or a line cut off
+    lines = rest.split(b"\n")[:-1]  # after the last line end: empty, or a truncated line
     number_at, video_at, stamp_at, robot_at = at
     # Older recordings lack them.
     taken_at, uncertainty_at = (columns.index(name) if name in columns else None for name in _TAKEN)
@@ -107,12 +107,12 @@ def read_frame_times(path: Path) -> FrameTimes:
                 uncertainty_ms[number] = float(cells[uncertainty_at])
             whole = number + 1
     except (ValueError, IndexError, OverflowError):
-        pass  # zeros after a power cut, or somebody's edit: the lines before it are good
+        pass  # zeros after a power failure, or an edit: the lines before it are valid
     return FrameTimes(video_s, stamps_ns, robot_stamps_ns, taken_ns, uncertainty_ms).first(whole)
 
 
 def moments_words(video: Mapping[str, Any]) -> str:
-    """A sentence for people: which moments a video of ``session.json`` shows."""
+    """User text on which moments a video of ``session.json`` shows."""
     delay_ms, uncertainty_ms = video.get("delay_ms"), video.get("uncertainty_ms")
     if not isinstance(delay_ms, (int, float)) or not isinstance(uncertainty_ms, (int, float)):
         return "Its pictures are shown when they reached the computer; when the camera took them is not known."
@@ -123,7 +123,7 @@ def moments_words(video: Mapping[str, Any]) -> str:
 
 
 def index_cells(ref: FrameRef, video_s: float, clock: SessionClock) -> str:
-    """A line of the index, without the number of the frame and the end of the line."""
+    """Line of the index without the frame number and the line end."""
     robot_stamp = "" if ref.robot_stamp_ns is None else str(ref.robot_stamp_ns)
     taken = ",,"
     if ref.taken_ns is not None:
