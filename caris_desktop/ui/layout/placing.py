@@ -1,4 +1,4 @@
-"""Where a tree of panels lies in a rectangle: the groups with their tabs, and the handles between them."""
+"""Layout geometry: rectangles of tab groups and split handles for a layout tree."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Literal
@@ -11,18 +11,18 @@ from caris_desktop.ui.layout.tree import Side, panels_in, path_of, shares, split
 GAP_PX = 8
 TAB_BAR_PX = 36
 TITLE_PX = 38
-_EDGE_PX = 18  # as near to the edge of everything a panel goes beside everything
-_SIDE_SHARE = 0.28  # of a group's width or height: there a panel goes beside it
+_EDGE_PX = 18  # this near to the outer edge, a drop goes to that edge of the whole area
+_SIDE_SHARE = 0.28  # share of a group's width or height in which a drop goes to that side
 
 Room = tuple[int, int]
 """Width and height in pixels."""
 RoomOf = Callable[[PanelName], Room]
-_SQUEEZED: Room = (140, TITLE_PX)  # what is always left of a panel: its title
+_SQUEEZED: Room = (140, TITLE_PX)  # minimum that always remains of a panel: its title bar
 
 
 @dataclass(frozen=True, slots=True)
 class GroupPlace:
-    """Panels on top of one another, or one alone, and where they lie with their tabs."""
+    """Rectangle of a tab group or a single panel."""
 
     panels: tuple[PanelName, ...]
     current: PanelName
@@ -38,15 +38,15 @@ class GroupPlace:
 
     @property
     def body(self) -> Rect:
-        """Below the tabs."""
+        """Area below the tab bar."""
         bar = self.tab_bar.height
         return Rect(self.rect.left, self.rect.top + bar, self.rect.width, max(0, self.rect.height - bar))
 
 
 @dataclass(frozen=True, slots=True)
 class Handle:
-    """What is dragged to share the room of the split at ``path`` anew between its parts ``before`` and ``after``, which
-    need at least ``least``. ``lengths`` are those of all its parts that are shown, by their number.
+    """Split handle: divides the split at ``path`` between its parts ``before`` and ``after``, with minimum lengths
+    ``least``. ``lengths``: current lengths of all visible parts by index.
     """
 
     path: tuple[int, ...]
@@ -68,7 +68,7 @@ class Placing:
 
 
 def least_room(node: LayoutNode, shown: Collection[str], least: RoomOf) -> Room:
-    """What the shown panels of a tree need at least."""
+    """Minimum size of the visible panels of a tree."""
     if not isinstance(node, SplitNode):
         rooms = [least(panel) for panel in panels_in(node) if panel in shown]
         bar = TAB_BAR_PX if len(rooms) > 1 else 0
@@ -84,8 +84,8 @@ def least_room(node: LayoutNode, shown: Collection[str], least: RoomOf) -> Room:
 
 
 def lengths(whole: int, weights: Sequence[float], least: Sequence[int], squeezed: int) -> list[int]:
-    """Share ``whole`` by weight, nobody below their least; where that is too much, all give way in proportion, down to
-    ``squeezed`` as long as there is that much.
+    """Divide ``whole`` by weight, respecting each minimum; if that is impossible, all shrink in proportion, down to
+    ``squeezed`` where possible.
     """
     count = len(weights)
     if sum(least) >= whole:
@@ -105,7 +105,7 @@ def lengths(whole: int, weights: Sequence[float], least: Sequence[int], squeezed
 
 
 def _whole_pixels(parts: Sequence[float], whole: int) -> list[int]:
-    """Rounded so that no pixel is lost between them."""
+    """Round lengths without losing a pixel in total."""
     edges, position = [0], 0.0
     for part in parts:
         position += part
@@ -115,7 +115,7 @@ def _whole_pixels(parts: Sequence[float], whole: int) -> list[int]:
 
 
 def place(node: LayoutNode, rect: Rect, shown: Collection[str], least: RoomOf) -> Placing:
-    """Lay the ``shown`` panels of a tree out."""
+    """Lay out the ``shown`` panels of a tree."""
     groups: list[GroupPlace] = []
     handles: list[Handle] = []
     for part in _placed(node, rect, shown, least, ()):
@@ -153,17 +153,17 @@ def _placed(
 
 
 def dragged(node: LayoutNode, handle: Handle, moved_px: int) -> tuple[float, ...]:
-    """The weights of the handle's split once it was moved so far: the parts beside it change, all others keep what they
-    have, and nobody goes below their least.
+    """Weights of the handle's split after dragging: the two adjacent parts change within their minimums, the others
+    keep their lengths.
     """
     had = dict(handle.lengths)
     before, after = had[handle.before], had[handle.after]
-    # Those that are squeezed already may stay so.
+    # Parts already below their minimum may stay so.
     lowest, highest = min(handle.least[0], before), before + after - min(handle.least[1], after)
     had[handle.before] = max(lowest, min(before + moved_px, highest))
     had[handle.after] = before + after - had[handle.before]
     part_of = shares(split_at(node, handle.path))
-    # What is hidden keeps its share of the whole.
+    # Hidden parts keep their share.
     visible, total = sum(part_of[i] for i in had), sum(had.values()) or 1
     return tuple(max(0.001, visible * had[i] / total) if i in had else part for i, part in enumerate(part_of))
 
@@ -171,9 +171,8 @@ def dragged(node: LayoutNode, handle: Handle, moved_px: int) -> tuple[float, ...
 def grown(
     node: LayoutNode, placing: Placing, panel: PanelName, by_px: int
 ) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
-    """The split that makes a panel larger by so much, or smaller where that is below zero, and its weights then. It is
-    the nearest one around the panel in which that can be, and what follows the panel gives way first; None where it can
-    be in none.
+    """Path and new weights of the split that makes a panel larger by this much, or smaller if negative; None if there
+    is none. It is the innermost possible split, and parts after the panel shrink first.
     """
     at = path_of(node, panel)
     around = [
@@ -192,7 +191,7 @@ def grown(
 
 @dataclass(frozen=True, slots=True)
 class Drop:
-    """Where a dragged panel would go: beside or into the tabs of ``beside``, or, without that, beside everything."""
+    """Drop target: beside or in the tabs of ``beside``, or, without it, at an outer edge."""
 
     beside: PanelName | None
     side: Side
@@ -201,7 +200,7 @@ class Drop:
 
 
 def drop_at(placing: Placing, rect: Rect, x: int, y: int, panel: PanelName) -> Drop | None:
-    """What letting go of ``panel`` at a point of ``rect`` would do; None where it would do nothing."""
+    """Effect of dropping ``panel`` at a point of ``rect``; None for no effect."""
     if not rect.contains(x, y):
         return None
     own = placing.group_of(panel)

@@ -1,11 +1,11 @@
-"""Rectangles in pixels, and where windows may lie: on a screen that exists."""
+"""Rectangles in px, and clamping of windows to existing screens."""
 
 from collections.abc import Sequence
 
 from caris_desktop.domain.value_class import dataclass
 
 LEAST_WINDOW_PX = (240, 160)
-_TITLE_PX = 40  # a window manager's title bar, above what is ours
+_TITLE_PX = 40  # title bar of the window manager, above the window's own area
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,29 +17,29 @@ class Rect:
 
     @property
     def right(self) -> int:
-        """The first column behind it."""
+        """First column to the right of it."""
         return self.left + self.width
 
     @property
     def bottom(self) -> int:
-        """The first row below it."""
+        """First row below it."""
         return self.top + self.height
 
     def contains(self, x: int, y: int) -> bool:
         return self.left <= x < self.right and self.top <= y < self.bottom
 
     def overlap(self, other: "Rect") -> int:
-        """How many pixels both have."""
+        """Area of the intersection in px."""
         width = min(self.right, other.right) - max(self.left, other.left)
         height = min(self.bottom, other.bottom) - max(self.top, other.top)
         return max(0, width) * max(0, height)
 
 
 def on_a_screen(place: Rect, screens: Sequence[Rect]) -> Rect:
-    """The place moved, and made smaller where it must be, to lie whole on the screen that it is nearest to.
+    """The rectangle moved, and shrunk if necessary, into the screen with the largest overlap.
 
-    A screen that is not there today leaves its windows where they can be reached. ``screens`` are what windows may use
-    of each, the first one the main screen; none leaves the place as it is.
+    Windows of a disconnected screen stay reachable. ``screens``: available area of each, primary first; without any the
+    rectangle is unchanged.
     """
     if not screens:
         return place

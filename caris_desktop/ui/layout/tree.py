@@ -1,4 +1,4 @@
-"""Trees of panels: taking a panel out, putting it somewhere, sharing the room; each gives a new tree."""
+"""Layout trees: remove, insert and resize panels; each function returns a new tree."""
 
 from collections.abc import Collection, Iterator
 from typing import Literal
@@ -6,7 +6,7 @@ from typing import Literal
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
 
 Side = Literal["tab", "left", "right", "above", "below"]
-"""Where a panel goes in relation to another: into one set of tabs with it, or beside it."""
+"""Position of a panel relative to another: in its tab group, or at a side."""
 _DIGITS = 4  # of a share: a tenth of a pixel on the widest screen
 
 
@@ -19,7 +19,7 @@ def panels_in(node: LayoutNode) -> tuple[PanelName, ...]:
 
 
 def groups_in(node: LayoutNode) -> Iterator[PanelLeaf | TabNode]:
-    """Panels alone and sets of tabs, from left and top."""
+    """Single panels and tab groups, from left to right and top to bottom."""
     if isinstance(node, SplitNode):
         for child in node.children:
             yield from groups_in(child)
@@ -34,14 +34,14 @@ def front_of(group: PanelLeaf | TabNode) -> PanelName:
 
 
 def shares(node: SplitNode) -> tuple[float, ...]:
-    """The weights as parts of one."""
+    """Weights normalised to a sum of one."""
     total = sum(node.weights)
     return tuple(weight / total for weight in node.weights)
 
 
 def tidy(node: LayoutNode) -> LayoutNode:
-    """The same arrangement as it is always written: no tabs of one panel, no split in a split of its direction, and
-    weights that are shares of one. A current tab is always named.
+    """Canonical form: no tab group of one panel, no split nested in a split of the same direction, normalised weights,
+    and an explicit current tab.
     """
     if isinstance(node, PanelLeaf):
         return node
@@ -61,7 +61,7 @@ def tidy(node: LayoutNode) -> LayoutNode:
 
 
 def _rounded(parts: list[float]) -> tuple[float, ...]:
-    """Shares with few digits that add up to one, so that they stay as they are when they are tidied again."""
+    """Shares rounded to few digits that still sum to one, so that the canonical form is stable."""
     if sum(parts) == 1 and all(round(part, _DIGITS) == part for part in parts):
         return tuple(parts)
     unit = 10**_DIGITS
@@ -71,7 +71,7 @@ def _rounded(parts: list[float]) -> tuple[float, ...]:
 
 
 def without(node: LayoutNode, absent: Collection[str]) -> LayoutNode | None:
-    """The tree without some panels; None when nothing is left."""
+    """The tree without some panels; None if nothing is left."""
     if isinstance(node, PanelLeaf):
         return None if node.panel in absent else node
     if isinstance(node, TabNode):
@@ -90,12 +90,12 @@ def without(node: LayoutNode, absent: Collection[str]) -> LayoutNode | None:
 
 
 def permitted(node: LayoutNode, possible: Collection[str]) -> LayoutNode:
-    """The tree without panels that are not possible; the picture where nothing else is."""
+    """The tree without panels that are not possible; only the video if nothing is left."""
     return without(node, frozenset(panels_in(node)) - frozenset(possible)) or PanelLeaf("video")
 
 
 def with_the_panels_of(tree: LayoutNode, arranged: LayoutNode) -> LayoutNode:
-    """``arranged`` with the panels of ``tree`` and no others: what it lacks comes into the tabs of its last group."""
+    """``arranged`` with exactly the panels of ``tree``: missing ones are added to its last tab group."""
     wanted = panels_in(tree)
     result = without(arranged, frozenset(panels_in(arranged)) - frozenset(wanted))
     if result is None:
@@ -109,7 +109,7 @@ def with_the_panels_of(tree: LayoutNode, arranged: LayoutNode) -> LayoutNode:
 
 
 def with_tab(node: LayoutNode, beside: PanelName, panel: PanelName, at: int | None = None) -> LayoutNode:
-    """The tree with ``panel`` in front of ``beside``, in one set of tabs; as its ``at``-th, or else the last one."""
+    """The tree with ``panel`` as the current tab in the group of ``beside``, at index ``at`` or last."""
     if isinstance(node, SplitNode):
         children = tuple(with_tab(child, beside, panel, at) for child in node.children)
         return SplitNode(node.split, children, node.weights)
@@ -121,9 +121,7 @@ def with_tab(node: LayoutNode, beside: PanelName, panel: PanelName, at: int | No
 
 
 def put_beside(node: LayoutNode, beside: PanelName, panel: PanelName, side: Side, at: int | None = None) -> LayoutNode:
-    """The tidy tree with ``panel``, which is not in it, at ``side`` of the group of ``beside``: it takes half of its
-    room.
-    """
+    """Canonical tree with the new ``panel`` at ``side`` of the group of ``beside``, with half of its space."""
     if side == "tab":
         return tidy(with_tab(node, beside, panel, at))
     return tidy(_split_group(node, beside, panel, side))
@@ -138,7 +136,7 @@ def _split_group(node: LayoutNode, beside: PanelName, panel: PanelName, side: Si
 
 
 def put_at_edge(node: LayoutNode, panel: PanelName, side: Side, share: float = 0.25) -> LayoutNode:
-    """The tidy tree with ``panel`` beside everything else."""
+    """Canonical tree with ``panel`` at an outer edge."""
     return tidy(_pair(node, PanelLeaf(panel), side, share))
 
 
@@ -150,14 +148,14 @@ def _pair(node: LayoutNode, new: LayoutNode, side: Side, share: float) -> SplitN
 
 
 def with_current(node: LayoutNode, panel: PanelName) -> LayoutNode:
-    """The tree with the panel in front of its tabs."""
+    """The tree with the panel as its group's current tab."""
     if isinstance(node, SplitNode):
         return SplitNode(node.split, tuple(with_current(child, panel) for child in node.children), node.weights)
     return TabNode(node.tabs, panel) if isinstance(node, TabNode) and panel in node.tabs else node
 
 
 def with_weights(node: LayoutNode, path: tuple[int, ...], weights: tuple[float, ...]) -> LayoutNode:
-    """The tree with other weights in the split that ``path`` leads to, child by child."""
+    """The tree with new weights in the split at ``path`` (child indices)."""
     if not path:
         return SplitNode(split_at(node, ()).split, split_at(node, ()).children, _rounded(list(weights)))
     whole, (first, *rest) = split_at(node, ()), path
@@ -167,7 +165,7 @@ def with_weights(node: LayoutNode, path: tuple[int, ...], weights: tuple[float, 
 
 
 def path_of(node: LayoutNode, panel: PanelName) -> tuple[int, ...]:
-    """Which children lead to the group that has the panel; empty where the whole tree is that group, or none has it."""
+    """Child indices that lead to the panel's group; empty if the whole tree is that group, or if no group has it."""
     if not isinstance(node, SplitNode):
         return ()
     for number, child in enumerate(node.children):
@@ -185,16 +183,14 @@ def split_at(node: LayoutNode, path: tuple[int, ...]) -> SplitNode:
 
 
 def shape(node: LayoutNode) -> object:
-    """The tree without its weights and without which tab is in front: what the wizard means by an arrangement."""
+    """Structure of the tree without weights and current tabs."""
     if isinstance(node, SplitNode):
         return (node.split, tuple(shape(child) for child in node.children))
     return panels_in(node)
 
 
 def differs(tree: LayoutNode, other: LayoutNode, *, by: float | None) -> bool:
-    """Whether panels lie elsewhere, or have a share of the room that is another one ``by`` more than this. Which tab is
-    in front does not count.
-    """
+    """Whether panels are placed differently, or any share differs by more than ``by``. Current tabs do not count."""
     if isinstance(tree, SplitNode) and isinstance(other, SplitNode):
         if (tree.split, len(tree.children)) != (other.split, len(other.children)):
             return True

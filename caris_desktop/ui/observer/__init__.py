@@ -1,1 +1,1 @@
-"""A second window for whoever looks on: it shows, and can ask for nothing."""
+"""Observer window: read-only second window."""

@@ -1,4 +1,4 @@
-"""What an observer sees: picture, conversation and, unless a participant may see it too, map and log. Read only."""
+"""Observer window: video, conversation and, unless a participant may see the screen, map and log. Read-only."""
 
 from collections import deque
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import Settings
 
 Sees = Literal["everything", "no_names"]
-"""``no_names``: neither names nor suggestions, tags, notes and log, as where a participant can look on."""
+"""``no_names``: without names, suggestions, tags, notes and log, for a screen that a participant can see."""
 
 SEES_WORDS: dict[Sees, str] = {
     "everything": QT_TR_NOOP("Observer window: everything"),
@@ -41,7 +41,7 @@ _LEAST_PX, _BOTH_FROM_PX = (480, 280), 480
 
 
 class ObserverWindow(TabAsRead, QWidget):
-    """Never takes the keys that drive, and lets no click through."""
+    """Window without input: it ignores clicks and does not take the focus from driving."""
 
     accessible_role = QAccessible.Role.Window
 
@@ -60,7 +60,7 @@ class ObserverWindow(TabAsRead, QWidget):
         actions.keep_only(())
         self._context = PanelContext(only_looks, theme, actions, hold, discreet=sees == "no_names")
         self._column = boxes.column(self, margins_px=(0, 8, 0, 8))
-        # Who looks on cannot scroll: what there is no room for is not shown.
+        # An observer cannot scroll: content that does not fit is clipped.
         self._column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
         self.setMinimumSize(*_LEAST_PX)
         self._signs = GlanceSigns(theme, console.state)
@@ -79,7 +79,7 @@ class ObserverWindow(TabAsRead, QWidget):
         self.show_scenario()
 
     def show_scenario(self) -> None:
-        """What the scenario forbids is gone at once; its panels come one in a turn of the event loop."""
+        """Rebuild for a scenario: forbidden content disappears at once; panels follow, one per event loop turn."""
         scenario = self._context.console.scenario
         self._context.actions.rebuild(scenario)
         if self._shown is not None:
@@ -91,7 +91,7 @@ class ObserverWindow(TabAsRead, QWidget):
         self._lower.clear()
         self._shown = QSplitter(Qt.Orientation.Horizontal)
         self._shown.setContentsMargins(8, 0, 8, 0)
-        # Whoever looks on clicks nothing: all of it is transparent for the mouse.
+        # An observer clicks nothing: everything is transparent to the mouse.
         self._shown.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         columns = [QSplitter(Qt.Orientation.Vertical) for _names in _COLUMNS[self.sees]]
         for column in columns:
@@ -106,7 +106,7 @@ class ObserverWindow(TabAsRead, QWidget):
         self._turn.start()
 
     def complete(self) -> None:
-        """Make what is still missing, now."""
+        """Create all missing panels now."""
         while self._missing:
             self._make_next()
 
@@ -139,7 +139,7 @@ class ObserverWindow(TabAsRead, QWidget):
         return card
 
     def _place(self, beside: QWidget) -> None:
-        """On another screen, where there is one."""
+        """Place it on another screen, if there is one."""
         other = next((one for one in QGuiApplication.screens() if one is not beside.screen()), None)
         if other is not None:
             self.setGeometry(other.availableGeometry())
@@ -160,8 +160,8 @@ class ObserverWindow(TabAsRead, QWidget):
 
 
 class ObserverWindows:
-    """At most one; what another scenario forbids is gone from it too. One that was open when the program ended, however
-    it did, is open again with the next.
+    """Owner of at most one observer window. It follows scenario changes, and a window that was open when the program
+    ended, even by a crash, reopens at the next start.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class ObserverWindows:
         self.shown: ObserverWindow | None = None
 
     def open(self, sees: Sees, geometry: QByteArray | None = None) -> None:
-        """Where it was with that ``geometry``; else on another screen, where there is one."""
+        """Open with this ``geometry``, else on another screen if there is one."""
         self.close()
         self.shown = ObserverWindow(self._theme, self._console, self._hold, self._window, sees)
         if geometry is not None:
@@ -185,7 +185,7 @@ class ObserverWindows:
         self.shown.show()
 
     def restore(self) -> None:
-        """As it was last time, for the same eyes."""
+        """Reopen the window of the last run with the same content."""
         if self._settings is None or self.shown is not None:
             return
         kept, geometry = self._settings.value(_SEES_KEY), self._settings.value(_GEOMETRY_KEY)
@@ -194,7 +194,7 @@ class ObserverWindows:
                 self.open(sees, geometry if isinstance(geometry, QByteArray) else None)
 
     def end(self) -> None:
-        """The program ends: it is closed, and comes back."""
+        """Close on quitting, so that it reopens at the next start."""
         if self.shown is not None:
             sees = self.shown.sees
             self.close()

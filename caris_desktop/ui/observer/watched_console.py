@@ -1,4 +1,4 @@
-"""The console as an observer has it: everything can be looked at, nothing asked for."""
+"""Read-only view of the console for observer panels."""
 
 from dataclasses import replace
 from typing import Any, cast
@@ -9,10 +9,9 @@ from caris_desktop.scenario.model import Scenario
 
 
 class WatchedConsole:
-    """In the place of ``console`` for panels that only show.
+    """Stands in for ``console`` in display-only panels.
 
-    ``discreet``: as if people had no names and there were no language model, so that neither names nor suggested
-    replies come into view.
+    ``discreet``: hides names and the language model, so that neither names nor suggestions appear.
     """
 
     def __init__(self, console: WizardConsole, *, discreet: bool) -> None:

@@ -1,1 +1,1 @@
-"""Find anything: what there is to find, how it is found, and the card that it is typed into."""
+"""Command palette (Find anything): items, search and popup."""

@@ -1,4 +1,4 @@
-"""How the program is closed, for whoever types quit."""
+"""Palette item that quits the program."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ from caris_desktop.ui.palette.setting_entries import TWICE
 
 
 def closing_entry(close: Callable[[], object], *, replay: bool) -> Entry:
-    """Of the console never by one Enter too many: whoever closes a panel looks for nearly the same words."""
+    """Quit item; the console's needs a second Enter, because closing a panel has nearly the same words."""
     return Entry(
         tr("Close this window") if replay else tr("Close the console"),
         tr("Window") if replay else tr(TWICE),

@@ -1,4 +1,4 @@
-"""Find anything: a card with a line to type into and what is found below it."""
+"""Command palette popup: search field and results."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
 class CommandPalette(Overlay):
-    """Type a few letters of anything the console can do, Enter does it."""
+    """Search field with a result list; Enter runs the selected result."""
 
     DIGITS = 9
 
@@ -50,7 +50,7 @@ class CommandPalette(Overlay):
         return 46 + 32 + _ROWS * _ROW_PX
 
     def open_with(self, entries: Sequence[Entry]) -> None:
-        """Find any of these; what this wizard used last stands first."""
+        """Search these items, recently used ones first."""
         self._new, self._by_digit = None, ()
         self._open(
             Finder(entries, self._memory.used), tr("Find an action, phrase, place, person, setting or session…"),
@@ -58,17 +58,17 @@ class CommandPalette(Overlay):
         )  # fmt: skip
 
     def ask(self, question: str, entries: Sequence[Entry], new: Callable[[str], Entry]) -> None:
-        """Choose one of ``entries``, or give a new one, which ``new`` makes of what is typed."""
+        """Choose one of ``entries`` or type a new one, created by ``new``."""
         self._new, self._by_digit = new, ()
         self._open(Finder(entries), question, question)
 
     def choose_from(self, question: str, entries: Sequence[Entry]) -> None:
-        """Choose one of ``entries``: as long as nothing is typed the digit N, by its place, does the Nth."""
+        """Choose one of ``entries``; while nothing is typed, digit N selects the Nth."""
         self._new, self._by_digit = None, entries[: self.DIGITS]
         self._open(Finder(entries), question, question)
 
     def takes_digit(self, digit: str) -> bool:
-        """Does what that digit stands for, if it stands for anything now."""
+        """Run the item of a digit; returns whether there was one."""
         if self.field.text() or not 1 <= int(digit) <= len(self._by_digit):
             return False
         self.choose(self._by_digit[int(digit) - 1])
@@ -84,7 +84,7 @@ class CommandPalette(Overlay):
         self.field.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def renew(self, entries: Sequence[Entry]) -> None:
-        """What can be done has changed meanwhile."""
+        """Replace the items after the available commands changed."""
         if self._new is None and not self._by_digit:
             self._finder = Finder(entries, self._memory.used)
             self._on_text_changed(self.field.text())
@@ -101,7 +101,7 @@ class CommandPalette(Overlay):
         entry.do()
 
     def tell_current(self) -> None:
-        """For a screen reader, which hears of the line that is typed into only."""
+        """Describe the current item on the field, the only widget that a screen reader follows."""
         entry = self.list.current
         self.field.setAccessibleDescription("" if entry is None else entry.spoken)
 
@@ -125,7 +125,7 @@ class _PaletteField(QLineEdit):
         if event.key() in (Qt.Key.Key_Up, Qt.Key.Key_Down):
             self._owner.list.move_by(1 if event.key() == Qt.Key.Key_Down else -1)
         elif event.key() in _ENTER:
-            # A key that is held, which Qt does not always tell from one that is pressed again, asks only once.
+            # One Enter per key press: Qt does not always mark auto-repeat.
             if not self._enter_down:
                 self._enter_down = True
                 self._owner.choose(self._owner.list.current)
@@ -145,7 +145,7 @@ class _PaletteField(QLineEdit):
 
 
 def _digit_of(event: QKeyEvent) -> str:
-    """The digit of a key, whatever the keyboard layout types there without Shift; empty for any other key."""
+    """Digit of a key by position, whatever the layout types without Shift; empty for other keys."""
     if event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier:
         return ""
     code = key_code(sys.platform, scan_code=event.nativeScanCode(), virtual_key=event.nativeVirtualKey())
@@ -168,28 +168,28 @@ class _EntryList(QWidget):
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """What is found, in order."""
+        """Results in order."""
         return tuple(self._entries)
 
     @property
     def current(self) -> Entry | None:
-        """What Enter does; None where nothing is chosen."""
+        """Item that Enter runs; None if none is selected."""
         return self._entries[self._index] if 0 <= self._index < len(self._entries) else None
 
     def show_entries(self, entries: list[Entry], *, breaks: Sequence[int], meant: bool, by_digit: bool) -> None:
-        """``breaks``: the places where a line divides them. ``meant``: what was typed says what the first one does.
+        """Show results. ``breaks``: indices of divider lines. ``meant``: the query names what the first item does.
 
-        ``by_digit``: as long as nothing is typed a digit chooses, and Enter alone means none of them.
+        ``by_digit``: while nothing is typed, digits select and Enter selects nothing.
         """
         self._entries = entries
         self._breaks = breaks
-        # Before what is dangerous nothing is chosen, so that a quick Enter does neither this nor something else; and
-        # what speaks or moves is done by a quick Enter only where its words were typed.
+        # A dangerous item is never preselected, so that a quick Enter runs neither it nor another one; an item that
+        # speaks or moves the robot is preselected only if the query names it.
         can_be_chosen = bool(entries) and not entries[0].deliberate and (meant or not (entries[0].acts or by_digit))
         self._choose_row(0 if can_be_chosen else _NONE)
 
     def ask_again(self, entry: Entry) -> None:
-        """The same once more does it; anything else does not."""
+        """Ask for confirmation: choosing the same item again runs it."""
         self.asked_again = entry
         self.update()
 
@@ -228,7 +228,7 @@ class _EntryList(QWidget):
 
     def _on_told_pressed(self, key: tuple[str, ...]) -> None:
         row = int(key[0])
-        # What is there may have changed since it was told.
+        # The list may have changed since the region was reported.
         if row < len(self._entries) and self._entries[row].text == key[1]:
             self._choose_row(row)
             self._owner.choose(self._entries[row])
@@ -243,7 +243,7 @@ class _EntryList(QWidget):
         event.accept()
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        self._double_click = True  # one act, however often the finger comes down
+        self._double_click = True  # one command, however often the button is pressed
         event.accept()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:

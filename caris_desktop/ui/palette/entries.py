@@ -1,4 +1,4 @@
-"""What can be found and done with Find anything, now."""
+"""Items of the command palette, from the current state."""
 
 from collections.abc import Callable
 from datetime import datetime
@@ -49,11 +49,13 @@ _OTHER_WORDS = {
     "note": QT_TR_NOOP("comment remark"),
     "preflight": QT_TR_NOOP("preflight checklist ready"),
 }
-"""What else people call a row of the table of actions."""
+"""Synonyms of rows of the action table."""
 
 
 class PaletteEntries:
-    """``question`` asks before a control that is to be confirmed, ``show_connection`` opens the connection's card."""
+    """Collects the items of the palette. ``question``: confirmation of controls; ``show_connection``: opens the
+    connection popup.
+    """
 
     def __init__(self, parts: WindowParts, question: QuestionBand, show_connection: Callable[[], None]) -> None:
         self._parts = parts
@@ -65,7 +67,7 @@ class PaletteEntries:
         self._people = PersonEntries(parts)
 
     def of_replay(self, replay: ReplayControls) -> list[Entry]:
-        """A replay says nothing, and stops what another console drives."""
+        """Items of a replay: no speech, and the stop only if robots are being driven."""
         left_out = {SPEAKING_GROUP} if replay.live_robots.value.robots else {SPEAKING_GROUP, SAFETY_GROUP}
         rows = [spec for spec in self._rows() if spec.group not in left_out]
         return [
@@ -77,7 +79,7 @@ class PaletteEntries:
         ]
 
     def now(self) -> list[Entry]:
-        """Everything that can be done now."""
+        """Items available now."""
         parts, permissions = self._parts, self._console.scenario.permissions
         return [
             *self._of_emergency_stop(),
@@ -144,9 +146,7 @@ class PaletteEntries:
         ]
 
     def _rows(self) -> list[ActionSpec]:
-        """The rows of the table that can be run now. The places come by themselves, all of them, and so do the commands
-        of the layout, which say what they would undo.
-        """
+        """Available rows of the action table, without places and layout commands, which have items of their own."""
         table = self._parts.actions
         elsewhere = {"find", *(command.action for command in self._parts.layout.commands())}
         return [
@@ -180,7 +180,7 @@ class PaletteEntries:
         )
 
     def _of_phrases(self) -> list[Entry]:
-        """Those of every group, with the key that says them now."""
+        """Phrases of all groups, with the key that says them now."""
         table, chosen = self._parts.actions, self._state.phrase_group.value
         keyed = {spec.argument: spec.id for spec in table.all_specs if spec.intent is say_keyed_phrase}
         entries = []
@@ -255,7 +255,7 @@ class PaletteEntries:
         ]
 
     def _of_controls(self) -> list[Entry]:
-        """Every control of the robot that needs no more than a choice."""
+        """Robot controls that need no value but a choice."""
         entries = []
         held = self._state.drive.value.emergency_stop
         for control in self._state.controls.value:
@@ -310,7 +310,7 @@ class PaletteEntries:
         return lambda: self._question.ask(question_for(control, value), tr("Do it"), use)
 
     def _of_map(self) -> list[Entry]:
-        """What the robot can do with its map, as far as it needs no name."""
+        """Mapping commands that need no name."""
         status: MapStatus = self._state.mapping.value
         entries = []
         if status.can_save:
@@ -549,7 +549,7 @@ class PaletteEntries:
         return [*entries, *map(self._of_session, windows.recent)]
 
     def _of_session(self, session: SessionEntry) -> Entry:
-        from caris_desktop.ui.session_table import local_time  # which the first window does without
+        from caris_desktop.ui.session_table import local_time  # imported late: the first window does not need it
 
         heading = (session.participant or session.folder.name, local_time(session.started_utc), session.scenario)
         return Entry(

@@ -1,4 +1,4 @@
-"""What can be found."""
+"""Command palette item."""
 
 from collections.abc import Callable
 from dataclasses import field
@@ -8,15 +8,14 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Something that can be found and done; ``also`` are other words for it.
+    """Item that can be found and run; ``also``: synonyms.
 
-    ``acts``: it speaks or moves the robot, so it is found by its own words only and never by a guess at misspelt ones.
-    ``deliberate``: it takes a protection away, so it is never chosen beforehand and wants Enter, or a click, twice;
-    ``again`` is what it says between the two. ``first``: it stands before everything else that is found.
-    ``named`` is what the thing is called that it acts on: those words alone say nothing of what is to be done, so Enter
-    does not choose it by them, unless ``by_name``, as with a place, to which there is only one thing to do.
-    ``id`` is by what it is known again when it was used, so it is the same in every language of the window, and tells
-    nothing of who a person is. ``common``: it stands among what is often used, until the wizard has shown what that is.
+    ``acts``: speaks or moves the robot, so only exact words find it, never fuzzy matching. ``deliberate``: disables a
+    protection, so it is never preselected and needs Enter or a click twice; ``again`` is the prompt in between.
+    ``first``: sorted before all other results. ``named``: name of the object; a query that only contains the name does
+    not preselect the item unless ``by_name``, as for a place, which has a single command. ``id``: stable key of the
+    usage history, independent of language and without personal data. ``common``: listed as frequently used until there
+    is a history.
     """
 
     text: str
@@ -36,5 +35,5 @@ class Entry:
 
     @property
     def spoken(self) -> str:
-        """The whole line, as a screen reader says it: what it is called, of what kind it is, its key."""
+        """The line as text for a screen reader: name, kind, key."""
         return ", ".join(part for part in (self.text, self.kind, self.key) if part)

@@ -1,4 +1,4 @@
-"""What each wizard found and did with Find anything."""
+"""Usage history of the command palette, per wizard."""
 
 import json
 from collections import Counter
@@ -10,13 +10,13 @@ from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 RECENT = 5
 OFTEN = 6
-_OFTEN_FROM = 3  # times
+_OFTEN_FROM = 3  # uses
 _KEPT = 200
 _KEY = "palette/used"
 
 
 class PaletteMemory:
-    """Kept with the wizard's profile. What takes a protection away is not remembered: it has to be looked for."""
+    """Saved in the wizard profile. Items that disable a protection are not recorded: they must be searched for."""
 
     def __init__(self, wizards: WizardProfiles) -> None:
         self._wizards = wizards
@@ -28,7 +28,7 @@ class PaletteMemory:
         return Used(tuple(recent[:RECENT]), tuple(often[:OFTEN]))
 
     def note(self, entry: Entry) -> None:
-        """It was chosen just now."""
+        """Record a use."""
         if entry.deliberate:
             return
         recent, counts = self._read()

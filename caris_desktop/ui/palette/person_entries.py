@@ -1,4 +1,4 @@
-"""What can be found of people: each of them, and the question that is asked about one."""
+"""Palette items for people, and for the pending question about one."""
 
 from functools import partial
 
@@ -19,7 +19,7 @@ class PersonEntries:
         self._state = parts.console.state
 
     def now(self) -> list[Entry]:
-        """Everybody by name: to select, to rename, to read and write about; and the question that is asked now."""
+        """Items to select, rename, view and annotate each person; and the pending question."""
         table, state = self._parts.actions, self._state
         persons = everyone(state.persons.value, state.everybody.value, state.present.now_ns())
         entries = []
@@ -44,7 +44,7 @@ class PersonEntries:
                 )
         for person in persons:
             name, also = words.person_name(person), " ".join((tr("person"), person.group, *person.tags))
-            # What is remembered of what was found tells nothing of who it was.
+            # The usage history must not contain names.
             known_as = person.person_id
             entries.append(
                 Entry(

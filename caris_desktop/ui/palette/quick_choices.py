@@ -1,4 +1,4 @@
-"""What is done with two keys: one that shows what there is to choose from, and the digit that stands there."""
+"""Quick choices: a key that lists options, and the digit that selects one."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +13,7 @@ from caris_desktop.ui.window_parts import WindowParts
 
 
 class QuickChoices:
-    """Does what the rows of the table say about places, scenarios, wizards and naming somebody."""
+    """Commands of the action table to choose places, scenarios and wizards, and to name a person."""
 
     def __init__(self, parts: WindowParts, entries: PaletteEntries, palette: CommandPalette) -> None:
         self._parts = parts
@@ -40,7 +40,7 @@ class QuickChoices:
         self._awaits_scenarios = False
 
     def choose_wizard(self) -> None:
-        """Somebody who is known, or a new name."""
+        """Choose a known wizard or enter a new name."""
         wizards = self._parts.wizards
 
         def chosen(name: str, text: str) -> Entry:
@@ -52,7 +52,7 @@ class QuickChoices:
         )
 
     def name_person(self) -> str:
-        """Open the field for the name of who is in front of the robot; Enter keeps what is typed."""
+        """Edit the name of the person in front of the robot; Enter saves it."""
         state, panels = self._parts.console.state, self._parts.panels
         person = in_front(state.persons.value, selected=state.selected_person.value)
         if person is None:

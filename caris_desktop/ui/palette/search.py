@@ -1,4 +1,4 @@
-"""Which entries a few typed words mean, and in which order."""
+"""Palette search: matching and ranking of items."""
 
 import re
 from collections.abc import Sequence
@@ -12,22 +12,21 @@ _MEANS_NOTHING = frozenset({"the", "a", "an", "to", "please", "into"})
 _ALIKE = 0.75
 _LONG_ENOUGH_TO_GUESS = 4
 _ENOUGH = 30
-"""Where so many contain what was typed, nobody reads what is only like it."""
+"""Fuzzy matches are skipped if there are this many exact ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Used:
-    """What this wizard found before, by ``Entry.id``: the newest first, and what is often used."""
+    """Usage history by ``Entry.id``: recent, newest first, and frequently used."""
 
     recent: tuple[str, ...] = ()
     often: tuple[str, ...] = ()
 
 
 class Finder:
-    """Entries made ready to be searched, so that a keystroke only compares.
+    """Search index over items: each keystroke only compares.
 
-    ``order`` is how they stand where nothing is typed: what must be seen first, the recent ones, the common ones, the
-    rest; ``breaks`` are the places in it where another of these begins.
+    ``order``: order without a query: mandatory, recent, common, other items; ``breaks``: where these sections begin.
     """
 
     def __init__(self, entries: Sequence[Entry], used: Used | None = None) -> None:
@@ -38,12 +37,11 @@ class Finder:
         self._vocabulary: _Vocabulary | None = None
 
     def matching(self, query: str) -> list[Entry]:
-        """Entries that contain all words of the query, each part in its order, those that begin with it before others.
+        """Items that contain all words of the query, prefix matches first, otherwise in the index order.
 
-        What is called that stands before what was used last and only has it among its other words: Enter must not do
-        another thing than the one whose words were typed. Articles do not count, and behind them stand those where a
-        word may be misspelt, unless the entry speaks or moves the robot: "diagnotics" finds a panel, but "drive to the
-        kichen" nothing.
+        An item of that name ranks before recently used items that match by a synonym: Enter must run what was typed.
+        Articles are ignored. Fuzzy matches follow, but never items that speak or move the robot: "diagnotics" finds a
+        panel, "drive to the kichen" nothing.
         """
         typed = query.casefold().split()
         wanted = [word for word in typed if word not in _MEANS_NOTHING] or typed
@@ -58,8 +56,8 @@ class Finder:
         return [self.order[place] for place in (*exact, *alike)]
 
     def _rank(self, place: int, query: str, wanted: Sequence[str]) -> tuple[bool, ...]:
-        """What acts behind the rest where its verb is missing; what is called just that, and places, before others;
-        words that stand together as they were typed before those that are scattered.
+        """Sort key: items that act without their verb in the query last; exact names and places first; then contiguous
+        matches before scattered ones.
         """
         entry, text = self.order[place], self._texts[place]
         called = {text, text.rpartition(": ")[2], entry.named.casefold()}
@@ -101,7 +99,7 @@ class Finder:
 
 
 def says_what_to_do(entry: Entry, query: str) -> bool:
-    """Whether what was typed has a word for what the entry does, be it the whole of what is said or called so."""
+    """Whether the query names what the item does, or equals its whole text."""
     words = query.casefold().split()
     wanted = [word for word in words if word not in _MEANS_NOTHING] or words
     if not (entry.acts and entry.named):
@@ -114,7 +112,7 @@ def says_what_to_do(entry: Entry, query: str) -> bool:
 
 
 def _begin_words_of(name: str, wanted: Sequence[str]) -> bool:
-    """Whether each of the words begins one of the name's."""
+    """Whether each word is a prefix of a word in the name."""
     return all(any(part.startswith(word) for part in _words_of(name)) for word in wanted)
 
 
@@ -123,14 +121,14 @@ def _words_of(text: str) -> list[str]:
 
 
 class _Vocabulary:
-    """The words of those entries that may be found by a guess."""
+    """Words of the items that fuzzy matching may find."""
 
     def __init__(self, texts: dict[int, str]) -> None:
         self._texts = texts
         self._known = set().union(*map(str.split, texts.values()))
 
     def distances(self, word: str) -> dict[int, float]:
-        """For each place: 0 where the word is there, up to 10 where one is like it."""
+        """Distance per item: 0 for an exact match, up to 10 for a similar word."""
         near: dict[int, float] = {place: 0.0 for place, text in self._texts.items() if word in text}
         if len(word) < _LONG_ENOUGH_TO_GUESS:
             return near
@@ -143,22 +141,22 @@ class _Vocabulary:
 
 def _like(word: str, known_words: set[str]) -> list[tuple[str, float]]:
     pairs = {word[at : at + 2] for at in range(len(word) - 1)}
-    matcher = SequenceMatcher(None, "", word)  # which remembers what it knows of its second word
+    matcher = SequenceMatcher(None, "", word)  # SequenceMatcher caches data about its second sequence
     found = []
     for known in known_words:
-        # Comparing costs a hundred times as much: only what begins alike or has two neighbouring letters in common.
+        # Comparing costs a hundred times more: only words with the same first letter or a common bigram.
         if known[0] != word[0] and not any(pair in known for pair in pairs):
             continue
         ratio = _ratio(matcher, known)
         if ratio < _ALIKE and len(known) > len(word) + 1 and known[0] == word[0]:
-            ratio = _ratio(matcher, known[: len(word)])  # it may not be typed to its end yet
+            ratio = _ratio(matcher, known[: len(word)])  # the word may be incomplete
         if ratio >= _ALIKE:
             found.append((known, ratio))
     return found
 
 
 def _ratio(matcher: "SequenceMatcher[str]", known: str) -> float:
-    """0.0 where they are not alike."""
+    """Similarity; 0.0 below the threshold."""
     matcher.set_seq1(known)
     if matcher.real_quick_ratio() < _ALIKE or matcher.quick_ratio() < _ALIKE:
         return 0.0

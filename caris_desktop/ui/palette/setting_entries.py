@@ -1,4 +1,4 @@
-"""The settings that Find anything changes: how it looks, sounds and hears, who decides what, and who the wizard is."""
+"""Palette items for settings: appearance, sound, autonomy levels, wizard."""
 
 from functools import partial
 
@@ -20,7 +20,7 @@ TWICE = QT_TR_NOOP("choose it, then Enter twice")
 
 
 class SettingEntries:
-    """Those that stand in the way they are now are not there: choosing them would do nothing."""
+    """Items that would change a setting; current values are left out."""
 
     def __init__(self, parts: WindowParts) -> None:
         self._parts = parts
@@ -58,7 +58,7 @@ class SettingEntries:
         ]
 
     def _of_levels(self) -> list[Entry]:
-        """How much the language model does by itself, where that can be changed."""
+        """Autonomy levels of the language model, where they can be changed."""
         scenario, levels = self._console.scenario, self._state.levels.value
         return [
             Entry(

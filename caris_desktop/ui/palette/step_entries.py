@@ -1,4 +1,4 @@
-"""What can be found of the protocol: each step, and each branch of the present one."""
+"""Palette items for the protocol: steps, and branches of the current step."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""Assistant: ask the language model, read its answers as they come, and have them said or not."""
+"""Assistant panel: ask the language model, read streamed answers, and say them or not."""
 
 from typing import Any, Literal
 
@@ -29,14 +29,14 @@ from caris_desktop.ui.widgets.enter_box import EnterBox
 
 _MOST_TYPED = 32_000
 _ROOMY_PX = 380
-"""From this height on what goes along is in view all the time, below while a question is being written."""
+"""Panel height from which the prompt context is always visible; below it, only while a question is written."""
 _LOW_PX = 210
 _HINT_SIDES_PX = 10
 _NO_EXCHANGE = ExchangeStatus("", "", "cancelled")
 
 
 class AssistantPanel(Panel):
-    """Nothing that the model writes is said before the wizard says so."""
+    """Assistant panel. No model output is spoken without the wizard's command."""
 
     title = QT_TR_NOOP("Assistant")
     reads = ()
@@ -55,7 +55,7 @@ class AssistantPanel(Panel):
         self.field.setAccessibleName(tr("Question to the assistant"))
         self.field.hints = (tr("Ask the assistant…"), tr("Ask…"))
         self.field.setMinimumHeight(40)
-        # A pasted text stays whole: what is too long is said, and not cut behind the wizard's back.
+        # A pasted text is not truncated: excess length is reported instead.
         self.field.setMaxLength(_MOST_TYPED)
         self.field.returnPressed.connect(self._on_ask)
         self.field.textChanged.connect(self._on_question_changed)
@@ -162,7 +162,7 @@ class AssistantPanel(Panel):
         self._chosen = ""
         self._stop_editing()
         self.with_what.setChecked(False)
-        # Words for the model that were being changed are of the scenario before, and never go into this one.
+        # Edited prompts belong to the former scenario and must not leak into this one.
         self._words.forget()
         self._pages.setCurrentWidget(self._main)
         self.catch_up()
@@ -180,7 +180,7 @@ class AssistantPanel(Panel):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # Where it is low, the buttons stand beside the answer: it must be read before it is said.
+        # In a low panel the buttons are beside the answer, which must be read before it is said.
         low = self.height() < _LOW_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if low else QBoxLayout.Direction.TopToBottom)
         self._buttons.setDirection(QBoxLayout.Direction.TopToBottom if low else QBoxLayout.Direction.LeftToRight)
@@ -192,7 +192,7 @@ class AssistantPanel(Panel):
             label.setFont(self.theme.font(tokens.STATUS_PX))
         self.catch_up()
 
-    # Writing a question
+    # Question
 
     def _asked(self) -> str:
         return " ".join(self.field.text().split())
@@ -217,7 +217,7 @@ class AssistantPanel(Panel):
         question = self._asked()
         if not question or self._too_long:
             return
-        # What is refused stays in the field, pictures and all.
+        # A refused question stays in the field, with its pictures.
         if not self.console.do(intents.Ask(question, self.along.left_out, self.along.pictures)):
             self._chosen = ""
             self._stop_editing()
@@ -227,7 +227,7 @@ class AssistantPanel(Panel):
             self.catch_up()
 
     def _show_parts(self) -> None:
-        """What there is room for: while a question is written, what it is asked with comes before the last answer."""
+        """Show the widgets that fit: while a question is written, its context takes precedence over the last answer."""
         focus = QApplication.focusWidget()
         beside = focus is not None and (self.setup_bar.isAncestorOf(focus) or self.along.isAncestorOf(focus))
         live, height = self._live, self.height()
@@ -239,7 +239,7 @@ class AssistantPanel(Panel):
         read = roomy or not (writing or wanted)
         self._answer.setVisible(read)
         for button in self._offered:
-            # Where there is no room for it, Delete and the cross of its line do the same.
+            # Without room for the button, the Delete key and the row's close button do the same.
             button.setVisible(read and (button is not self._dismiss or height >= _LOW_PX))
         several = len(self.state.assistant.value.exchanges) > 1
         self._rows.setVisible(several and read and height >= _LOW_PX - 40)
@@ -253,10 +253,10 @@ class AssistantPanel(Panel):
 
     @property
     def _live(self) -> bool:
-        # In a replay, whose table has no marks to set either, nothing is asked or said.
+        # A replay, whose table has no marks either, neither asks nor speaks.
         return self.table.spec("mark") is not None
 
-    # What can be done with an answer
+    # Answers
 
     def _choose(self, exchange_id: str) -> None:
         if exchange_id != self._shown.exchange_id:
@@ -265,7 +265,7 @@ class AssistantPanel(Panel):
             self.catch_up()
 
     def _step(self, by: int) -> None:
-        """To the question before or after the one that is shown."""
+        """Select the previous or next question."""
         ids = [each.exchange_id for each in self.state.assistant.value.exchanges]
         if self._shown.exchange_id in ids:
             at = ids.index(self._shown.exchange_id) + by
@@ -291,7 +291,7 @@ class AssistantPanel(Panel):
 
     def _on_edit(self) -> None:
         self._editing = True
-        self._chosen = self._shown.exchange_id  # another answer that comes meanwhile takes nobody's place
+        self._chosen = self._shown.exchange_id  # a new answer must not replace the edited one
         self._answer.setReadOnly(False)
         self._restyle_answer()
         self._answer.setFocus(Qt.FocusReason.OtherFocusReason)
@@ -299,7 +299,7 @@ class AssistantPanel(Panel):
         self._on_assistant_changed(self.state.assistant.value)
 
     def _on_again(self) -> None:
-        """The question returns to the field, where it is changed or asked once more."""
+        """Put the question back into the field for editing or asking again."""
         self.field.setText(self._shown.question)
         self.field.setFocus(Qt.FocusReason.OtherFocusReason)
 
@@ -315,11 +315,11 @@ class AssistantPanel(Panel):
 
     def _restyle_answer(self) -> None:
         self._say.set_key("Enter" if self._editing else "")
-        # The style sheet tells a field that can be edited from text by this property.
+        # Dynamic property of the style sheet for editable text.
         self._answer.style().unpolish(self._answer)
         self._answer.style().polish(self._answer)
 
-    # What the model is told
+    # Prompts
 
     def _open_words(self) -> None:
         self._words.show_setup(self.state.assistant_setup.value)
@@ -340,7 +340,7 @@ class AssistantPanel(Panel):
         self._words.show_setup(setup)
         self._show_parts()
 
-    # What is shown
+    # Display
 
     def catch_up(self) -> None:
         self._on_setup_changed(self.state.assistant_setup.value)
@@ -357,7 +357,7 @@ class AssistantPanel(Panel):
         if not self._editing and self._answer.toPlainText() != shown.answer:
             self._show_answer(shown.answer)
         if self._shown.under_way and not shown.under_way:
-            # Written to the end: read from the beginning.
+            # Scroll a completed answer to its beginning.
             self._answer.verticalScrollBar().setValue(0)
         self._shown = shown
         live = self._live
@@ -447,7 +447,7 @@ class AssistantPanel(Panel):
         elif shown.use:
             text = tr("Said.") if shown.use == "said" else tr("Said, with your changes.")
         else:
-            # An answer that is cut off says so.
+            # A truncated answer is marked as such.
             text, role = tr(shown.detail), "amber" if shown.state == "answered" else "dim"
         self._note.setText(text)
         self._note.setVisible(bool(text))
@@ -456,7 +456,7 @@ class AssistantPanel(Panel):
 
 
 def _the_one_of(status: AssistantStatus) -> tuple[ExchangeStatus, ...]:
-    """Recordings of before know of one question at a time."""
+    """Exchanges from older recordings, which hold a single question."""
     if not (status.exchange_id or status.question or status.answer):
         return ()
     state: Literal["answering", "answered", "failed"] = "answered"
@@ -466,9 +466,7 @@ def _the_one_of(status: AssistantStatus) -> tuple[ExchangeStatus, ...]:
 
 
 class _QuestionField(QLineEdit):
-    """The arrow keys up and down go through the questions that were asked. Of ``hints`` it shows the first that it has
-    room for.
-    """
+    """Question field: arrow keys step through earlier questions. Shows the first of ``hints`` that fits."""
 
     stepped = Signal(int)
     hints: tuple[str, ...] = ("",)
@@ -489,7 +487,7 @@ class _QuestionField(QLineEdit):
 
 
 class _AnswerField(EnterBox):
-    """An answer. While it is edited Enter says it; Shift+Enter begins a line."""
+    """Answer field. While editing, Enter says the answer and Shift+Enter inserts a line break."""
 
     def means_enter(self, event: QKeyEvent) -> bool:
         begins_line = event.modifiers() & Qt.KeyboardModifier.ShiftModifier

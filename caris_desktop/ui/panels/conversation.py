@@ -1,4 +1,4 @@
-"""Conversation: what was said, who said it, and how long the participant has been waiting."""
+"""Conversation panel: transcript, speakers, and the participant's waiting time."""
 
 from bisect import bisect_right
 
@@ -33,7 +33,7 @@ _EMPTY = QT_TR_NOOP("What the robot and the participant say stands here.")
 _TICK_MS = 100
 _PHOTO_AFTER_NS = 2_000_000_000
 _RECENT = 60
-"""Turns among which are all that matter to what goes on now."""
+"""Number of newest turns that matter to the live display."""
 
 
 def _turns(count: int) -> str:
@@ -41,7 +41,7 @@ def _turns(count: int) -> str:
 
 
 class ConversationPanel(Panel):
-    """The turns with a place for what could be said next under them, and a line to search in what was said."""
+    """Transcript, suggested replies below it, and a search field."""
 
     title = QT_TR_NOOP("Conversation")
     reads = ("permissions.assistant", "assisted")
@@ -96,7 +96,7 @@ class ConversationPanel(Panel):
 
     def title_widgets(self) -> list[QWidget]:
         scenario = self.console.scenario
-        # How much is done is the language model's to be asked for.
+        # Autonomy levels apply to the language model only.
         assisted = scenario.permissions.assistant and scenario.assisted
         return [self._levels, self._find] if assisted else [self._find]
 
@@ -114,7 +114,7 @@ class ConversationPanel(Panel):
     def minimumSizeHint(self) -> QSize:
         return QSize(240, 110)
 
-    # ---- what is shown
+    # ---- display
 
     def catch_up(self) -> None:
         self._take_names()
@@ -129,7 +129,7 @@ class ConversationPanel(Panel):
             self._refresh()
 
     def _take_names(self) -> bool:
-        """Whether somebody is called something else now."""
+        """Update the names; returns whether any changed."""
         naming = self.console.scenario.permissions.naming_people
         persons = as_permitted((*self.state.everybody.value, *self.state.persons.value), naming=naming)
         names = {person.person_id: words.person_name(person) for person in persons if person.person_id}
@@ -138,8 +138,8 @@ class ConversationPanel(Panel):
         return changed
 
     def _heard(self) -> dict[str, Hearing]:
-        """What is made out of the turns under way now, by utterance id. What turns out to be the robot's own voice is
-        none of them: the robot's line has its words already.
+        """Partial results of current turns by utterance id, without the robot's own speech, which has its transcript
+        already.
         """
         now_ns = self.state.present.now_ns()
         newest = (self.state.hearing_of(source).value for source in PARTICIPANT_SOURCES)
@@ -152,13 +152,13 @@ class ConversationPanel(Panel):
         return {turn_id: hearing for turn_id, hearing in heard.items() if turn_id not in over}
 
     def _turns_until(self, now_ns: int) -> list[Turn]:
-        """The newest that had begun by then; in a replay others lie ahead."""
+        """Newest turns that had begun by then; a replay has later ones."""
         turns = self._turns()
         until = bisect_right(turns, now_ns, key=lambda turn: turn.begins_ns)
         return turns[max(0, until - _RECENT) : until]
 
     def _turns(self) -> list[Turn]:
-        """In the order in which they began: found out once for each transcript."""
+        """Turns sorted by start; cached per transcript."""
         if self.state.transcript.value is not self._ordered_from:
             self._ordered_from = self.state.transcript.value
             self._ordered = in_order(self._ordered_from)
@@ -182,7 +182,7 @@ class ConversationPanel(Panel):
             return
         now_ns = self.state.present.now_ns()
         if not self.state.present.live:
-            if self._under_way != self._heard():  # a turn is over by then, and nothing tells of it
+            if self._under_way != self._heard():  # the turn ended without an event
                 self._refresh()
             self.view.show_now(bisect_right(self.view.rows, now_ns, key=lambda row: row.begins_ns) - 1)
         self._tell_waiting(now_ns)
@@ -217,7 +217,7 @@ class ConversationPanel(Panel):
     # ---- search
 
     def open_search(self) -> None:
-        """The line to search in what was said, with the keys in it."""
+        """Show and focus the search field."""
         self._search.show()
         give_keys(self._search.field)
         self._search.field.selectAll()
@@ -233,7 +233,7 @@ class ConversationPanel(Panel):
                 self.view.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def search(self, query: str) -> None:
-        """Find it in what was said, and go to the newest turn that has it."""
+        """Search the transcript and go to the newest match."""
         self._matches, self._match = found_in(self.view.rows, query), -1
         self.view.show_found(self._matches, query)
         self.go_to_match(-1)
@@ -246,13 +246,13 @@ class ConversationPanel(Panel):
         self._search.tell(self._match, len(self._matches), query)
 
     def go_to_match(self, step: int) -> None:
-        """To the next place where it was found, or the one before."""
+        """Go to the next or previous match."""
         if self._matches:
             self._match = (self._match + step) % len(self._matches) if self._match >= 0 else len(self._matches) - 1
             self.view.show_turn(self._matches[self._match])
         self._search.tell(self._match, len(self._matches), self._search.field.text())
 
-    # ---- what is asked
+    # ---- commands
 
     def _turn(self, utterance_id: str) -> Turn | None:
         return next((turn for turn in reversed(self._turns()) if turn.utterance_id == utterance_id), None)
@@ -271,7 +271,7 @@ class ConversationPanel(Panel):
             self._photo.show_photo(image_of(photo.thumbnail_jpeg), tr("Photo of this moment"), photo.file_name)
 
     def _photo_of(self, turn: Turn) -> PhotoEntry | None:
-        """The first that was taken while it was said, or right afterwards."""
+        """First photo taken during the turn or right after it."""
         from_ns = self.state.present.anchor.utc_ns_at(turn.begins_ns)
         lasted_ns = (turn.ended_ns or self.state.present.now_ns()) - turn.begins_ns
         photos: tuple[PhotoEntry, ...] = self.state.photos.value
@@ -300,7 +300,7 @@ class ConversationPanel(Panel):
 
 
 class _SearchLine(QWidget):
-    """The words that are looked for, and how often they were found. Enter goes to the one before, with Shift on."""
+    """Search field with match count. Enter goes to the previous match, with Shift to the next."""
 
     def __init__(self, panel: ConversationPanel) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Diagnostics: what comes from the robot, topic by topic, and what the links cost. The one panel with ROS names."""
+"""Diagnostics panel: traffic per topic and per link. The only panel with ROS names."""
 
 import time
 from collections import deque
@@ -65,7 +65,7 @@ _Index = QModelIndex | QPersistentModelIndex
 
 @dataclass(frozen=True, slots=True)
 class TopicRow:
-    """A topic of a link; ``state`` are words for how it comes."""
+    """Topic of a link; ``state``: its reception as text."""
 
     link: str
     traffic: TopicTraffic
@@ -77,7 +77,7 @@ class TopicRow:
 
 
 def bandwidth(bytes_per_s: float) -> str:
-    """0 B/s, 34 kB/s, 1.2 MB/s."""
+    """Bandwidth as 0 B/s, 34 kB/s, 1.2 MB/s."""
     if bytes_per_s < 1000:
         return f"{bytes_per_s:.0f} B/s"
     if bytes_per_s < 1e6:
@@ -86,7 +86,7 @@ def bandwidth(bytes_per_s: float) -> str:
 
 
 def state_words(traffic: TopicTraffic, *, usual_hz: float, link_silent_s: float) -> str:
-    """How a topic comes. Rare ones (maps, paths) are never called stale."""
+    """Reception of a topic as text. Low-rate topics (maps, paths) are never called stale."""
     if link_silent_s > _OLD_MEASUREMENT_S:
         return tr("link silent")
     if traffic.last_heard_s is None:
@@ -109,7 +109,7 @@ _ENCODINGS = {"cbor": "CBOR", "json": "JSON", "both": QT_TR_NOOP("CBOR and JSON"
 
 
 def clock_words(link: LinkStatus, anchor: ClockAnchor) -> str:
-    """The robot's clock is 3.1 ± 0.4 ms ahead."""
+    """Clock offset of the robot as text."""
     if link.clock_offset_ms is None:
         return tr("robot clock not measured")
     offset = words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
@@ -117,7 +117,7 @@ def clock_words(link: LinkStatus, anchor: ClockAnchor) -> str:
 
 
 def link_words(measured: TrafficMeasured) -> str:
-    """control link: CBOR, 12 topics, 34 kB/s, 0 refused."""
+    """Traffic of a link as text."""
     name = _LINK_WORDS.get(measured.link, measured.link)
     total = sum(topic.bytes_per_s for topic in measured.topics)
     messages = sum(topic.rate_hz for topic in measured.topics)
@@ -133,7 +133,7 @@ def link_words(measured: TrafficMeasured) -> str:
 
 
 def raw_picture_words(traffic: dict[str, TrafficMeasured]) -> list[str]:
-    """What to do about pictures that come uncompressed: they delay everything else on a wireless link."""
+    """Advice on uncompressed images, which delay everything else on a wireless link."""
     return [
         tr("{topic} is not compressed, {bandwidth}: {advice}").format(
             topic=topic.topic, bandwidth=bandwidth(topic.bytes_per_s), advice=republish_advice(topic.topic)
@@ -145,7 +145,7 @@ def raw_picture_words(traffic: dict[str, TrafficMeasured]) -> list[str]:
 
 
 class TrafficModel(QAbstractTableModel):
-    """The rows as they were measured last."""
+    """Table model of the latest measurements."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
         super().__init__(parent)
@@ -159,7 +159,7 @@ class TrafficModel(QAbstractTableModel):
         return tuple(self._rows)
 
     def forget(self) -> None:
-        """Another robot: what was usual before says nothing any more."""
+        """Reset the usual rates for another robot."""
         self._usual_hz.clear()
         self._lately.clear()
 
@@ -182,7 +182,7 @@ class TrafficModel(QAbstractTableModel):
             self.endResetModel()
 
     def _usual(self, key: tuple[str, str], rate_hz: float, stamp_ns: int) -> float:
-        """The best rate that was kept for some seconds: what is latched comes once, and is not stale afterwards."""
+        """Best rate sustained for some seconds: a latched topic arrives once and is not stale afterwards."""
         newest_ns, rates = self._lately.setdefault(key, (0, deque(maxlen=_SECONDS_TO_BE_USUAL)))
         if stamp_ns != newest_ns:
             rates.append(rate_hz)
@@ -271,7 +271,7 @@ def _sort_key(row: TopicRow, column: int) -> float | str:
 
 
 def look_words(perception: PerceptionStatus) -> list[str]:
-    """By what people are looked for, and how often in the pictures of each camera; nothing where nobody is."""
+    """Detector and detection rate per camera; empty while detection is off."""
     if perception.state != "ready":
         return []
     lines = [tr("People are found by {model}").format(model=perception.model)] if perception.model else []
@@ -291,7 +291,7 @@ _HEALTH_WORDS: dict[Health, str] = {
 
 
 def process_words(health: dict[str, Health]) -> list[str]:
-    """Each part of the program that is a process of its own, called as in a system monitor: those that fail first."""
+    """Child processes, named as in a system monitor; failed ones first."""
     told = sorted(health.items(), key=lambda each: (each[1] == "running", each[0]))
     parts = ", ".join(f"{title_of(name)} {tr(_HEALTH_WORDS[how])}" for name, how in told)
     return [tr("Processes: {parts}").format(parts=parts)] if parts else []
@@ -306,7 +306,7 @@ def report(
     *,
     health: dict[str, Health] | None = None,
 ) -> str:
-    """Everything that the panel shows, as text to send to whoever looks after the robot."""
+    """Contents of the panel as a text report for robot support."""
     round_trip = tr("not measured") if link.round_trip_ms is None else f"{link.round_trip_ms:.1f} ms"
     lines = [
         tr("{robot} at {address}: {state} {detail}")
@@ -330,7 +330,7 @@ def report(
 
 
 class DiagnosticsPanel(Panel):
-    """A sortable table of topics, and the figures of each link above it."""
+    """Sortable topic table below the totals of each link."""
 
     title = QT_TR_NOOP("Diagnostics")
     reads = ()
@@ -380,8 +380,8 @@ class DiagnosticsPanel(Panel):
         layout.addWidget(self._summary)
         layout.addWidget(self.view, 1)
         layout.addWidget(self._empty, 1)
-        # Both links tell once a second, and ages grow by themselves: all of it is one look at a table that is dear to
-        # paint, soon after the first of them.
+        # Both links report once a second, and ages grow: one update soon after the first report, as the table is slow
+        # to paint.
         self._soon = QTimer(self, singleShot=True, interval=_TAKEN_TOGETHER_MS)
         self._soon.timeout.connect(self.refresh)
         self._overdue = self.every(_NOTHING_TOLD_MS, self.refresh)
@@ -439,12 +439,12 @@ class DiagnosticsPanel(Panel):
         self.refresh()
 
     def _on_link_changed(self, link: LinkStatus) -> None:
-        """The figures are for the next second's look; whether there is a robot is told at once."""
+        """Update at once if the link state changes; traffic waits for the next refresh."""
         if link.state != self._link_state:
             self.refresh()
 
     def refresh(self) -> None:
-        """Ages grow by themselves."""
+        """Refresh, also because ages grow."""
         if not self.in_view:
             return
         self._soon.stop()
@@ -465,7 +465,7 @@ class DiagnosticsPanel(Panel):
         lines += look_words(self.state.perception.value)
         lines += process_words({name: how for name, how in self.state.health.value.items() if how != "running"})
         self._summary.setToolTip("\n".join(lines))
-        # A low dock has room for rows or for the totals of each link, and the rows say more.
+        # A low panel has room for rows or totals; rows are more informative.
         self._summary.setText("\n".join(lines if self.height() >= _ROOM_FOR_TOTALS_PX else lines[:1]))
         self.model.show_traffic(traffic, now_ns=self.state.present.now_ns())
         self.view.setVisible(bool(self.model.rows))

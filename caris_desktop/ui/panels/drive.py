@@ -1,4 +1,4 @@
-"""Drive: arrows and stick, speed, obstacle guard, head, and what the robot is asked to do now."""
+"""Drive panel: arrows and stick, speed, obstacle guard, head, and the current command."""
 
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import (
@@ -52,7 +52,9 @@ _GUARD_HINT_MS = 4000
 
 
 class DrivePanel(Panel):
-    """Hold an arrow or push the stick, on the screen, the keyboard or the gamepad; let go and the robot stops."""
+    """Hold-to-drive controls: hold an arrow or push the stick, on screen, keyboard or gamepad; releasing stops the
+    robot.
+    """
 
     title = QT_TR_NOOP("Drive")
     drives = True
@@ -93,7 +95,7 @@ class DrivePanel(Panel):
         self.hold.escape_pressed.connect(self._guard.give_up)
         self._guard_hint = QTimer(self, singleShot=True, interval=_GUARD_HINT_MS)
         self._guard_hint.timeout.connect(self._show_now)
-        # What is shown of arrows, stick and head where there is not room for all; the chosen one comes first.
+        # View shown if arrows, stick and head do not all fit.
         self._chosen_view = 0
         self._words = QWidget()
         words_column = boxes.column(self._words, margins_px=0, spacing_px=2)
@@ -140,12 +142,12 @@ class DrivePanel(Panel):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # Low and wide (a tab under the map, say): words and speed beside the arrows instead of around them.
+        # Low and wide: text and speed beside the arrows instead of above and below.
         beside = self.height() < _LOW_PX and self.width() >= 400
         direction = QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom
         if direction != self._layout.direction():
             self._layout.setDirection(direction)
-            # Where it is that low, a second line of words is worth more than air.
+            # When that low, a second line of text matters more than margins.
             self._layout.setContentsMargins(14, 8 if beside else 12, 14, 8 if beside else 12)
             self._layout.setSpacing(16 if beside else tokens.GRID_PX)
             self._layout.setStretch(0, 1 if beside else 0)
@@ -212,7 +214,7 @@ class DrivePanel(Panel):
         self._head.show_angles(self.state.look.value.pan_rad, self.state.look.value.tilt_rad)
 
     def _going_to(self) -> str:
-        """Where the robot drives by itself; empty when it does not."""
+        """Name of the navigation goal; empty without one."""
         goal: GoalChanged | None = self.state.goal.value
         return (goal.place or tr("the chosen point")) if goal is not None and goal.state in words.UNDER_WAY else ""
 
@@ -226,7 +228,7 @@ class DrivePanel(Panel):
         self.console.do(intents.SetSpeed(fraction))
 
     def _on_guard_clicked(self) -> None:
-        # On by one click; off only by holding it.
+        # One click switches it on; switching it off needs a long press.
         if self.state.drive.value.guard == "overridden":
             self.console.do(intents.SetGuard(on=True))
 
@@ -268,13 +270,13 @@ class DrivePanel(Panel):
         elif by_itself and not words.goal_speed(self.state.robot.value, drive)[1]:
             self.set_fact(tr("goals: own speed"), "amber")
         elif self.state.robot.value is not None and not self.state.robot.value.stops_by_itself:
-            # The message when it was connected told why.
+            # The notification on connecting gave the reason.
             self.set_fact(tr("half speed · {speed:.2f} m/s at most").format(speed=top_mps), "amber")
         else:
             self.set_fact(tr("{speed:.2f} m/s at most").format(speed=top_mps))
 
     def _reason_words(self, drive: DriveStatus, going_to: str) -> tuple[str, str]:
-        """The one line under what the robot does, and its colour role."""
+        """Reason line below the current activity, and its colour role."""
         guard = words.guard_line(drive)
         if drive.emergency_stop:
             return tr("Release it in the red bar above to drive again."), "red"
@@ -304,7 +306,7 @@ class DrivePanel(Panel):
         self._guard.setVisible(drive.guard != "absent")
         self._guard.wants_hold = drive.guard != "overridden"
         if drive.guard == "overridden":
-            # Beside the arrows there is room for the words only.
+            # Beside the arrows only the text fits.
             beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
             self._guard.set_label(tr("Guard off"), icon="" if beside else "shield-slash", look="amber")
             self._guard.setAccessibleName(tr("Guard is off"))
@@ -325,7 +327,7 @@ class DrivePanel(Panel):
 
 
 class SpeedSteps(QWidget):
-    """Slow, normal, fast: which of the three it is, and the keys that change it."""
+    """Speed selector: slow, normal, fast, with its keys."""
 
     accessible_role = QAccessible.Role.Slider
 
@@ -352,7 +354,7 @@ class SpeedSteps(QWidget):
 
     @property
     def text(self) -> str:
-        """The name of the present step."""
+        """Name of the current step."""
         return tr(speed_steps.NAMES[self._step])
 
     def show_fraction(self, fraction: float) -> None:
@@ -366,7 +368,7 @@ class SpeedSteps(QWidget):
         self.setAccessibleName(tr("Top speed: {speed}").format(speed=self.text))
 
     def _caps(self) -> tuple[str, str]:
-        """The key caps at both ends; empty where there is no room for them."""
+        """Key caps at both ends; empty if they do not fit."""
         slower, faster = self._actions.key_text("slower"), self._actions.key_text("faster")
         needed = key_cap_width(self._theme, slower) + key_cap_width(self._theme, faster) + 12
         metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
@@ -412,7 +414,7 @@ class SpeedSteps(QWidget):
 
 
 class HeadControl(QWidget):
-    """A stick for the head, where it was asked to look, and a way back to looking ahead."""
+    """Head stick, commanded angles, and a button to look ahead."""
 
     def __init__(self, theme: Theme, actions: Actions) -> None:
         super().__init__()
@@ -423,7 +425,7 @@ class HeadControl(QWidget):
         self._angles.setObjectName("head_angles")
         ahead = ActionButton(theme, tr("Ahead"), height_px=28, text_px=tokens.STATUS_PX)
         ahead.setObjectName("look_ahead_button")
-        ahead.setMinimumWidth(128)  # its longest cap included
+        ahead.setMinimumWidth(128)  # includes its longest key cap
         ahead.bind(actions, "look_ahead")
         column = boxes.column(spacing_px=4)
         column.addStretch(1)
@@ -446,7 +448,9 @@ class HeadControl(QWidget):
 
 
 class DrivePad(QWidget):
-    """Four arrows, six on a base that moves sideways. Each may be held with the mouse, and shows when its key is."""
+    """Arrow pad with four arrows, or six for a holonomic base. Arrows can be held with the mouse and
+    reflect held keys.
+    """
 
     def __init__(self, theme: Theme, actions: Actions, hold: HoldToDrive) -> None:
         super().__init__()
@@ -472,13 +476,13 @@ class DrivePad(QWidget):
         return QSize(3 * _ARROW_WIDTH_PX + 12, 62)
 
     def show_rows(self) -> None:
-        """The sideways arrows are there only where the robot can do that."""
+        """Show sideways arrows only for a holonomic base."""
         for action_id, arrow in self.arrows.items():
             arrow.setVisible(self._actions.spec(action_id) is not None)
 
 
 class HoldArrow(QWidget):
-    """One arrow of the pad; moves the robot for as long as the mouse button is down on it."""
+    """Arrow of the pad; drives while the mouse button is held."""
 
     accessible_role = QAccessible.Role.Button
 
@@ -503,7 +507,7 @@ class HoldArrow(QWidget):
             self.update()
 
     def changeEvent(self, event: QEvent) -> None:
-        # A disabled widget is not told that the mouse button went up.
+        # A disabled widget receives no mouse release.
         if event.type() == QEvent.Type.EnabledChange and not self.isEnabled():
             self._hold.motion.let_go_onscreen(self._action_id)
         super().changeEvent(event)

@@ -1,4 +1,4 @@
-"""Robot's face: what whoever stands before the robot sees, and the expressions, each on a key."""
+"""Face panel: the robot's face as the participant sees it, and the expressions with their keys."""
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QGuiApplication, QResizeEvent
@@ -23,7 +23,7 @@ _LOW_PX, _NARROW_PX = 330, 430
 
 
 class FacePanel(Panel):
-    """Shows ``state.face_drawing``. In a replay, which moves nothing, the face as it looked at rest."""
+    """Displays ``state.face_drawing``; in a replay, the face at rest."""
 
     title = QT_TR_NOOP("Robot’s face")
     reads = ()
@@ -114,7 +114,7 @@ class FacePanel(Panel):
             button.setAccessibleName(words)
 
     def _show_more(self) -> None:
-        """The face comes first: what is seldom needed goes where there is no room for both, but for the way back."""
+        """Hide rarely used controls if space is short, except the way back to the face."""
         elsewhere = self.state.face.value.what not in ("face", "off")
         self._more.setVisible(self.state.present.live and (self.height() >= _LOW_PX or elsewhere))
 
@@ -131,7 +131,7 @@ class FacePanel(Panel):
         self.theme.style_text(self._address, "dim", tokens.STATUS_PX)
 
     def _fill(self) -> None:
-        """One button for each expression of this face, with its key."""
+        """Create a button per expression of this face, with its key."""
         ids = [f"expression_{number}" for number in range(1, EXPRESSION_COUNT + 1)]
         specs = [spec for spec in map(self.table.spec, ids) if spec is not None]
         names = self.state.face.value.expressions[: len(specs)]
@@ -176,7 +176,7 @@ class FacePanel(Panel):
             try:
                 self._recorded = load_face(face.face)
             except FaceError:
-                return  # it was one of another computer
+                return  # a face of another computer
         motion = FaceMotion(self._recorded)
         motion.express(face.expression)
         self._view.show_drawing(drawing_of(self._recorded, motion.at(0)))
@@ -197,7 +197,7 @@ class FacePanel(Panel):
         if text and not self.console.do(intents.ShowOnFace("text", text)):
             self._text.clear()
 
-    # Methods, as who connects a function of its own outlives the window where nobody shows the button.
+    # Methods: a connected closure would outlive the window where the button is never shown.
 
     def _on_back(self) -> None:
         self.console.do(intents.ShowOnFace("face"))

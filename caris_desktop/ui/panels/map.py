@@ -1,4 +1,4 @@
-"""Map: floor plan, LIDAR, people, places, goal, and the robot as a pin that shows where it looks."""
+"""Map panel: floor plan, LIDAR, people, places, goal and robot pose."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -28,8 +28,8 @@ from caris_desktop.ui.widgets.told_pictures import TOLD_EVERY_MS, map_told
 from caris_desktop.ui.widgets.told_state import ToldState
 
 GOAL_ENDED_SHOWN_S = 8.0
-_PATH_BEFORE_GOAL_NS = 500_000_000  # the goal's own event may come a little after its first path
-# A robot that has a map tells soon after its odometry where it is in it.
+_PATH_BEFORE_GOAL_NS = 500_000_000  # the goal event may follow its first path
+# A localised robot reports its map pose soon after its odometry.
 _PLACE_AWAITED_NS = 3_000_000_000
 _BUSY = {
     "save": QT_TR_NOOP("Saving the map…"), "load": QT_TR_NOOP("Loading the map…"),
@@ -40,9 +40,9 @@ _WORKS = QT_TR_NOOP("The robot works on its map…")
 
 
 class MapPanel(Panel):
-    """The map, with a menu of places, the running goal, and tools that say where.
+    """Map view with a menu of places, the current goal and the placing tools.
 
-    A robot without a map is drawn where its odometry has it; goals and places need a map.
+    Without a map the robot is drawn in the odometry frame; goals and places need a map.
     """
 
     title = QT_TR_NOOP("Map")
@@ -55,7 +55,7 @@ class MapPanel(Panel):
         self._ended = ("", "", 0.0)
         self._goal_id, self._goal_since_ns = "", 0
         self._odometry_since_ns: int | None = None
-        self._follows_on_map = False  # drawn by odometry the robot is always followed
+        self._follows_on_map = False  # in the odometry frame the view always follows the robot
         self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
         self._told = ToldState(self.view, self._told_words, every_ms=TOLD_EVERY_MS)
@@ -128,7 +128,7 @@ class MapPanel(Panel):
         view.set_trail_shown(shown.trail)
 
     def _show_unconfirmed(self, _status: object = None) -> None:
-        """After an unexpected end the robot may have been moved: the map says so until somebody has looked."""
+        """Mark the pose as unconfirmed after a crash: the robot may have been moved."""
         if not self.in_view:
             return
         unconfirmed = "map" in self.state.going_on.value.unconfirmed
@@ -140,7 +140,7 @@ class MapPanel(Panel):
 
     def _place_confirm(self) -> None:
         size = self._confirm.sizeHint()
-        # The scale stands in the other corner, the tools above or beside it.
+        # The other corner has the scale, with the tools above or beside it.
         at = QPoint(self.view.left_px + 8, self.view.height() - size.height() - 8)
         self._confirm.setGeometry(QRect(at, size))
 
@@ -228,7 +228,7 @@ class MapPanel(Panel):
         self._menu.popup(self._more.mapToGlobal(QPoint(0, self._more.height() + 4)))
 
     def fill_menu(self) -> QMenu:
-        """The menu as it is now: view, trail, places, and what the robot's mapping offers."""
+        """Fill the menu: view, trail, places, mapping."""
         menu, view = self._menu, self.view
         menu.clear()
         rotate = menu.addAction("\t".join((tr("Turn with the robot"), "R")))
@@ -282,7 +282,7 @@ class MapPanel(Panel):
         self._follow.setChecked(False)
         self.view.fit()
 
-    # ---- what the console tells
+    # ---- state
 
     def _on_table_rebuilt(self) -> None:
         self._on_robot_changed(self.state.robot.value)
@@ -327,7 +327,7 @@ class MapPanel(Panel):
             self._show_pose(RobotPose(odometry.stamp_ns, odometry.robot_stamp_ns, odometry.pose_in_odom))
 
     def _draw_by_odometry(self, by_odometry: bool) -> None:
-        """What is drawn in one frame of reference has no place in the other."""
+        """Switch the frame of reference; items of the other frame are cleared."""
         if by_odometry == self.tools.by_odometry:
             return
         self.tools.by_odometry = by_odometry
@@ -350,7 +350,7 @@ class MapPanel(Panel):
         goal: GoalChanged | None = self.state.goal.value
         path: PlannedPath | None = self.state.path.value
         under_way = goal is not None and goal.state in words.UNDER_WAY
-        # The path of an earlier goal stays latched; what is newer than the present goal belongs to it.
+        # The path of an earlier goal stays latched; only a newer path belongs to this goal.
         belongs = path is not None and under_way and path.stamp_ns >= self._goal_since_ns - _PATH_BEFORE_GOAL_NS
         self.view.show_path(path.points_in_map if belongs and path is not None else None)
 
@@ -423,7 +423,7 @@ class MapPanel(Panel):
         return ((tr("LIDAR"), state.scan), (tr("Position"), position), (tr("People"), state.people_in_map))
 
     def _chips(self) -> list[tuple[str, str]]:
-        """What the map must say besides what it draws: ages of what is stale, how the last goal ended."""
+        """Map labels: ages of stale layers, and the outcome of the last goal."""
         state = self.state
         chips = [
             (tr("{layer} {age} old").format(layer=name, age=words.age(stream.age_s() or 0.0)), "warning")
@@ -468,7 +468,7 @@ class MapPanel(Panel):
                 text, role = tr("no LIDAR yet") if state.present.live else tr("no LIDAR"), "dim"
         goal: GoalChanged | None = state.goal.value
         if goal is not None and goal.state in words.UNDER_WAY:
-            # Until the robot answers it is only asked for.
+            # Requested until the robot accepts the goal.
             going = tr("going to {place}") if goal.state == "active" else tr("asked to go to {place}")
             text, role = going.format(place=goal.place or tr("a point")), "green"
             if goal.distance_left_m is not None:

@@ -1,4 +1,4 @@
-"""Motion: what was commanded and what the base did, over the last half minute, and where odometry has it."""
+"""Motion panel: commanded and measured velocity over the last half minute."""
 
 import math
 from collections import deque
@@ -22,16 +22,16 @@ from caris_desktop.ui.widgets.told_state import ToldState
 
 SPAN_S = 30.0
 POINTS = 3000
-"""Of each line; a hundred a second for half a minute. Older ones are forgotten."""
+"""Maximum points per line: 100 Hz for half a minute."""
 
 _REDRAW_MS = 200
 _LOW_PX = 190
 _GAP_S = 0.5
-_COMMANDS_END_S = 0.6  # the link repeats a command, and then zero for half a second; silence means nothing is asked
+_COMMANDS_END_S = 0.6  # the link repeats a command, then sends zero for half a second; silence means no command
 
 
 class Strip:
-    """Stamped values of the last half minute, bounded in number."""
+    """Rolling buffer of stamped values of the last half minute."""
 
     def __init__(self, values: int) -> None:
         self._values = values
@@ -44,7 +44,7 @@ class Strip:
         self._rows.append((stamp_ns / 1e9, *values))
 
     def window(self, now_s: float, *, gap_s: float) -> NDArray[np.float64]:
-        """Rows of (seconds before now, values...), oldest first; a row of NaN wherever nothing came for ``gap_s``."""
+        """Rows of (seconds before now, values...), oldest first; a row of NaN for each gap longer than ``gap_s``."""
         if not self._rows:
             return np.empty((0, 1 + self._values))
         rows = np.array(self._rows)
@@ -55,7 +55,7 @@ class Strip:
 
 
 def limited_why(drive: DriveStatus) -> str:
-    """Why the robot moves slower than it is asked to, in words; empty where it does not."""
+    """Reason why the robot moves slower than commanded; empty if it does not."""
     match drive.guard:
         case "blocked":
             return tr("guard: blocked")
@@ -66,7 +66,7 @@ def limited_why(drive: DriveStatus) -> str:
 
 
 class MotionPanel(Panel):
-    """Two strips, forward and turning: dashed is what was commanded, solid what odometry measured."""
+    """Two plots, forward and turning: commanded dashed, measured by odometry solid."""
 
     title = QT_TR_NOOP("Motion")
     reads = ()
@@ -74,7 +74,7 @@ class MotionPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("motion_panel")
-        # Costs a third of a second, so only scenarios with this panel pay for it.
+        # The import takes 0.3 s; only scenarios with this panel pay for it.
         import pyqtgraph
 
         self._commanded = Strip(3)
@@ -112,7 +112,7 @@ class MotionPanel(Panel):
             plot.setXRange(-SPAN_S, 0.0, padding=0.0)
             plot.getAxis("left").setWidth(52)
             for side in ("left", "bottom"):
-                # The numbers stand still while the lines move: they are painted when they change.
+                # Cached: axes are repainted only when their numbers change.
                 plot.getAxis(side).setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
             plot.showGrid(x=False, y=True, alpha=0.2)
             hatch = plot.plot(connect="finite", skipFiniteCheck=False)
@@ -149,7 +149,7 @@ class MotionPanel(Panel):
         self._arrange(side_by_side=low and self.width() > self.height())
 
     def _arrange(self, *, side_by_side: bool) -> None:
-        """One strip above the other, or beside it where the panel is low."""
+        """Stack the plots, or put them side by side in a low panel."""
         if side_by_side != self._side_by_side:
             self._side_by_side = side_by_side
             turning = self._plots[1]
@@ -161,7 +161,7 @@ class MotionPanel(Panel):
         return len(self._commanded) + len(self._measured) + len(self._limited)
 
     def shown(self, row: int, line: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """What a strip (0 forward, 1 turning) shows as ``commanded`` or ``measured``: seconds and values."""
+        """Data of a plot (0 forward, 1 turning) as ``commanded`` or ``measured``: seconds and values."""
         item = self._lines[row][0 if line == "commanded" else 1]
         xs, ys = item.getData()
         return (np.empty(0), np.empty(0)) if xs is None else (xs, ys)
@@ -216,7 +216,7 @@ class MotionPanel(Panel):
             plot.setYRange(-reach, reach, padding=0.0)
 
     def _note_limits(self) -> None:
-        """Whether the robot is slower now than it is asked to be; kept while nobody looks, as the others are."""
+        """Record whether the robot is limited now; like the other values, also while the panel is hidden."""
         now_ns, limited = self.state.present.now_ns(), 1.0 if limited_why(self.state.drive.value) else 0.0
         if limited != self._was_limited:
             self._limited.add(now_ns, self._was_limited)
@@ -224,7 +224,7 @@ class MotionPanel(Panel):
         self._limited.add(now_ns, limited)
 
     def _on_pause_toggled(self, paused: bool) -> None:
-        """Hold the picture still; what happens meanwhile is kept and shown afterwards."""
+        """Freeze the plots; data received meanwhile is shown afterwards."""
         self._paused_at_ns = self.state.present.now_ns() if paused else None
         self._pause.set_label(tr("Go on") if paused else tr("Pause"), icon="play" if paused else "pause")
         self._draw()
@@ -254,7 +254,7 @@ class MotionPanel(Panel):
         self._drawn_ns = self._paused_at_ns
 
     def told(self) -> str:
-        """The right edge of both strips in words, for screen readers: what is asked for and what the base does."""
+        """Current commanded and measured values as text for screen readers."""
         now_s = (self._paused_at_ns or self.state.present.now_ns()) / 1e9
         said = []
         for text, strip, gap_s in (

@@ -1,4 +1,4 @@
-"""Notes: what the wizard writes down meanwhile, each with the moment that it is about."""
+"""Notes panel: the wizard's notes, each with its time."""
 
 from typing import Any
 
@@ -42,7 +42,7 @@ _NOTE_ROLE = int(Qt.ItemDataRole.UserRole)
 _TIME_ROLE = _NOTE_ROLE + 1
 _LONGEST = 1000
 _SHARE_OF_STUDY = 0.5
-_AROUND_STUDY_PX = 56  # what stands left and right of the words: margins, frame, scroll bar
+_AROUND_STUDY_PX = 56  # margins, frame and scroll bar beside the text
 _MANY_PX = 100_000
 _ROOMY_PX = 220
 _AT_ONCE_UNDONE = 50
@@ -50,10 +50,10 @@ _Index = QModelIndex | QPersistentModelIndex
 
 
 class NotesPanel(Panel):
-    """The session's notes in the order of their moments, and a line to write the next one in.
+    """Notes of the session in chronological order, with a field for the next one.
 
-    A note is about the moment at which its writing began. Clicked, it can be changed or removed, both of which can be
-    undone; in a replay a click goes to its moment.
+    A note's time is when its writing began. A click selects it for editing or removal, which can be undone; in a replay
+    it seeks to its time.
     """
 
     title = QT_TR_NOOP("Notes")
@@ -63,7 +63,7 @@ class NotesPanel(Panel):
         super().__init__(context)
         self.setObjectName("notes_panel")
         self._began_ns: int | None = None
-        self._changing = ""  # the note whose words are in the line
+        self._changing = ""  # the note being edited
         self._undo_with: list[intents.Intent] = []
         self.model = NotesModel(self.state.present.anchor, self)
         self.view = NotesView(self.theme, self.model)
@@ -77,7 +77,7 @@ class NotesPanel(Panel):
         self._of_study.setObjectName("notes_of_study")
         self._of_study.setAccessibleName(tr("What the scenario has for you"))
         self._of_study.setFrameShape(QFrame.Shape.NoFrame)
-        self._unfolded: bool | None = None  # None: as long as there is room for it and nothing else to show
+        self._unfolded: bool | None = None  # None: automatic, shown if there is room and no note
         self._fold = ActionButton(self.theme, tr("Scenario"), height_px=30, text_px=tokens.STATUS_PX + 1)
         self._fold.setObjectName("notes_fold")
         self._fold.setToolTip(tr("What the scenario has for you: show or fold"))
@@ -135,7 +135,7 @@ class NotesPanel(Panel):
         self.catch_up()
 
     def _show_study(self) -> None:
-        """What the scenario has for the wizard, and the button that folds it; neither where it has nothing."""
+        """Show the scenario's notes for the wizard with a button that folds them, if there are any."""
         text = self.console.scenario.notes.strip()
         if text != self._of_study.toPlainText():
             self._of_study.setPlainText(text)
@@ -147,7 +147,7 @@ class NotesPanel(Panel):
         self._fit()
 
     def _fit(self) -> None:
-        """What the scenario has for the wizard takes what it needs, and no more than half; folded it takes nothing."""
+        """Size the scenario's notes: as high as needed, at most half of the panel."""
         text = self._of_study
         unfolded = self._unfolded
         if unfolded is None:
@@ -177,7 +177,7 @@ class NotesPanel(Panel):
     def _may_write(self) -> bool:
         return self.state.present.live
 
-    # ---- what is shown
+    # ---- display
 
     def catch_up(self) -> None:
         self._on_changed()
@@ -216,7 +216,7 @@ class NotesPanel(Panel):
     def _current(self) -> FinalMark | None:
         return self.model.note(self.view.currentIndex())
 
-    # ---- what is asked
+    # ---- commands
 
     def _on_edited(self, text: str) -> None:
         if not text:
@@ -243,7 +243,7 @@ class NotesPanel(Panel):
             self.view.scrollToBottom()
 
     def change_current(self) -> None:
-        """Put the words of the note into the line, to be changed there."""
+        """Edit the selected note in the field."""
         note = self._current()
         if note is not None and self._may_write:
             self._changing = note.mark_id
@@ -259,7 +259,7 @@ class NotesPanel(Panel):
             self._do(intents.RemoveNote(note.mark_id), back)
 
     def undo(self) -> None:
-        """Take back what was done last here; the record keeps both."""
+        """Undo the last edit in this panel; the record keeps both."""
         if self._undo_with:
             self.console.do(self._undo_with.pop())
             self._on_changed()
@@ -303,7 +303,7 @@ class NotesModel(QAbstractListModel):
         self._notes: tuple[FinalMark, ...] = ()
 
     def show_notes(self, notes: tuple[FinalMark, ...]) -> None:
-        """Those that stay keep their rows, so that what is chosen stays chosen."""
+        """Update rows in place, so that the selection is kept."""
         if notes == self._notes:
             return
         ids = {note.mark_id for note in notes}
@@ -317,7 +317,7 @@ class NotesModel(QAbstractListModel):
                 self.beginInsertRows(QModelIndex(), row, row)
                 self._notes = (*self._notes[:row], note, *self._notes[row:])
                 self.endInsertRows()
-        if len(self._notes) != len(notes):  # a moment was moved past another
+        if len(self._notes) != len(notes):  # a time changed past another note's
             self.beginResetModel()
             self._notes = notes
             self.endResetModel()
@@ -350,12 +350,12 @@ class NotesModel(QAbstractListModel):
 
 
 def changed_words(note: FinalMark) -> str:
-    """Tells that the note said something else before; both are in the session."""
+    """ "changed" for a note that was edited; the session has both versions."""
     return tr("changed") if note.rewritten else ""
 
 
 class NotesView(QListView):
-    """Rows as high as their words. A click takes no focus, so that neither typing nor driving is interrupted by it."""
+    """Rows of variable height. A click does not take the focus, so that it interrupts neither typing nor driving."""
 
     removal_wanted = Signal()
     undo_wanted = Signal()
@@ -402,7 +402,7 @@ def _of_list(event: QKeyEvent) -> bool:
 
 
 class _NoteDelegate(QStyledItemDelegate):
-    """The time on the left, the words wrapped beside it, and below the time whether they were changed."""
+    """Time on the left with the edit mark below, wrapped text beside it."""
 
     def __init__(self, theme: Theme, view: QListView) -> None:
         super().__init__(view)

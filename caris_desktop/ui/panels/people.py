@@ -1,4 +1,4 @@
-"""People: who is in front of the robot, who was, who is known, and what they are called."""
+"""People panel: people present, former and known, with their names."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -33,7 +33,7 @@ _LATE_S = 1.5
 
 
 class PeoplePanel(Panel):
-    """One row for each person: who is here, who was, who is known. Names are typed right into the row."""
+    """One row per person, with the name edited in place."""
 
     title = QT_TR_NOOP("People")
     reads = ()
@@ -103,7 +103,7 @@ class PeoplePanel(Panel):
         self.theme.changed.connect(self._refresh)
 
     def _on_second(self) -> None:
-        """Ages grow by themselves."""
+        """Refresh ages."""
         self.model.refresh_ages()
         if self._pixmaps.put_off:
             self._pixmaps.put_off = False
@@ -122,7 +122,7 @@ class PeoplePanel(Panel):
         super().show_scenario()
 
     def _offer_names(self) -> None:
-        """Names, and what the wizard decides about people, where the scenario permits it; else nothing of it."""
+        """Offer naming and identity decisions if the scenario permits them."""
         permitted = self.console.scenario.permissions.naming_people
         if permitted == self._names_people:
             return
@@ -130,7 +130,7 @@ class PeoplePanel(Panel):
         decides = permitted and self.state.present.live
         self.list.let_decide(decides)
         for shortcut in self._shortcuts:
-            shortcut.setKey(QKeySequence())  # at once, not only when it goes
+            shortcut.setKey(QKeySequence())  # effective now, not only once the object is deleted
             shortcut.deleteLater()
         acts = (("Ctrl+Z", self._take_back), ("Ctrl+F", self._open_search)) if decides else ()
         self._shortcuts = [self._new_shortcut(keys, slot) for keys, slot in acts]
@@ -172,7 +172,7 @@ class PeoplePanel(Panel):
         return QSize(340, 220)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(220, 68)  # a row, whole
+        return QSize(220, 68)  # one whole row
 
     def set_in_view(self, in_view: bool) -> None:
         super().set_in_view(in_view)
@@ -187,11 +187,11 @@ class PeoplePanel(Panel):
         self._show_asked()
         self._show_unconfirmed()
 
-    # ---- who is shown
+    # ---- rows
 
     @property
     def everyone(self) -> tuple[PersonRow, ...]:
-        """Who is here, who was, who is known; only who is here, where nobody is named."""
+        """People present, former and known; only those present if naming is not permitted."""
         state = self.state
         if not self._names_people:
             return as_permitted(state.persons.value, naming=False)
@@ -218,7 +218,7 @@ class PeoplePanel(Panel):
         self._refresh()
 
     def _is_folded(self, person: PersonRow, query: str = "") -> bool:
-        """Whoever left and was never named is only counted, unless the wizard wants to see them or deals with one."""
+        """Whether a nameless former person is only counted: unless expanded, searched for or in use."""
         if self._unfolded or query.strip() or not is_nameless_past(person):
             return False
         card = self._card.person_id if self._card is not None else ""
@@ -333,11 +333,11 @@ class PeoplePanel(Panel):
         self.list.scrollToTop()
 
     def _pick_first(self) -> None:
-        """Enter in the search selects who is found first, as in every other list that is searched."""
+        """Enter in the search field selects the first result, as in other lists."""
         if self.model.persons:
             self._select(self.model.persons[0].person_id)
 
-    # ---- the card of one person
+    # ---- person popup
 
     def open_card(self, person_id: str) -> None:
         person = self._find(person_id)
@@ -363,7 +363,7 @@ class PeoplePanel(Panel):
 
     @property
     def card(self) -> PersonCard | None:
-        """The card, once one was opened."""
+        """The popup, once opened."""
         return self._card
 
     def _find(self, person_id: str) -> PersonRow | None:
@@ -378,7 +378,7 @@ class PeoplePanel(Panel):
             card.show_person(person, self.state.present.now_ns())
 
     def _follow_with_card(self, person_id: str, now_id: str) -> None:
-        """The card stays with who it is about, also where it turns out who that is; nobody's card closes."""
+        """Keep the popup on its person after an identification; close it if the person is gone."""
         card = self._card
         if card is None or card.person_id != person_id:
             return
@@ -402,7 +402,7 @@ class PeoplePanel(Panel):
         if not self._search.isHidden():
             self._close_search()
 
-    # ---- what is decided
+    # ---- decisions
 
     def show_person(self, person_id: str, *, rename: bool = False, card: bool = False) -> None:
         if self.model.row_of(person_id) is None:
@@ -414,7 +414,7 @@ class PeoplePanel(Panel):
             self.open_card(person_id)
 
     def _on_picked(self, person_id: str) -> None:
-        """A second click on the same person selects nobody."""
+        """Toggle the selection of a person."""
         self._select("" if person_id == self.state.selected_person.value else person_id)
 
     def _select(self, person_id: str) -> None:
@@ -441,7 +441,7 @@ class PeoplePanel(Panel):
         self.console.do(intents.UndoPeople())
 
     def _on_event(self, event: object) -> None:
-        """What the wizard decided about somebody can be taken back for a while with one click."""
+        """Offer to undo the wizard's decision about a person for a while."""
         if not self.in_view or not self._names_people or not self.state.present.live:
             return
         if isinstance(event, PersonIdentified):
@@ -456,7 +456,7 @@ class PeoplePanel(Panel):
             self._undo.offer()
 
     def _tell_decision(self) -> None:
-        """In words that have the name of now: the event comes before the rows that follow from it."""
+        """Describe the decision with the current name: the event precedes the rows that follow from it."""
         told = event_words.event_sentence(self._decided, self._name_of)
         if told is not None:
             self._undo.say(told[1])
