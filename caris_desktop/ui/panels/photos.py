@@ -1,4 +1,4 @@
-"""Photos: those at hand in a grid that can be searched; one of them large, its tags, and what can be done with it."""
+"""Photos panel: searchable grid, enlarged photo, tags and commands."""
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime
@@ -56,7 +56,7 @@ _ASKED = QT_TR_NOOP("The answer comes in the Assistant panel. Ask more, then Ent
 
 
 class PhotosPanel(Panel):
-    """A grid of the photos, newest first, and in its place the one that was clicked."""
+    """Grid of photos, newest first, or the selected photo enlarged."""
 
     title = QT_TR_NOOP("Photos")
     reads = ("permissions.assistant", "assistant.pictures")
@@ -65,7 +65,7 @@ class PhotosPanel(Panel):
         super().__init__(context)
         self.setObjectName("photos_panel")
         self._names: dict[str, str] = {}
-        self._open = ""  # the file name of the photo that is shown large
+        self._open = ""  # file name of the enlarged photo
         self.search = EnterField()
         self.search.setObjectName("photo_search")
         self.search.setPlaceholderText(tr("Name, tag, camera or time"))
@@ -117,12 +117,12 @@ class PhotosPanel(Panel):
         self._on_photos_changed(self.state.photos.value)
 
     def open(self, file_name: str) -> None:
-        """Show this photo large."""
+        """Enlarge this photo."""
         self._open = file_name
         self._refresh()
 
     def close_photo(self) -> None:
-        """Back to all of them."""
+        """Return to the grid."""
         if self._open:
             self._open = ""
             self._refresh()
@@ -160,7 +160,7 @@ class PhotosPanel(Panel):
         self.set_fact(part if found != there else tr("1 photo") if there == 1 else tr("%n photos", "", there), "dim")
 
     def _offer_choices(self, photos: Iterable[PhotoEntry]) -> None:
-        """All photos, those with somebody, with a tag, of a camera: whatever there is more than nothing of."""
+        """Offer filters by person, tag and camera, as far as there are photos."""
         offered: dict[tuple[str, str], str] = {}
         for photo in photos:
             for person_id in photo.person_ids:
@@ -192,7 +192,7 @@ def _nothing_words(photos: Sequence[PhotoEntry], *, live: bool, key: str) -> str
 
 
 def fits(photo: PhotoEntry, text: str, chosen: tuple[str, str] | None, names: dict[str, str]) -> bool:
-    """Whether each word of ``text`` is somewhere in what is told of the photo, and it is among those ``chosen``."""
+    """Whether the photo has every word of ``text`` in its description and matches the filter ``chosen``."""
     if chosen is not None:
         kind, what = chosen
         has = {"person": photo.person_ids, "tag": photo.tags, "camera": (photo.camera,)}[kind]
@@ -203,13 +203,13 @@ def fits(photo: PhotoEntry, text: str, chosen: tuple[str, str] | None, names: di
 
 
 def time_of(photo: PhotoEntry) -> str:
-    """14:02:11, and before today with the day."""
+    """Time of a photo as 14:02:11, with the date if not today."""
     at = datetime.fromtimestamp(photo.utc_ns / 1e9)
     return at.strftime("%H:%M:%S" if at.date() == datetime.now().date() else "%Y-%m-%d %H:%M:%S")
 
 
 def people_of(photo: PhotoEntry, names: dict[str, str]) -> list[str]:
-    """Who is in it, by name as far as they are known now."""
+    """People in the photo, by current name."""
     known = [names[person_id] for person_id in photo.person_ids if person_id in names]
     others = len(photo.person_ids) - len(known)
     if not others:
@@ -219,7 +219,7 @@ def people_of(photo: PhotoEntry, names: dict[str, str]) -> list[str]:
 
 
 class PhotosModel(QAbstractListModel):
-    """The photos that are shown, in the order of the grid."""
+    """Photos of the grid, in order."""
 
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
@@ -255,7 +255,7 @@ class PhotosModel(QAbstractListModel):
 
 
 class PhotoGrid(QListView):
-    """Tiles of one size. A click takes no focus, so that neither typing nor driving is interrupted by it."""
+    """Grid of equal tiles. A click does not take the focus, so that it interrupts neither typing nor driving."""
 
     chosen = Signal(str)  # file name
 
@@ -279,7 +279,7 @@ class PhotoGrid(QListView):
         self.clicked.connect(self._on_chosen)
 
     def keyboardSearch(self, _search: str) -> None:
-        """Letters are for driving and for the field above."""
+        """Disabled: letters are for driving and the search field."""
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and self.currentIndex().isValid():
@@ -293,7 +293,7 @@ class PhotoGrid(QListView):
 
 
 class PhotoDelegate(QStyledItemDelegate):
-    """The picture small, when it was, and who or what it is of. Pictures are decoded when they are seen first."""
+    """Tile with thumbnail, time and contents. Thumbnails are decoded when first visible."""
 
     def __init__(self, theme: Theme, view: PhotoGrid) -> None:
         super().__init__(view)
@@ -350,7 +350,7 @@ class PhotoDelegate(QStyledItemDelegate):
 
 
 class LargePhoto(QWidget):
-    """One photo as large as there is room, what is known of it, its tags, and what can be done with it."""
+    """Enlarged photo with description, tags and commands."""
 
     left = Signal()
     tagged = Signal(object)  # tuple[str, ...]
@@ -401,7 +401,7 @@ class LargePhoto(QWidget):
         column.addLayout(self._body, 1)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """In a low panel the picture has room only beside its words."""
+        """In a low panel, put the text beside the picture."""
         super().resizeEvent(event)
         low = self.height() < _LOW_PX and self.width() > self.height()
         self._body.setDirection(QBoxLayout.Direction.LeftToRight if low else QBoxLayout.Direction.TopToBottom)
@@ -448,7 +448,7 @@ class LargePhoto(QWidget):
 
 
 class _Picture(QWidget):
-    """A picture to fit, or that it was deleted."""
+    """Scaled picture, or a note that it was deleted."""
 
     accessible_role = QAccessible.Role.Graphic
 
@@ -465,7 +465,7 @@ class _Picture(QWidget):
         return QSize(120, 60)
 
     def show_jpeg(self, jpeg: bytes) -> None:
-        """Nothing where it is empty."""
+        """Show a picture; nothing if empty."""
         if jpeg != self._jpeg:
             self._jpeg, self.image = jpeg, image_of(jpeg) if jpeg else QImage()
             self.update()

@@ -1,4 +1,4 @@
-"""Robot: the buttons, toggles, sliders, choices, texts and readouts that the profile and the scenario bind to it."""
+"""Robot panel: buttons, toggles, sliders, choices, texts and readouts defined by the profile and scenario."""
 
 from collections import deque
 
@@ -34,7 +34,7 @@ _HELD = QT_TR_NOOP("The emergency stop is on. What moves the robot works again w
 
 
 class RobotPanel(Panel):
-    """Draws ``state.controls`` by their kinds. Nothing in here knows any robot."""
+    """Creates a widget per control in ``state.controls``, by kind; not specific to any robot."""
 
     title = QT_TR_NOOP("Robot")
     reads = ()
@@ -119,7 +119,7 @@ class RobotPanel(Panel):
         self._add_some()
 
     def _add_some(self) -> None:
-        """A few controls, and then a few more: a robot may have any number, and a key is not to wait for all."""
+        """Add a few controls per turn: a robot may have any number, and keys must not wait."""
         for _ in range(min(_AT_ONCE, len(self._to_come))):
             block, control = self._to_come.popleft()
             entry = ControlEntry(self.theme, control)
@@ -201,7 +201,7 @@ class RobotPanel(Panel):
 
 
 class ControlEntry(QWidget):
-    """One control with what became of it: asked, done, failed; and the question before it where it wants one."""
+    """A control with its state (requested, done, failed), and a confirmation where required."""
 
     used = Signal(str, object)  # control id, value
 
@@ -235,7 +235,7 @@ class ControlEntry(QWidget):
 
     @property
     def note(self) -> QLabel:
-        """What became of it, in words. That of a small control stands in the line below its row."""
+        """State as text; for a small control, in the line below its row."""
         return self._note
 
     @property
@@ -252,7 +252,7 @@ class ControlEntry(QWidget):
 
     @property
     def value_text(self) -> str:
-        """What is shown as the present value."""
+        """Text of the current value."""
         return self._face.value_text
 
     def show_status(self, status: ControlStatus) -> None:
@@ -268,7 +268,7 @@ class ControlEntry(QWidget):
         self._face.show_reading(value)
 
     def set_usable(self, reason: str) -> None:
-        """Empty where it can be used."""
+        """Set the reason why the control is disabled; empty if usable."""
         if reason != self._reason:
             self._reason = reason
             if reason:
@@ -311,7 +311,7 @@ class ControlEntry(QWidget):
         status, control = self._status, self.control
         asking = self._asking is not None
         self._question.setVisible(asking)
-        # A button gives way to the question: the next click is meant for that.
+        # The question replaces the button: the next click is an answer.
         self._face.setVisible(not (asking and control.kind == "button"))
         if self._asking is not None:
             self._question.ask(question_for(control, self._asking))
@@ -364,7 +364,7 @@ class _Question(QWidget):
 
 
 class _Group(QWidget):
-    """A heading and its controls: beside one another, in a narrow dock above one another."""
+    """Heading with its controls side by side, or stacked in a narrow dock."""
 
     def __init__(self, theme: Theme, name: str, *, heading_px: int) -> None:
         super().__init__()

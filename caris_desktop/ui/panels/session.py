@@ -1,4 +1,4 @@
-"""Session: recording, marks, and what happened, in sentences with the newest at the bottom."""
+"""Session panel: recording controls, marks, and an event log with the newest entry at the bottom."""
 
 import bisect
 from collections import deque
@@ -57,7 +57,7 @@ IN_SESSION = ("starting", "recording", "paused")
 
 @dataclass(frozen=True, slots=True)
 class LogEntry:
-    """One line of the log. A later one with the same ``key`` takes its place."""
+    """Log line. A later one with the same ``key`` replaces it."""
 
     stamp_ns: int
     category: str
@@ -66,7 +66,7 @@ class LogEntry:
 
 
 class SessionPanel(Panel):
-    """Start, pause and stop, labels to mark with, and the log."""
+    """Start, pause and stop, mark labels, and the log."""
 
     title = QT_TR_NOOP("Session")
     reads = ()
@@ -150,7 +150,7 @@ class SessionPanel(Panel):
         return QSize(240, 100)
 
     def log_lines(self) -> list[str]:
-        """The sentences of the log, of the chosen category, oldest first."""
+        """Log sentences of the selected category, oldest first."""
         return [entry.sentence for entry in self._model.chosen()]
 
     def show_scenario(self) -> None:
@@ -158,7 +158,7 @@ class SessionPanel(Panel):
         self._refresh()
 
     def _show_labels(self) -> None:
-        """A button for each label of the scenario that has a row in the table."""
+        """Create a button per label of the scenario with a row in the action table."""
         labels = [
             label
             for number, label in enumerate(self.console.scenario.recording.labels, start=1)
@@ -173,7 +173,7 @@ class SessionPanel(Panel):
             button.setObjectName(f"session_label_{number}")
             button.bind(self.table, f"label_{number}")
             self._labels.add(button)
-            button.show()  # what is hidden takes no room
+            button.show()  # hidden widgets take no space
             self._label_buttons.append(button)
         for button, label in zip(self._label_buttons, labels, strict=True):
             button.set_label(label)
@@ -213,13 +213,13 @@ class SessionPanel(Panel):
         return LogEntry(stamp_ns, *said, key=event.mark_id if isinstance(event, Marked) else "")
 
     def _on_time_jumped(self, events: Iterable[object]) -> None:
-        """A replay went to another moment: the log is what had happened until then."""
+        """Rebuild the log for a seek: events up to that time."""
         entries = [self._entry_of(event) for event in events]
         self._model.replace([entry for entry in entries if entry is not None])
         self._log.scrollToBottom()
 
     def show_category(self, category: str) -> None:
-        """Show only events of one of ``event_words.CATEGORIES``; all of them for an empty string."""
+        """Filter the log by one of ``event_words.CATEGORIES``; empty for all."""
         self._filter.set_label(tr(category or _EVERYTHING))
         self._model.set_category(category)
         self._log.scrollToBottom()
@@ -254,7 +254,7 @@ class SessionPanel(Panel):
             QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
 
     def _kept(self) -> str:
-        """What a session holds, in few words."""
+        """Short text on what a session contains."""
         permissions = self.console.scenario.permissions
         photos = tr("photos") if permissions.photos else tr("no photos")
         if not permissions.audio_recording:
@@ -271,7 +271,7 @@ class SessionPanel(Panel):
         status: RecordingStatus = self.state.recording.value
         in_session = status.state in IN_SESSION
         at_rest = status.state in ("idle", "failed")
-        # A replay shows what was recorded; nothing in it records, marks or starts anything.
+        # A replay cannot record or mark.
         replay = self.table.spec("mark") is None
         in_session, at_rest = in_session and not replay, at_rest and not replay
         show_part(self._folder, status.folder is not None and at_rest)
@@ -328,9 +328,9 @@ class SessionPanel(Panel):
         self._fit()
 
     def _fit(self) -> None:
-        """In a low panel some lines of the log stay, then the labels; the line on the recording goes first.
+        """Divide a low panel: some log lines first, then labels; the recording line is dropped first.
 
-        Whatever the buttons do stands in the top bar too.
+        The top bar has the same commands as the buttons.
         """
         width = self.width() - 22
         room_px = self.height() - _AROUND_PX - LOG_LEAST_LINES * LOG_LINE_PX
@@ -348,8 +348,8 @@ class SessionPanel(Panel):
         show_part(self._what, nothing_is_recorded or room_px >= self._what.heightForWidth(width) + 8)
 
     def _size_and_room(self, status: RecordingStatus) -> tuple[str, str]:
-        """What there is so far and how long the disk lasts, with the colour of it."""
-        # What a replay's session kept is on show; which microphone there is now says nothing about it.
+        """Size so far and remaining disk time, with their colour role."""
+        # A replay shows the recorded contents, independent of the current microphone.
         so_far = tr("{size} so far").format(size=words.size(status.written_bytes))
         if self.table.spec("mark") is not None:
             so_far = tr("{size} so far: {kept}").format(size=words.size(status.written_bytes), kept=self._kept())
@@ -361,7 +361,7 @@ class SessionPanel(Panel):
 
 
 class EventLogModel(QAbstractListModel):
-    """The last sentences, bounded, optionally of one category. The view hears of new ones only while it is seen."""
+    """Bounded list of recent entries, optionally of one category. The view is updated only while visible."""
 
     def __init__(self, present: PresentClock, parent: QWidget) -> None:
         super().__init__(parent)
@@ -394,7 +394,7 @@ class EventLogModel(QAbstractListModel):
         self.endInsertRows()
 
     def _renew(self, entry: LogEntry) -> bool:
-        """Put it where the line of its key is, at that line's time; False where there is none."""
+        """Replace the line of the same key, keeping its time; False if there is none."""
         row = _row_of(entry.key, self._all)
         if row is None:
             return False
@@ -424,7 +424,7 @@ class EventLogModel(QAbstractListModel):
         self.endResetModel()
 
     def chosen(self) -> list[LogEntry]:
-        """Those of the category, whether the view has heard of them or not."""
+        """Entries of the category, including those that the view has not shown yet."""
         return [entry for entry in self._all if not self._category or entry.category == self._category]
 
     def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
@@ -444,7 +444,7 @@ class EventLogModel(QAbstractListModel):
 
 
 def _place_of(entry: LogEntry, rows: Sequence[LogEntry] | deque[LogEntry]) -> int:
-    """Where it belongs by its time. What comes from several processes arrives a little out of order."""
+    """Insertion index by time: events of several processes arrive slightly out of order."""
     return bisect.bisect_right(rows, entry.stamp_ns, key=lambda row: row.stamp_ns)
 
 
@@ -453,7 +453,7 @@ def _row_of(key: str, rows: Sequence[LogEntry] | deque[LogEntry]) -> int | None:
 
 
 class EventDelegate(QStyledItemDelegate):
-    """Time, mark, sentence, each in one line; the tip has the whole of a sentence that is cut."""
+    """Row with time, icon and sentence; the tooltip shows an elided sentence."""
 
     _TIME_WIDTH_PX = 68
     _ICON_WIDTH_PX = 26
@@ -507,7 +507,7 @@ class EventDelegate(QStyledItemDelegate):
 
 
 class EventLogView(RowList):
-    """Stays at its newest row until the wizard scrolls up."""
+    """Follows the newest row until the wizard scrolls up."""
 
     def __init__(self) -> None:
         super().__init__(row_px=LOG_LINE_PX)

@@ -1,4 +1,4 @@
-"""Speak: what the robot says. One large field, phrases one key away, what is being said now and what is said next."""
+"""Speak panel: text field, phrases, current utterance and speech queue."""
 
 from collections.abc import Callable, Sequence
 
@@ -33,7 +33,7 @@ _HINT = QT_TR_NOOP("Type what the robot says…")
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """How the panel uses its room. ``low``: the groups have no line of their own; ``tight``: there are no hints."""
+    """Size level of the panel. ``low``: phrase groups without a line of their own; ``tight``: no hints."""
 
     chip_px: int
     text_px: int
@@ -51,7 +51,7 @@ _SIZES = (
     _Size(28, tokens.BODY_PX - 1, 5, 1, low=True, tight=True),
 )
 _ROOMY_PX, _TIGHT_PX = 60, 24
-"""What margins, gaps and hints take."""
+"""Space for margins, gaps and hints."""
 _IN_FIELD = (("↑", QT_TR_NOOP("earlier lines")), ("Tab", QT_TR_NOOP("complete")))
 _IN_QUEUE = (
     ("⇧↑", QT_TR_NOOP("earlier")), ("⇧↓", QT_TR_NOOP("later")), ("Enter", QT_TR_NOOP("change")),
@@ -61,12 +61,12 @@ _CHANGE_NEXT, _BACK = QT_TR_NOOP("change what is next"), QT_TR_NOOP("back to dri
 _TICK_MS = 200
 _ENDS = (".", "!", "?", "…")
 _PAUSE_MS = 250
-"""So long nobody types within a sentence that is not over; its end is the moment before Enter."""
+"""Typing pause in ms after which an unfinished sentence is sent as a draft; a finished one is sent at once."""
 _MANY = 12
 
 
 def _scrolled(inside: QWidget) -> QScrollArea:
-    """In an area of its own, at its top."""
+    """Wrap a widget in a scroll area, aligned to the top."""
     body = QWidget()
     column = boxes.column(body, margins_px=0, spacing_px=0)
     column.addWidget(inside)
@@ -79,7 +79,7 @@ def _scrolled(inside: QWidget) -> QScrollArea:
 
 
 class SpeakPanel(Panel):
-    """Enter says the line and empties the field; what is refused stays in it."""
+    """Speak panel. Enter says the line and clears the field; refused text stays."""
 
     title = QT_TR_NOOP("Speak")
     reads = ()
@@ -168,7 +168,7 @@ class SpeakPanel(Panel):
         self.field.bring(lasting)
 
     def show_scenario(self) -> None:
-        self._say_instead = None  # a suggestion of the scenario before is a line like any other
+        self._say_instead = None  # a suggestion of the former scenario becomes ordinary text
         self._offer_talking()
         self._phrases.show_scenario()
         self.catch_up()
@@ -189,7 +189,7 @@ class SpeakPanel(Panel):
         self._fit()
 
     def _fit(self) -> None:
-        """Every phrase in view is worth more than air: the largest size at which none must be scrolled for."""
+        """Choose the largest size level at which all phrases fit without scrolling."""
         for size in _SIZES:
             self._phrases.set_size(chip_px=size.chip_px, text_px=size.text_px, gap_px=size.gap_px, low=size.low)
             self.field.set_line_height(40 if size.tight else 48)
@@ -221,7 +221,7 @@ class SpeakPanel(Panel):
         action.setChecked(choice.chosen)
         action.triggered.connect(lambda: self.console.do(choice.intent))
 
-    # ---- what is typed
+    # ---- input
 
     def _say(self, text: str) -> bool:
         say, self._say_instead = self._say_instead, None
@@ -234,7 +234,9 @@ class SpeakPanel(Panel):
         return not self.console.do(intents.Say(text, "dictated" if self.field.was_dictated else "typed"))
 
     def _on_wizard_heard(self, hearing: Hearing) -> None:
-        """Words may come after the key was let go; those that go to the robot as sound are not written down here."""
+        """Insert dictation, which may continue after the key was released; speech sent to the robot as audio is not
+        inserted.
+        """
         if self.state.sound.value.talking == "dictation":
             self._dictation_id = hearing.utterance_id
         if hearing.utterance_id and hearing.utterance_id == self._dictation_id:
@@ -242,30 +244,30 @@ class SpeakPanel(Panel):
 
     def _on_text_changed(self) -> None:
         if not self.field.toPlainText():
-            self._say_instead = None  # what was to be edited is gone
+            self._say_instead = None  # the edited suggestion was deleted
             self._pause.stop()
         elif self.state.present.live:
             self._pause.start(0 if self.field.toPlainText().endswith(_ENDS) else _PAUSE_MS)
 
     def _tell_draft(self) -> None:
-        """The voice makes its sound meanwhile, so that it is there with the Enter key."""
+        """Send a draft, so that synthesis finishes by the time Enter is pressed."""
         self.console.do(intents.DraftSpeech(self.field.toPlainText()))
 
     def _sentences(self) -> Sequence[str]:
-        """What a line may go on as: the phrases first, those of the chosen group before all others."""
+        """Candidates for completion: phrases of the selected group first, then all others."""
         scenario = self.console.scenario
         chosen = (phrase.say for phrase in phrases_on_keys(scenario, self.state.phrase_group.value))
         return [*chosen, *sentences(scenario.phrases), *scenario.every_filler, *reversed(self.state.said_before.value)]
 
     def _on_event(self, event: object) -> None:
-        """What could not be said is brought back, where nothing else has been begun meanwhile."""
+        """Restore typed text whose utterance failed, if the field is empty."""
         match event:
             case UtteranceChanged(state="failed", origin="typed" | "dictated", actor=actor) if actor == WIZARD:
                 if self.state.present.live and self._last_typed and not self.field.toPlainText():
                     self.field.bring(self._last_typed)
                 self._last_typed = ""
 
-    # ---- what is asked for
+    # ---- questions
 
     def _ask_for_gap(self, asked: AskedGap | None) -> None:
         if asked is None:
@@ -278,7 +280,7 @@ class SpeakPanel(Panel):
         if not self._gap.isVisible():
             self._before_gap = QApplication.focusWidget()
         self._gap.ask(asked)
-        # Whoever drives by bare keys goes on driving, and comes here when they choose to.
+        # Keep the focus on driving while a bare drive key is held.
         if not (self.hold.held and self.table.driving_focus):
             give_keys(self._gap.field)
 
@@ -293,7 +295,7 @@ class SpeakPanel(Panel):
         if self._gap.isVisible():
             self._fill_gap("")
 
-    # ---- what is shown
+    # ---- display
 
     def catch_up(self) -> None:
         self._on_speech_changed(self.state.speech.value)
@@ -301,7 +303,7 @@ class SpeakPanel(Panel):
         self._show_hints()
 
     def _say_to_whom(self, _value: object = None) -> None:
-        """The empty field names whom the wizard selected: what is said goes into that person's history."""
+        """Name the selected person in the placeholder: the utterance is added to their history."""
         if self.in_view:
             meant = self.state.selected_person.value
             naming = self.console.scenario.permissions.naming_people

@@ -1,4 +1,4 @@
-"""Video: what the cameras see, with boxes around people and the two numbers that a driver needs."""
+"""Video panel: camera picture, detected people, rate and age of the video."""
 
 import math
 import time
@@ -34,11 +34,11 @@ from caris_desktop.ui.widgets.told_state import ToldState
 _DRIVE_ENDED_SHOWN_S = 5.0
 _NOTE_SHOWN_S = 3.0
 _AFTER_A_KEY_MS = 30
-_ANY_PX = (1 << 24) - 1  # Qt's own word for no limit
+_ANY_PX = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX
 
 
 def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
-    """What the obstacle guard does to the motion now, in words, with the role of its chip; None for nothing."""
+    """Effect of the obstacle guard on the motion as text, with its role; None for no effect."""
     left_m = drive.guard_distance_m
     left = () if left_m is None else (tr("{left:.1f} m left").format(left=left_m),)
     match drive.guard:
@@ -56,7 +56,7 @@ def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
 
 
 class VideoPanel(Panel):
-    """Title bar with rate and age, photo button where the scenario allows one, and the picture."""
+    """Video with its rate and age in the title bar, and a photo button where permitted."""
 
     title = QT_TR_NOOP("Video")
     reads = ("permissions.driving",)
@@ -88,7 +88,7 @@ class VideoPanel(Panel):
         self._ended = ("", 0.0)
         self._latency_s = 0.0
         self._note = ("", 0.0)
-        self._target: Pose2D | None = None  # in the map, while the card asks about it
+        self._target: Pose2D | None = None  # in the map frame, while the popup asks about it
         self._card = ChoiceCard(self.theme, self.view, name="video_card")
         self._may_go = self.console.scenario.permissions.driving
         self.view.hovered.connect(self._on_hovered)
@@ -102,7 +102,7 @@ class VideoPanel(Panel):
         state.selected_person.changed.connect(self.view.show_selected)
         state.named_person.changed.connect(self.view.show_naming)
         state.asked_person.changed.connect(self._name_people)
-        # What a key has sent is on its way to the robot then: all that is said about it can wait for that.
+        # After a key, the command goes to the robot first; the display can wait.
         self._soon = QTimer(self, singleShot=True, interval=_AFTER_A_KEY_MS)
         self._soon.timeout.connect(self._refresh)
         state.drive.changed.connect(self._refresh_soon)
@@ -124,7 +124,7 @@ class VideoPanel(Panel):
         self.view.show_naming(state.named_person.value)
         if state.people.value is not None:
             self._on_people_changed(state.people.value)
-        # Frames were not read while nobody saw the panel; the last one that was must not pass for the present.
+        # Frames are not read while hidden; an old one must not pass for the present.
         if state.frame.value is not None and state.frame.freshness == "fresh":
             self._on_frame_changed(state.frame.value)
         self._on_freshness_changed(state.frame.freshness)
@@ -156,7 +156,7 @@ class VideoPanel(Panel):
         self.show_title(words.camera_title(self.state.camera.value) or self.title)
         self._cameras.clear()
         for name in names:
-            self._cameras.addItem(words.camera_name(name), name)  # the title says that it is a camera
+            self._cameras.addItem(words.camera_name(name), name)  # "camera" is implied by the title
         self._cameras.setCurrentIndex(names.index(self.state.camera.value) if self.state.camera.value in names else -1)
         show_part(self._cameras, len(names) > 1)
         self.view.show_camera(self.state.camera.value if len(names) > 1 else "")
@@ -164,7 +164,7 @@ class VideoPanel(Panel):
         self._place_strip()
 
     def _place_strip(self) -> None:
-        """Beside the picture or below it, wherever the picture stays larger; nowhere in a small panel."""
+        """Place the camera strip beside or below the picture, whichever leaves more room; hide it in a small panel."""
         place = strip_place(self.size(), len(self.state.cameras.value) - 1, self._aspect)
         below = place.side == "below"
         self._parts.setDirection(QBoxLayout.Direction.TopToBottom if below else QBoxLayout.Direction.LeftToRight)
@@ -221,7 +221,7 @@ class VideoPanel(Panel):
             self._name_people()
 
     def _name_people(self, _value: object = None) -> None:
-        """Names on boxes; on one that the console asks about who it may be, and the key that says yes."""
+        """Label the boxes with names; the one of the pending question with its suggestion and key."""
         if not self.in_view:
             return
         naming = self.console.scenario.permissions.naming_people
@@ -249,7 +249,7 @@ class VideoPanel(Panel):
             self._soon.start()
 
     def _refresh(self) -> None:
-        """Four times a second: the words around the picture."""
+        """Refresh the text around the picture (4 Hz)."""
         if not self.in_view:
             return
         state, now_s = self.state, time.monotonic()
@@ -302,7 +302,7 @@ class VideoPanel(Panel):
         self.strip.refresh()
 
     def _hints(self) -> list[tuple[str, str]]:
-        """How to drive now, or why not."""
+        """Hints on how to drive, or why driving is refused."""
         drive: DriveStatus = self.state.drive.value
         hints: list[tuple[str, str]] = []
         if time.monotonic() < self._note[1]:
@@ -332,14 +332,14 @@ class VideoPanel(Panel):
         return hints
 
     def _drive_keys(self) -> str:
-        """The four that drive, as the present keyboard has them and as the wizard chose them."""
+        """The four drive keys, by keyboard layout and the wizard's bindings."""
         rows = (self.table.spec(name) for name in ("drive_forward", "turn_left", "drive_back", "turn_right"))
         return " ".join(cap for row in rows if row is not None for cap in self.table.caps(row, row.driving_keys[:1]))
 
-    # ---- a click on the floor
+    # ---- click on the floor
 
     def _model(self, frame: FrameRef) -> CameraModel | None:
-        """Where this camera looks, where the robot may be sent by a click; None where it may not."""
+        """Camera model for clicks that send the robot; None if that is not possible."""
         robot = self.state.robot.value
         if not self._may_go or robot is None or robot.navigation is None:
             return None
@@ -351,7 +351,7 @@ class VideoPanel(Panel):
         return pose.pose_in_map if pose is not None and self.state.pose.freshness == "fresh" else None
 
     def _keep_ring_in_place(self) -> None:
-        """The point that is asked about stays on the floor while the robot moves on; closed, it is forgotten."""
+        """Keep the target marker on the floor while the robot moves; drop it when the popup closes."""
         pose = self._pose_now()
         if self._target is None:
             return
@@ -413,7 +413,7 @@ class VideoPanel(Panel):
             self._thumbnail.show_photo(taken[2] if known and taken is not None else None, kept, event.file_name)
 
     def _on_asking(self, intent: Intent) -> None:
-        """The picture of a photo is shown small once it is kept; the one on show now is a good guess which."""
+        """Show a preview of a requested photo; the current frame is a good approximation."""
         if not isinstance(intent, intents.TakePhoto):
             return
         frame: FrameRef | None = self.state.frame.value

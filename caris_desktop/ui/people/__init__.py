@@ -1,1 +1,1 @@
-"""What the window shows of people: the rows of the panel, portraits, the card of one person."""
+"""People widgets: panel rows, portraits, person popup."""

@@ -1,4 +1,4 @@
-"""The card's first page: how it is known who this is, what was written down, what they agreed to, their history."""
+"""First page of the person popup: identification, notes, consents, history."""
 
 from collections.abc import Callable, Collection, Sequence
 from typing import get_args
@@ -30,9 +30,9 @@ MOST_SUGGESTED = 2
 
 
 def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) -> str:
-    """How the console knows who this is, and what it cannot know.
+    """How the person was identified, and its limits.
 
-    ``recognise`` is the scenario's setting, ``recognises`` for what there is a network: clothing, face.
+    ``recognise``: the scenario's setting; ``recognises``: available networks (clothing, face).
     """
     if recognise == "nobody":
         return tr("Nobody is recognised in this scenario: who somebody is you say yourself.")
@@ -62,12 +62,12 @@ def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) ->
 
 
 def tags_of(text: str) -> tuple[str, ...]:
-    """Tags as they are typed, with commas between them; each once."""
+    """Unique tags from comma-separated text."""
     return tuple(dict.fromkeys(tag for each in text.split(",") if (tag := " ".join(each.split()))))
 
 
 class AboutPage(QWidget):
-    """``history_wanted`` brings the person's id and the words to look for."""
+    """First page of the person popup. ``history_wanted``: person id and search text."""
 
     merge_wanted = Signal()
     forget_wanted = Signal()
@@ -184,10 +184,10 @@ class AboutPage(QWidget):
         column.addWidget(acts)
         self._note.setFixedHeight(58)
 
-    # ---- who is shown
+    # ---- person
 
     def begin_with(self, person: PersonRow) -> None:
-        """Somebody else: nothing that was typed goes along."""
+        """Switch to another person, discarding unfinished input."""
         self._person = None
         self._looking.stop()
         for field in (self._name, self._group, self._tags, self._note):
@@ -198,11 +198,11 @@ class AboutPage(QWidget):
         self.show_history(person.person_id, (), "")
 
     def use_networks(self, recognises: tuple[str, ...]) -> None:
-        """For what there is a network: clothing, face."""
+        """Set the available networks: clothing, face."""
         self._recognises = recognises
 
     def show_person(self, person: PersonRow, groups: Sequence[str]) -> None:
-        """What is being typed stays."""
+        """Refresh the fields, except the one being edited."""
         self._person = person
         name = words.person_name(person)
         for field, text in (
@@ -233,7 +233,7 @@ class AboutPage(QWidget):
         self._split.setToolTip(tr("Who is here now is somebody else than {name} was before").format(name=name))
 
     def _complete(self, groups: Sequence[str]) -> None:
-        """A group that there is already completes itself while it is typed; no list opens over the window."""
+        """Inline completion of known groups, without a list over the window."""
         completer = self._group.completer()
         if completer is not None and completer.property("groups") == list(groups):
             return
@@ -244,7 +244,7 @@ class AboutPage(QWidget):
         self._group.setCompleter(completer)
 
     def show_history(self, person_id: str, entries: Sequence[HistoryEntry], text: str) -> None:
-        """What was found for the words that were looked for."""
+        """Show the search results."""
         if self._person is not None and person_id != self._person.person_id:
             return
         self.history.entries.show_entries(entries)
@@ -254,14 +254,14 @@ class AboutPage(QWidget):
         show_part(self.history, bool(entries))
 
     def give_up(self) -> None:
-        """What was typed and not finished changes nothing."""
+        """Discard unfinished input."""
         person, self._person = self._person, None
         for field in (self._name, self._group, self._tags, self._note):
             field.clearFocus()
         if person is not None:
             self.show_person(person, [])
 
-    # ---- what is decided
+    # ---- decisions
 
     def _keep_name(self) -> None:
         person, name = self._person, " ".join(self._name.text().split())
@@ -302,7 +302,7 @@ class AboutPage(QWidget):
             self._do(intents.SplitPerson(self._person.person_id))
 
     def look_up(self) -> None:
-        """Ask for what there was with this person."""
+        """Request the history of the person."""
         if self._person is not None:
             self.history_wanted.emit(self._person.person_id, self._search.text())
 
@@ -317,7 +317,7 @@ class AboutPage(QWidget):
 
 
 class NoteField(QPlainTextEdit):
-    """Several lines; ``left`` once the focus goes elsewhere."""
+    """Multi-line field; ``left`` on losing the focus."""
 
     left = Signal()
 

@@ -1,4 +1,6 @@
-"""Which suggestion the keys for yes and no answer: one at a time, and never another than the one that was read."""
+"""Pending identity question: the suggestion that the yes and no keys answer. One at a time, and never one that was not
+read.
+"""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -10,12 +12,12 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
 
 TO_READ_NS = 500_000_000
-"""A question that takes the place of another one is not answered before: the key may have been meant for that."""
+"""Minimum time before a new question can be answered: the key press may have been for the former one."""
 
 
 @dataclass(frozen=True, slots=True)
 class AskedAbout:
-    """Whether ``person_id``, who is here, is ``is_person_id``; no key answers it before ``from_ns``."""
+    """Question whether ``person_id``, who is present, is ``is_person_id``; not answerable before ``from_ns``."""
 
     person_id: str
     is_person_id: str
@@ -23,26 +25,26 @@ class AskedAbout:
 
 
 def is_asked(person: PersonRow, asked: AskedAbout | None) -> bool:
-    """Whether it is this person whom the question is about."""
+    """Whether the question is about this person."""
     return asked is not None and person.here and person.person_id == asked.person_id
 
 
 def with_one_question(persons: Iterable[PersonRow], asked: AskedAbout | None) -> tuple[PersonRow, ...]:
-    """The rows with the suggestion that is asked about, and no other, so that no answer is meant for another."""
+    """Rows with only the pending suggestion, so that no answer goes to another one."""
     return tuple(person if is_asked(person, asked) else replace(person, suggestions=()) for person in persons)
 
 
 def suggested_id(person: PersonRow) -> str:
-    """Who this person could be; empty where nobody is suggested."""
+    """Suggested identity of this person; empty if none."""
     return person.suggestion.person_id if person.here and person.suggestion is not None else ""
 
 
 def next_asked(
     persons: tuple[PersonRow, ...], before: AskedAbout | None, *, selected: str, now_ns: int, ended_ns: int
 ) -> AskedAbout | None:
-    """Whom the wizard selected comes first, then the question that is asked already, then who is here longest.
+    """Next question: the selected person first, then the current question, then the person present longest.
 
-    ``ended_ns`` is when the question before was answered or went away.
+    ``ended_ns``: when the former question was answered or withdrawn.
     """
     open_now = {person.person_id: suggested_id(person) for person in persons if suggested_id(person)}
     if not open_now:
@@ -62,7 +64,7 @@ def next_asked(
 
 
 class WhoIsAsked(QObject):
-    """Keeps ``state.asked_person`` as the people who are here give it."""
+    """Updates ``state.asked_person`` from the people present."""
 
     def __init__(self, state: LiveState, parent: QObject) -> None:
         super().__init__(parent)

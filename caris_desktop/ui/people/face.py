@@ -1,4 +1,4 @@
-"""One person's portrait as a widget, or the round mark that stands for it."""
+"""Portrait widget, with a placeholder for a missing portrait."""
 
 from PySide6.QtCore import QRectF
 from PySide6.QtGui import QAccessible, QPainter, QPaintEvent

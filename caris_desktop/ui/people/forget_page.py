@@ -1,4 +1,4 @@
-"""Asks before somebody is forgotten, on the card: what goes, and that it is for good."""
+"""Page of the person popup that confirms erasing a person."""
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QWidget
@@ -11,7 +11,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 
 
 class ForgetPage(QWidget):
-    """``forgotten`` brings the person's id once the wizard is sure."""
+    """Confirmation page; ``forgotten`` carries the person id."""
 
     forgotten = Signal(str)
     back = Signal()
@@ -47,7 +47,9 @@ class ForgetPage(QWidget):
         theme.keep_styled(self._style)
 
     def begin_with(self, person: PersonRow, *, recording: bool) -> None:
-        """While a session is ``recording`` nobody is forgotten: what is being written cannot be changed."""
+        """Show the page; erasing is refused while a session is ``recording``, because the file being written cannot
+        change.
+        """
         name = words.person_name(person)
         self._person_id = person.person_id
         self._title.setText(tr("Forget {name}?").format(name=name))

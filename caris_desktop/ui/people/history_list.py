@@ -1,4 +1,4 @@
-"""What there was with one person, over all sessions: when, and in a line what."""
+"""History of a person over all sessions: time and one line per entry."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -22,7 +22,7 @@ _Index = QModelIndex | QPersistentModelIndex
 
 
 def when(utc_ns: int, today: datetime) -> str:
-    """14:02, or 21 Nov, 14:02 on another day, or 21 Nov 2025, 14:02 in another year."""
+    """Time as 14:02; 21 Nov, 14:02 on another day; 21 Nov 2025, 14:02 in another year."""
     at = datetime.fromtimestamp(utc_ns / 1e9)
     if at.date() == today.date():
         return f"{at:%H:%M}"
@@ -30,7 +30,7 @@ def when(utc_ns: int, today: datetime) -> str:
 
 
 def what(entry: HistoryEntry) -> str:
-    """The entry in one line."""
+    """The entry as one line."""
     match entry.kind:
         case "visit":
             if entry.until_utc_ns is None:
@@ -54,7 +54,7 @@ class HistoryModel(QAbstractListModel):
 
     @property
     def times(self) -> list[str]:
-        """What stands before the entries, each once."""
+        """Unique times shown before the entries."""
         today = datetime.now()
         return list(dict.fromkeys(when(entry.utc_ns, today) for entry in self._entries))
 
@@ -77,7 +77,7 @@ class HistoryModel(QAbstractListModel):
 
 
 class HistoryList(RowList):
-    """The newest entry first."""
+    """History list, newest entry first."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(row_px=ROW_PX)
@@ -97,7 +97,7 @@ class _EntryDelegate(QStyledItemDelegate):
         view.entries.modelReset.connect(self._measure)
 
     def _measure(self) -> None:
-        """As wide as the longest time: today's are short."""
+        """Width of the longest time."""
         metrics = QFontMetrics(self._theme.font(tokens.STATUS_PX))
         self._times_px = max((metrics.horizontalAdvance(time) for time in self._entries.times), default=0) + 12
 

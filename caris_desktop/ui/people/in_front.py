@@ -1,4 +1,4 @@
-"""Who is meant by the person in front of the robot."""
+"""Nearest person in front of the robot."""
 
 import math
 from collections.abc import Iterable
@@ -8,9 +8,9 @@ from caris_desktop.ui import words
 
 
 def in_front(persons: Iterable[PersonRow], *, selected: str = "") -> PersonRow | None:
-    """Whom the wizard selected, if they are here; else the nearest who has no name yet, else the nearest of all.
+    """The selected person if present; else the nearest unnamed person, else the nearest.
 
-    Where no distance is known it is who is most ahead, then who is here longest.
+    Without distances: the one most straight ahead, then the one present longest.
     """
     here = [person for person in persons if person.here]
     chosen = next((person for person in here if person.person_id == selected), None)

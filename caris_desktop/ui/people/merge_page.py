@@ -1,4 +1,4 @@
-"""Chooses, on the card, who is the same person, with both portraits side by side before anything is done."""
+"""Page of the person popup that merges two people, with both portraits for comparison."""
 
 from collections.abc import Sequence
 
@@ -20,13 +20,13 @@ _OFFERED = 8
 
 
 def who_stays(person: PersonRow, other: PersonRow) -> tuple[PersonRow, PersonRow]:
-    """Of two who are one, whose record goes into which: into the one with a name, else the one that is known."""
+    """Direction of a merger: into the named person, else the known one."""
     rank = [(words.has_given_name(each), each.known, each is person) for each in (person, other)]
     return (other, person) if rank[0] >= rank[1] else (person, other)
 
 
 class MergePage(QWidget):
-    """``merged`` brings the ids of who goes and of who stays."""
+    """Merge page. ``merged``: ids of the merged and the remaining person."""
 
     merged = Signal(str, str)
     back = Signal()
@@ -116,7 +116,7 @@ class MergePage(QWidget):
             self._compare(person, other)
 
     def _who_fits(self, person: PersonRow) -> list[PersonRow]:
-        """Who is suggested comes first."""
+        """Candidates, suggested ones first."""
         likely = [suggestion.person_id for suggestion in person.suggestions]
         others = [each for each in in_order(self._everyone) if each.person_id != person.person_id]
         others.sort(key=lambda each: likely.index(each.person_id) if each.person_id in likely else len(likely))

@@ -1,4 +1,4 @@
-"""The rows of the People panel on the screen: painted, clicked, and named in place."""
+"""List view of the People panel: painting, mouse input, names edited in place."""
 
 from PySide6.QtCore import QEvent, QPoint, QRect, QRectF, Qt, Signal
 from PySide6.QtGui import (
@@ -45,15 +45,14 @@ _NOBODY_HINT = QT_TR_NOOP("Nobody is named: this person is gone")
 
 
 class PeopleList(RowList):
-    """The rows, and the field for a name in place of the name that it changes.
+    """Rows with an in-place name field.
 
-    Rows up to the mouse, or to the name that is typed, must not move: those are the first ``held_rows``. ``let_go``
-    when they may again. Whoever comes is shown below them at once.
-    Nothing is decided about anybody until ``let_decide``: not where nobody is named, and not in a replay.
+    Rows up to the mouse or the name field must not move: the first ``held_rows``; ``let_go`` ends that. New people
+    appear below them at once. Decisions need ``let_decide``: not without naming permission, and not in a replay.
     """
 
     named = Signal(str, str)  # person id, name
-    naming_changed = Signal(str)  # person id, empty once no name is typed
+    naming_changed = Signal(str)  # person id, empty once editing ends
     let_go = Signal()
     picked = Signal(str)  # person id: a click on the row
     asked_for = Signal(str, str)  # yes, no, same, not or card; person id
@@ -63,7 +62,7 @@ class PeopleList(RowList):
         self._theme = theme
         self._people = model
         self._may_decide = False
-        self._naming = ""  # the person whose name is being typed
+        self._naming = ""  # the person whose name is being edited
         self._under_mouse: QPoint | None = None
         self._pressed: tuple[str, str] | None = None
         self._meant = ""
@@ -79,7 +78,7 @@ class PeopleList(RowList):
         self._field.setMaxLength(60)
         self._field.hide()
         self._field.returnPressed.connect(self._on_name_entered)
-        # Left without Enter, an unfinished name changes nothing.
+        # Leaving without Enter discards the name.
         self._field.editingFinished.connect(self._close_field)
         self.verticalScrollBar().valueChanged.connect(self._place_field)
         for changed in (model.rowsInserted, model.rowsRemoved, model.rowsMoved, model.modelReset):
@@ -87,21 +86,21 @@ class PeopleList(RowList):
         model.arranged.connect(self._make_room_for_captions)
 
     def let_decide(self, may_decide: bool) -> None:
-        """Whether the wizard decides about people here: who they are, and who is meant."""
+        """Enable decisions about people: identity and selection."""
         self._may_decide = may_decide
         self.give_up_naming()
         self.viewport().update()
 
-    # ---- what is shown
+    # ---- display
 
     def show_meant(self, person_id: str) -> None:
-        """Mark the row of whom the wizard selected."""
+        """Highlight the selected person."""
         if person_id != self._meant:
             self._meant = person_id
             self.viewport().update()
 
     def show_asked(self, person_id: str, yes_key: str, no_key: str) -> None:
-        """The one row whose suggestion the keys answer, and what these keys are."""
+        """Set the row of the pending question, and its keys."""
         if (person_id, (yes_key, no_key)) != (self._asked, self._keys):
             if person_id != self._asked:
                 self._not_seen_yet = person_id
@@ -110,9 +109,9 @@ class PeopleList(RowList):
             self._bring_question()
 
     def _bring_question(self) -> None:
-        """A question comes into view once, and in another size of the list again; else it is the wizard who scrolls."""
+        """Scroll a new question into view, once per list size; otherwise only the wizard scrolls."""
         row = self._people.row_of(self._not_seen_yet)
-        # The rows may still be those of before.
+        # The rows may not be updated yet.
         if row is not None and self._people.persons[row].here and not self.held_rows:
             self._not_seen_yet = ""
             self.scrollTo(self._people.index(row))
@@ -131,19 +130,19 @@ class PeopleList(RowList):
         rows, tall = self.verticalHeader(), self._people.captions
         for row in range(self._people.rowCount()):
             height_px = ROW_PX + CAPTION_PX if row in tall else ROW_PX
-            # Rows that came or went above took the heights of others along.
+            # Inserted or removed rows shift the heights of others.
             if rows.sectionSize(row) != height_px:
                 rows.resizeSection(row, height_px)
         self._place_field()
         self._bring_question()
 
     def row_rect(self, row: int) -> QRect:
-        """The row without the caption above it, in the viewport."""
+        """Rectangle of a row in the viewport, without the caption above."""
         rect = self.visualRect(self._people.index(row))
         return rect.adjusted(0, CAPTION_PX, 0, 0) if row in self._people.captions else rect
 
     def buttons(self, row: int) -> list[tuple[RowButton, QRect]]:
-        """The row's buttons and where they are, in the viewport."""
+        """Buttons of a row with their rectangles in the viewport."""
         person = self._people.persons[row]
         if not self._may_decide:
             return []
@@ -170,7 +169,7 @@ class PeopleList(RowList):
         return placed[::-1]
 
     def told_spots(self) -> list[ToldSpot]:
-        """What a click in the rows in view does, for screen readers; the rows' words are those of the table's cells."""
+        """Accessible regions for clicks in visible rows; the row text is in the table's cells."""
         spots = []
         for row, person in enumerate(self._people.persons):
             rect = self.row_rect(row)
@@ -185,13 +184,13 @@ class PeopleList(RowList):
         return spots
 
     def press_told(self, key: tuple[str, ...]) -> None:
-        """As a click there."""
+        """Handle an accessible press like a click."""
         act, person_id = key
         if self._people.row_of(person_id) is not None:
             self._act(act, person_id)
 
     def button_rect(self, row: int, act: str = "name") -> QRect:
-        """Where the row's button of this kind is, in the viewport; nowhere where it has none."""
+        """Rectangle of a row's button in the viewport; empty without such a button."""
         return next((rect for button, rect in self.buttons(row) if button.act == act), QRect())
 
     def _width(self, button: RowButton, *, with_key: bool, with_text: bool) -> int:
@@ -201,7 +200,7 @@ class PeopleList(RowList):
         width += _ICON_PX + 6 if button.icon else 0
         return width + (round(key_cap_width(self._theme, button.key)) + 6 if button.key and with_key else 0)
 
-    # ---- rows stay where they are while they are dealt with
+    # ---- rows held in place
 
     @property
     def held_rows(self) -> int:
@@ -232,7 +231,7 @@ class PeopleList(RowList):
         QToolTip.showText(event.globalPos(), wrapped_tip(button[0].tip if button else text), self)
 
     def hideEvent(self, event: QHideEvent) -> None:
-        # A hidden widget is not told that the mouse left.
+        # A hidden widget receives no leave event.
         self._under_mouse = None
         self._close_field()
         super().hideEvent(event)
@@ -241,15 +240,15 @@ class PeopleList(RowList):
         self._under_mouse = None
         self.let_go.emit()
 
-    # ---- the name
+    # ---- name field
 
     @property
     def naming(self) -> str:
-        """The person whose name is being typed; empty while none is."""
+        """Person whose name is being edited; empty if none."""
         return self._naming
 
     def name(self, person_id: str) -> None:
-        """Open the field for this person's name."""
+        """Edit this person's name."""
         row = self._people.row_of(person_id)
         if row is None or not self._may_decide or not self._people.knows(person_id):
             return
@@ -279,14 +278,14 @@ class PeopleList(RowList):
         self._field.setGeometry(left, rect.top() + 8, max(80, rect.right() - _SIDE_PX - left), rect.height() - 16)
 
     def look_whose_name_it_is(self) -> None:
-        """Letters for the name of somebody who is no more go nowhere: not to another row, nor to another field."""
+        """Discard typing for a person who no longer exists: it must not reach another row or field."""
         if self._naming and not self._people.knows(self._naming) and not self._field.isReadOnly():
             self._field.clear()
             self._field.setReadOnly(True)
             self._field.setPlaceholderText(tr(_NOBODY_HINT))
 
     def give_up_naming(self) -> None:
-        """Nothing is named."""
+        """Cancel editing the name."""
         self._close_field()
 
     def _on_name_entered(self) -> None:
@@ -300,7 +299,7 @@ class PeopleList(RowList):
         if self._field.isHidden():
             return
         if self._field.hasFocus():
-            # Else Qt gives it to whatever comes next, which may be what the robot says, or driving.
+            # Qt would focus the next widget, which may be the robot's speech field or driving.
             self.setFocus(Qt.FocusReason.OtherFocusReason)
         self._naming = ""
         self._field.hide()
@@ -308,10 +307,10 @@ class PeopleList(RowList):
         self.viewport().update()
         self.let_go.emit()
 
-    # ---- mouse and keys
+    # ---- mouse and keyboard
 
     def _button_at(self, at: QPoint) -> tuple[RowButton, str] | None:
-        """The button there, and whose row it is in."""
+        """Button at a point, with its person."""
         row = self.indexAt(at).row()
         if row < 0:
             return None
@@ -319,7 +318,7 @@ class PeopleList(RowList):
         return next(((button, person_id) for button, rect in self.buttons(row) if rect.contains(at)), None)
 
     def _spot(self, event: QMouseEvent) -> tuple[str, str]:
-        """What a click here does, and to whom: the act of a button, else the row is picked."""
+        """Action and person of a click: a button's, else picking the row."""
         at = event.position().toPoint()
         button = self._button_at(at)
         if button is not None:
@@ -353,7 +352,7 @@ class PeopleList(RowList):
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         super().mouseMoveEvent(event)
-        self.viewport().update()  # the button under the mouse looks as if it can be pressed
+        self.viewport().update()  # hover highlight of buttons
 
     def leaveEvent(self, event: QEvent) -> None:
         super().leaveEvent(event)
@@ -384,7 +383,7 @@ class PeopleList(RowList):
 
 
 class PersonDelegate(QStyledItemDelegate):
-    """Portrait, who it is or may be, what is seen of them, and the buttons of the row."""
+    """Row with portrait, identity, state and buttons."""
 
     def __init__(self, theme: Theme, model: PeopleModel, view: PeopleList, portraits: PortraitPixmaps) -> None:
         super().__init__(view)
@@ -445,7 +444,7 @@ class PersonDelegate(QStyledItemDelegate):
         )  # fmt: skip
 
     def _paint_words(self, painter: QPainter, rect: QRect, person: PersonRow) -> None:
-        """Above who it is, with group and tags; below what is seen. A suggestion takes the place of the name."""
+        """Paint the identity with group and tags, and the state below. A suggestion replaces the name."""
         theme = self._theme
         suggested = words.maybe(person)
         head = theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
@@ -482,7 +481,7 @@ class PersonDelegate(QStyledItemDelegate):
         self._paint_cut(painter, lower, below, small, "dim")
 
     def _paint_cut(self, painter: QPainter, rect: QRect, text: str, font: QFont, role: str) -> int:
-        """Draw as much as fits; gives how wide it became."""
+        """Paint elided text; returns its width."""
         painter.setFont(font)
         painter.setPen(self._theme.color(role))
         metrics = QFontMetrics(font)

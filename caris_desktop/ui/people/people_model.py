@@ -1,4 +1,4 @@
-"""The rows of the People panel as a model. Tells the view of what a person could see, and of nothing else."""
+"""Model of the People panel. Notifies the view only of visible changes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,15 +14,15 @@ from caris_desktop.ui.people.shown_people import UNCONFIRMED, captions, in_order
 
 PERSON_ROLE = int(Qt.ItemDataRole.UserRole)
 _MANY = 20
-"""So many rows that come or go at once, as when somebody searches, are shown anew altogether."""
+"""Number of inserted or removed rows from which the model is reset, as on a search."""
 
 Index = QModelIndex | QPersistentModelIndex
 
 
 class PeopleModel(QAbstractListModel):
-    """The persons in the order of their rows: who is here, who was, who is known."""
+    """Persons in row order: present, former, known."""
 
-    arranged = Signal()  # rows came, went or moved
+    arranged = Signal()  # rows inserted, removed or moved
 
     def __init__(self, present: PresentClock, parent: QObject) -> None:
         super().__init__(parent)
@@ -41,11 +41,11 @@ class PeopleModel(QAbstractListModel):
 
     @property
     def captions(self) -> dict[int, str]:
-        """What is written above the rows that begin a group."""
+        """Captions above the first row of each group."""
         return self._captions
 
     def row_of(self, person_id: str) -> int | None:
-        """Where this person stands; None for somebody who is in no row."""
+        """Row of this person; None if there is none."""
         return self._row_of.get(person_id)
 
     def knows(self, person_id: str) -> bool:
@@ -53,7 +53,7 @@ class PeopleModel(QAbstractListModel):
         return person_id in self._known
 
     def show_unconfirmed(self, person_ids: frozenset[str]) -> None:
-        """Of these nobody has confirmed since an unexpected end that they are who the rows say."""
+        """Mark people whose identity has not been confirmed since a crash."""
         if person_ids != self._unconfirmed:
             self._unconfirmed = person_ids
             self.refresh_ages()
@@ -64,8 +64,8 @@ class PeopleModel(QAbstractListModel):
     def show_persons(
         self, persons: Sequence[PersonRow], *, known: frozenset[str], held_rows: int = 0, camera: str = ""
     ) -> None:
-        """The first ``held_rows`` stay where they are, those of people who are gone too. ``known`` are the ids of all
-        who can be named, ``camera`` is the one on show.
+        """Set the persons. The first ``held_rows`` stay in place, even for people who left. ``known``: ids that can be
+        named; ``camera``: the one on display.
         """
         self._known, self._camera = known, camera
         held_rows = min(held_rows, len(self._persons))
@@ -82,7 +82,7 @@ class PeopleModel(QAbstractListModel):
         self.refresh_ages()
 
     def _caption(self, held_rows: int) -> None:
-        """What is above a row that stays does so too."""
+        """Captions of held rows stay too."""
         stay = {row: text for row, text in self._captions.items() if row < held_rows}
         now = stay | {row: text for row, text in captions(self._persons).items() if row >= held_rows}
         if now != self._captions:
@@ -95,7 +95,7 @@ class PeopleModel(QAbstractListModel):
         return held + in_order(newest.values())
 
     def _arrange(self, ordered: Sequence[PersonRow]) -> None:
-        """Take out, move and put in rows, so that the others stay the rows that they are."""
+        """Remove, move and insert rows individually, so that the others persist."""
         root, wanted = QModelIndex(), {person.person_id for person in ordered}
         there = {person.person_id for person in self._persons}
         if len(there ^ wanted) > _MANY:
@@ -124,10 +124,10 @@ class PeopleModel(QAbstractListModel):
                     self.endMoveRows()
 
     def refresh_ages(self) -> None:
-        """Ages grow by themselves; only rows that read otherwise than before are drawn again."""
+        """Refresh ages; only rows with changed text are repainted."""
         now_ns = self._present.now_ns()
         for row, person in enumerate(self._persons):
-            # Nothing of who is only known changes by itself: five hundred of them cost nothing each second.
+            # Rows of known people have no age: five hundred cost nothing per second.
             if standing_of(person) == "known":
                 seen: tuple[object, ...] = (person, self.knows(person.person_id), self.is_unconfirmed(person.person_id))
             else:
@@ -142,7 +142,7 @@ class PeopleModel(QAbstractListModel):
                 self.dataChanged.emit(self.index(row), self.index(row))
 
     def seen(self, person: PersonRow) -> str:
-        """The second line of the row."""
+        """Second line of the row."""
         parts = what_is_seen(person, self._present.now_ns(), camera_on_show=self._camera)
         return " · ".join([tr(UNCONFIRMED), *parts] if self.is_unconfirmed(person.person_id) else parts)
 
@@ -160,5 +160,5 @@ class PeopleModel(QAbstractListModel):
 
 
 def _without_time(person: PersonRow) -> PersonRow:
-    """What is news of somebody: neither when they were seen last, nor where to the centimetre, which words tell."""
+    """The row without values that change continually: last detection and exact position."""
     return replace(person, last_seen_ns=0, distance_m=None, bearing_rad=None)

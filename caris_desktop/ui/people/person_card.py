@@ -1,6 +1,6 @@
-"""The card of one person: who it is, what the wizard wrote down, what they agreed to, and what there was with them.
+"""Person popup: identity, notes, consents and history of one person.
 
-It lies in the window beside the list and is no window of its own: driving goes on, and Esc still stops the robot.
+Part of the main window, not a window of its own: driving continues, and Esc still stops the robot.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,8 +35,8 @@ PageName = Literal["about", "merge", "forget"]
 
 
 class PersonCard(QWidget):
-    """``do`` asks for something; ``everyone`` gives all people, of whom one may be the same person, and
-    ``recording`` whether a session is being recorded. ``recognise`` is the scenario's setting.
+    """Person popup. ``do`` sends intents; ``everyone`` returns candidates for a merger, ``recording`` whether a session
+    is being recorded. ``recognise``: the scenario's setting.
     """
 
     def __init__(
@@ -106,11 +106,11 @@ class PersonCard(QWidget):
         column.addLayout(head)
         column.addWidget(self._pages, 1)
 
-    # ---- who is shown
+    # ---- person
 
     @property
     def person_id(self) -> str:
-        """Whose card is open; empty while none is."""
+        """Person of the open popup; empty if closed."""
         return "" if self.isHidden() or self._person is None else self._person.person_id
 
     @property
@@ -119,7 +119,9 @@ class PersonCard(QWidget):
         return names[self._pages.currentIndex()]
 
     def open_for(self, person: PersonRow, now_ns: int, beside: QRect) -> None:
-        """``beside`` is where the list is, in the window. Opened by a click, it takes no keys from driving."""
+        """Open next to the list at ``beside``, in window coordinates. Opening by click does not take the focus from
+        driving.
+        """
         if self.isHidden():
             self._focus_before = self._window.focusWidget()
         self._person = None
@@ -130,7 +132,7 @@ class PersonCard(QWidget):
         self.raise_()
 
     def show_person(self, person: PersonRow, now_ns: int) -> None:
-        """The same person as they are now, or somebody else."""
+        """Refresh the person, or switch to another one."""
         newly = self._person is None or self._person.person_id != person.person_id
         if newly:
             self.about.begin_with(person)
@@ -164,7 +166,7 @@ class PersonCard(QWidget):
         self._place()
 
     def _decide(self, do: Callable[[Intent], object], intent: Intent, stays: str) -> None:
-        """What cannot go on with the same person closes the card; after a merger it shows who is left."""
+        """Send a decision. Close the popup if its person no longer exists; after a merger show the remaining one."""
         do(intent)
         left = next((person for person in self._everyone() if person.person_id == stays), None)
         if left is None:
@@ -174,7 +176,7 @@ class PersonCard(QWidget):
             self.show_page("about")
 
     def give_way(self) -> None:
-        """Esc: a question goes away first, then the card. What was typed and not finished changes nothing."""
+        """Esc: leave a question page first, then close. Unfinished input is discarded."""
         if self.isHidden():
             return
         if self.page != "about":
@@ -192,12 +194,12 @@ class PersonCard(QWidget):
         if held_focus and before is not None and before.isVisible():
             before.setFocus(Qt.FocusReason.OtherFocusReason)
 
-    # ---- place and look
+    # ---- placement and style
 
     def _place(self) -> None:
-        """Over the column of the list: the video and what the robot says stay free, and the red button too.
+        """Cover the list's column only, so that video, speech and the red button stay visible.
 
-        As tall as the page on show, upwards from the lower edge of the list.
+        As tall as the current page, upwards from the list's lower edge.
         """
         room = self._window.rect().adjusted(8, _BELOW_TOP_BAR_PX, -8, -_ABOVE_STATUS_BAR_PX)
         width = min(WIDTH_PX, room.width())

@@ -1,4 +1,4 @@
-"""The pictures of people, decoded once and kept small."""
+"""Portrait cache: decoded and scaled pixmaps."""
 
 import math
 import time
@@ -11,13 +11,13 @@ from caris_desktop.ui.widgets.foreign_picture import image_of
 
 _KEPT = 600
 _DETAIL = 2
-"""A portrait is kept with so many pixels for each one shown, so that it is sharp on a fine screen too."""
+"""Cached pixels per displayed pixel, for high-resolution screens."""
 EVERY_WHEN_BUSY_S = 1.0
 
 
 class PortraitPixmaps:
-    """``jpeg_of`` gives the picture of a key, None where there is none (yet). While the machine is ``busy`` those that
-    may wait are decoded one at a time.
+    """Portrait cache. ``jpeg_of`` returns the image of a key, or None. While the machine is ``busy``, deferrable images
+    are decoded one at a time.
     """
 
     def __init__(self, jpeg_of: Callable[[str], bytes | None], busy: Callable[[], bool] = lambda: False) -> None:
@@ -29,7 +29,7 @@ class PortraitPixmaps:
         self._kept: dict[tuple[str, int], QPixmap] = {}
 
     def pixmap(self, key: str, size_px: int, *, may_wait: bool = False) -> QPixmap | None:
-        """The picture under this key as a square; None where there is none, it cannot be read or has to wait."""
+        """Square pixmap of this key; None if missing, unreadable or deferred."""
         if not key:
             return None
         kept = self._kept.pop((key, size_px), None)
@@ -45,12 +45,12 @@ class PortraitPixmaps:
             kept = _square(image_of(jpeg), size_px * _DETAIL)
             while len(self._kept) >= _KEPT:
                 del self._kept[next(iter(self._kept))]
-        # The one that was used last goes last.
+        # Least recently used first out.
         self._kept[(key, size_px)] = kept
         return None if kept.isNull() else kept
 
     def draw(self, painter: QPainter, place: QRect, key: str, *, may_wait: bool = False) -> bool:
-        """Draw the picture round; False where there is none."""
+        """Paint the portrait as a circle; False if there is none."""
         pixmap = self.pixmap(key, place.width(), may_wait=may_wait)
         if pixmap is None:
             return False
@@ -65,7 +65,7 @@ class PortraitPixmaps:
 
 
 def _square(image: QImage, size_px: int) -> QPixmap:
-    """The upper middle of the picture, where the head is."""
+    """Upper middle of the image, where the head is."""
     if image.isNull():
         return QPixmap()
     side = min(image.width(), image.height())

@@ -1,4 +1,4 @@
-"""What the People panel says of each person, worked out from a row and the time, without a window."""
+"""Texts and order of the People panel, computed from rows and time without a window."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -12,7 +12,7 @@ from caris_desktop.people.presence import PersonRow, unnamed_label
 from caris_desktop.ui import words
 
 Standing = Literal["here", "was", "known"]
-"""In front of a camera, gone since this start of the console, or only known of the study."""
+"""Present in front of a camera, gone since the console started, or only known to the study."""
 
 ButtonAct = Literal["yes", "no", "same", "name", "not", "card"]
 
@@ -35,13 +35,13 @@ def standing_of(person: PersonRow) -> Standing:
 
 
 def is_nameless_past(person: PersonRow) -> bool:
-    """Whether somebody left of whom nothing was ever written down."""
+    """Whether a former person has neither a name nor any notes."""
     return standing_of(person) == "was" and not person.known and not words.has_given_name(person)
 
 
 def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
-    """Who is here in order of appearance, so that nothing jumps away under the pointer; then who left, the latest
-    first; then who is known, by name.
+    """Present people by arrival, so that rows do not jump under the pointer; then former ones, latest first; then known
+    ones by name.
     """
     groups: dict[Standing, list[PersonRow]] = {"here": [], "was": [], "known": []}
     for person in persons:
@@ -53,7 +53,7 @@ def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
 
 
 def captions(persons: Sequence[PersonRow]) -> dict[int, str]:
-    """The rows that begin a group, and what is written above each. Who is here needs no caption."""
+    """Captions of the first row of each group. Present people need none."""
     standings = [standing_of(person) for person in persons]
     firsts = {standing: standings.index(standing) for standing in CAPTIONS if standing in standings}
     return {
@@ -64,18 +64,18 @@ def captions(persons: Sequence[PersonRow]) -> dict[int, str]:
 
 
 def is_identified(person: PersonRow) -> bool:
-    """Whether it turned out who this is, so that it can turn out not to be so."""
+    """Whether the person was identified, which can be revoked."""
     return bool(person.visit_id) and person.visit_id != person.person_id
 
 
 def found(person: PersonRow, query: str) -> bool:
-    """Whether name, group and tags together have every word of the query."""
+    """Whether name, group and tags contain every word of the query."""
     there = " ".join((words.person_name(person), person.group, *person.tags)).casefold()
     return all(word in there for word in query.casefold().split())
 
 
 def direction(bearing_rad: float) -> str:
-    """Where somebody is as the robot looks: ahead, left, right, behind."""
+    """Direction from the robot: ahead, left, right, behind."""
     away = abs(math.remainder(bearing_rad, math.tau))
     if away <= _AHEAD_RAD:
         return tr("ahead")
@@ -85,7 +85,7 @@ def direction(bearing_rad: float) -> str:
 
 
 def whereabouts(person: PersonRow) -> str:
-    """2.1 m, left; empty where it is not known."""
+    """Position as "2.1 m, left"; empty if unknown."""
     parts = []
     if person.distance_m is not None:
         parts.append(f"{person.distance_m:.1f} m")
@@ -95,7 +95,7 @@ def whereabouts(person: PersonRow) -> str:
 
 
 def recognised(person: PersonRow) -> str:
-    """How sure it is who this is: recognised, 94 %. Empty where nobody had to find out."""
+    """Identification confidence, as "recognised, 94 %"; empty without an identification."""
     if not is_identified(person) or not person.confidence:
         return ""
     how = tr("recognised") if words.has_given_name(person) else tr("was here before")
@@ -103,12 +103,12 @@ def recognised(person: PersonRow) -> str:
 
 
 def as_permitted(persons: Iterable[PersonRow], *, naming: bool) -> tuple[PersonRow, ...]:
-    """The rows as they are, or where the scenario names nobody as unnamed presence, also of whom another one named."""
+    """The rows, without names if the scenario does not permit naming."""
     return tuple(persons) if naming else tuple(map(_unnamed, persons))
 
 
 def name_of(console: WizardConsole, person_id: str) -> str:
-    """What this scenario calls somebody who is here or known; Somebody, where it is neither."""
+    """Name of a present or known person in this scenario; otherwise "Somebody"."""
     state = console.state
     rows = (*state.persons.value, *state.everybody.value)
     row = next((row for row in rows if row.person_id == person_id), None)
@@ -125,7 +125,7 @@ def _unnamed(person: PersonRow) -> PersonRow:
 
 
 def everyone(persons: Sequence[PersonRow], everybody: Sequence[PersonRow], now_ns: int) -> tuple[PersonRow, ...]:
-    """Who is here, and of everybody those who are not. The list of everybody comes later than that of who is here."""
+    """Rows of present people, and of all others. The list of all people is updated later than that of present ones."""
     here = {person.person_id for person in persons}
     others = (person for person in everybody if person.person_id not in here)
     return (
@@ -135,7 +135,7 @@ def everyone(persons: Sequence[PersonRow], everybody: Sequence[PersonRow], now_n
 
 
 def seen_elsewhere(person: PersonRow, camera_on_show: str) -> str:
-    """The camera that sees somebody, where it is not the one on show."""
+    """Camera that sees the person, if not the one on display."""
     seen_by = person.cameras or ((person.camera,) if person.camera else ())
     if not camera_on_show or not seen_by or camera_on_show in seen_by:
         return ""
@@ -143,7 +143,7 @@ def seen_elsewhere(person: PersonRow, camera_on_show: str) -> str:
 
 
 def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") -> list[str]:
-    """The second line of a row, in parts, what matters first: who has little room reads its beginning."""
+    """Parts of a row's second line, most important first, as a narrow row shows only the beginning."""
     standing = standing_of(person)
     if standing == "known":
         return [tr("known from before")]
@@ -164,7 +164,7 @@ def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") ->
 
 @dataclass(frozen=True, slots=True)
 class RowButton:
-    """One button of a row. ``text`` is left out where there is no room and an icon says it; ``tip`` says it whole."""
+    """Button of a row. ``text`` is dropped if space is short and there is an icon; ``tip`` is the full text."""
 
     act: ButtonAct
     text: str
@@ -176,9 +176,9 @@ class RowButton:
 def buttons_of(
     person: PersonRow, *, can_be_named: bool, unconfirmed: bool = False, yes_key: str = "", no_key: str = ""
 ) -> tuple[RowButton, ...]:
-    """From left to right. There are none in a replay, or where the scenario names nobody.
+    """Buttons from left to right; none in a replay or without naming permission.
 
-    ``unconfirmed``: it has to be said first that this is still who the row says.
+    ``unconfirmed``: the identity must be confirmed first.
     """
     name = words.person_name(person)
     card = RowButton("card", "", "identification-card", tr("All about {name}").format(name=name))

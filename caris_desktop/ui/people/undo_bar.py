@@ -1,4 +1,4 @@
-"""What was just decided about somebody, with the button that takes it back, for some seconds."""
+"""Undo bar: the last decision about a person, with an undo button for some seconds."""
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent
@@ -15,7 +15,7 @@ _SHOWN_MS = 8_000
 
 
 class UndoBar(QWidget):
-    """One line at the lower edge of a panel."""
+    """Bar at the lower edge of a panel."""
 
     undone = Signal()
 

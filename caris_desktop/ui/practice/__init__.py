@@ -1,1 +1,1 @@
-"""The guided exercise, and what is kept of it for each wizard."""
+"""Guided practice, and its results per wizard."""

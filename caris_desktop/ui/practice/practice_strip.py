@@ -1,4 +1,4 @@
-"""The guided exercise in two lines: which step it is, what to do, and how far one has come."""
+"""Practice strip: current step, instruction and progress in two lines."""
 
 from datetime import UTC, datetime
 
@@ -32,7 +32,7 @@ _LOOKS = {
 
 
 class StepDots(QWidget):
-    """One sign for each step: a tick, skipped, the present one, or still open. Shapes differ, not colours alone."""
+    """Progress indicator: done, skipped, current or open, distinguished by shape as well as colour."""
 
     accessible_role = QAccessible.Role.Indicator
 
@@ -71,7 +71,7 @@ class StepDots(QWidget):
 
 
 class PracticeStrip(Bar, QWidget):
-    """Below the notice strip while somebody practises, and until they have read how it went."""
+    """Below the notice strip during a practice, until its result was read."""
 
     accessible_role = QAccessible.Role.Grouping
 
@@ -116,7 +116,7 @@ class PracticeStrip(Bar, QWidget):
         self._show(console.state.practice.value)
 
     def begin(self) -> None:
-        """Whose training it is, is known."""
+        """Start once the wizard is known."""
         self._console.do(intents.BeginPractice(self._wizards.current))
 
     def _on_keys_changed(self) -> None:
@@ -172,7 +172,7 @@ class PracticeStrip(Bar, QWidget):
         return title, tr("{what_was_left} {comparison}").format(what_was_left=left, comparison=how)
 
     def _keep(self, status: PracticeStatus) -> None:
-        """Once for each run."""
+        """Save the result, once per run."""
         if not self._kept:
             self._kept = True
             now = datetime.now(UTC).isoformat(timespec="seconds")

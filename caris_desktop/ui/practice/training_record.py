@@ -1,4 +1,4 @@
-"""What each wizard's practice came to, kept in their profile."""
+"""Practice results, saved in the wizard's profile."""
 
 import json
 from dataclasses import asdict, fields
@@ -13,7 +13,7 @@ _AT_MOST = 100
 
 @dataclass(frozen=True, slots=True)
 class PracticeRun:
-    """``ended_utc`` is an ISO 8601 time; ``done`` of ``steps`` came about; ``score`` is of 100."""
+    """Practice result. ``ended_utc``: ISO 8601; ``done`` of ``steps`` completed; ``score`` out of 100."""
 
     ended_utc: str
     done: int
@@ -23,7 +23,7 @@ class PracticeRun:
 
 
 def practised(wizards: WizardProfiles) -> tuple[PracticeRun, ...]:
-    """The runs of the present wizard, oldest first; what cannot be read is left out."""
+    """Results of the current wizard, oldest first; unreadable ones are skipped."""
     try:
         kept = json.loads(str(wizards.own_value(_KEY, "[]")))
     except ValueError:

@@ -1,1 +1,1 @@
-"""The checks before a recording, as the wizard sees them."""
+"""Preflight checks in the window."""

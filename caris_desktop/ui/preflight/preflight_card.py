@@ -1,4 +1,4 @@
-"""The checks before a recording over the window, and the few words at its lower edge that open them."""
+"""Preflight popup, and the status bar button that opens it."""
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
@@ -18,7 +18,7 @@ _WIDTH_PX, _CHROME_PX, _SIDES_PX = 680, 96, 32
 
 
 class PreflightCard(Overlay):
-    """The list, with how many are open. The robot can be driven and stopped meanwhile."""
+    """List of checks with the number of open ones. The robot can be driven and stopped meanwhile."""
 
     def __init__(self, theme: Theme, window: QWidget, console: WizardConsole) -> None:
         super().__init__(theme, window, width_px=_WIDTH_PX)
@@ -67,7 +67,7 @@ class PreflightCard(Overlay):
 
 
 class PreflightButton(StatusButton):
-    """3 of 12 to check: always there but while a recording runs."""
+    """Number of open checks; hidden while recording."""
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         tip = tr("What the console and you check before a recording. Click for the list.")

@@ -1,4 +1,4 @@
-"""The list of checks: what each is, how it stands, what to do, and a tick where somebody has to look."""
+"""List of preflight checks: title, state, advice, and a check box for manual checks."""
 
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QShowEvent
@@ -19,7 +19,7 @@ _ICON_PX = 20
 
 
 class PreflightList(QScrollArea):
-    """Follows ``console.state.preflight`` while it is seen, and is up to date for whoever asks of its rows."""
+    """Follows ``console.state.preflight`` while visible; accessors bring it up to date."""
 
     accessible_role = QAccessible.Role.List
 
@@ -66,12 +66,12 @@ class PreflightList(QScrollArea):
 
     @property
     def rows(self) -> dict[str, "PreflightRow"]:
-        """By the id of the check, in their order."""
+        """Rows by check id, in order."""
         self._catch_up()
         return self._rows
 
     def height_px(self) -> int:
-        """How high it is with all of its rows."""
+        """Height with all rows."""
         self._catch_up()
         inner = self._inner
         return inner.heightForWidth(self.width()) if inner.hasHeightForWidth() else inner.sizeHint().height()
@@ -83,7 +83,7 @@ class PreflightList(QScrollArea):
             self._rows[check.id].show_check(check)
 
     def _build(self, checks: tuple[PreflightCheck, ...]) -> None:
-        """Those that wait for somebody come first."""
+        """Create the rows, open checks first."""
         for row in self._rows.values():
             self._column.removeWidget(row)
             row.hide()
@@ -144,12 +144,12 @@ class PreflightRow(QWidget):
         return label
 
     def show_check(self, check: PreflightCheck, *, in_full: bool = False) -> None:
-        """``in_full``: also of what is as it should be is said how it stands."""
+        """Update the row; ``in_full``: with the state even if passed."""
         self._check = check
         detail = state_words(check, self._console.state.present.anchor)
         advice = "" if check.state in ("passed", "pending") and check.id != "microphone" else tr(check.advice)
         self._detail.setText(detail)
-        # What is as it should be takes one line.
+        # A passed check takes one line.
         self._detail.setVisible(bool(detail) and (check.state != "passed" or check.manual or in_full))
         self.setToolTip(detail if self._detail.isHidden() else "")
         self._advice.setText(advice)
@@ -169,14 +169,14 @@ class PreflightRow(QWidget):
     def _on_ticked(self, checked: bool) -> None:
         self._console.do(intents.TickCheck(self._check.id, checked))
         if self.box is not None:
-            self.box.setChecked(self._check.state == "passed")  # a tick that was refused is none
+            self.box.setChecked(self._check.state == "passed")  # undo a refused tick
 
     def _on_try(self) -> None:
         self._console.do(intents.TryMicrophone())
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
-        self._style()  # in a dialog the style sheet takes the colours away that were set before
+        self._style()  # within a dialog the style sheet resets colours
 
     def _style(self) -> None:
         state = self._check.state
@@ -187,7 +187,7 @@ class PreflightRow(QWidget):
 
 
 class _StateMark(QWidget):
-    """The shape of a state, beside its word."""
+    """Icon of a state, next to its text."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""How the checks before a recording read."""
+"""Texts of preflight checks."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -39,12 +39,12 @@ _WORST_FIRST: tuple[PreflightState, ...] = ("major", "minor", "not checked", "pe
 
 
 def worst(checks: Sequence[PreflightCheck]) -> PreflightState:
-    """The state that the whole of them is in."""
+    """Worst state of all checks."""
     return min((check.state for check in checks), key=_WORST_FIRST.index, default="passed")
 
 
 def summary(checks: Sequence[PreflightCheck], *, past: bool = False) -> str:
-    """3 of 12 to check; of a recording that is ``past``: 3 of 12 were open."""
+    """Summary as "3 of 12 to check", or for a ``past`` recording "3 of 12 checks were open"."""
     still_open = sum(check.state != "passed" for check in checks)
     if not still_open:
         return tr("All %n checks passed", "", len(checks))
@@ -55,7 +55,7 @@ def summary(checks: Sequence[PreflightCheck], *, past: bool = False) -> str:
 
 
 def open_words(checks: Sequence[PreflightCheck]) -> str:
-    """What is asked about before a recording begins without it."""
+    """Question before a recording that starts with open checks."""
     titles = [tr(check.title) for check in checks if check.asks_first]
     named = ", ".join(f"“{title}”" for title in titles[:3])
     if len(titles) > 3:
@@ -64,7 +64,7 @@ def open_words(checks: Sequence[PreflightCheck]) -> str:
 
 
 def state_words(check: PreflightCheck, anchor: ClockAnchor) -> str:
-    """How it stands; of what was ticked, by whom and when."""
+    """State of a check; for a manual one, by whom and when it was ticked."""
     if not check.manual or check.checked_ns is None:
         return _as_sentence(tr(check.detail))
     moment = datetime.fromtimestamp(anchor.utc_ns_at(check.checked_ns) / 1e9).strftime("%H:%M")
@@ -74,12 +74,12 @@ def state_words(check: PreflightCheck, anchor: ClockAnchor) -> str:
 
 
 def _as_sentence(detail: str) -> str:
-    """As a reason that a status gives, which stands behind a colon elsewhere."""
+    """Capitalise a status reason, which elsewhere follows a colon."""
     return f"{detail[:1].upper()}{detail[1:].removesuffix('.')}." if detail else ""
 
 
 def log_line(event: PreflightChecked) -> tuple[str, str] | None:
-    """Its line in the session log; None for what was as it should be when a recording began."""
+    """Log line of a check; None if it had passed when a recording began."""
     if not event.at_start:
         text = tr("Checked: {check}") if event.state == "passed" else tr("Not checked any more: {check}")
     elif event.state == "passed":

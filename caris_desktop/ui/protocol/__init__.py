@@ -1,1 +1,1 @@
-"""The parts of the protocol strip."""
+"""Widgets of the protocol strip."""

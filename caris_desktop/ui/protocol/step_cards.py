@@ -1,4 +1,4 @@
-"""What opens below the protocol strip: the list of all steps with what belongs to the present one, and its branches."""
+"""Popups of the protocol strip: list of steps, and branches of the current step."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -27,7 +27,7 @@ _ICONS: dict[StepState, str] = {
 
 
 class _CardBelow(FloatingCard):
-    """Opens below a part of the strip; a press beside it closes it, and does what it does."""
+    """Popup below a part of the strip; a click elsewhere closes it and keeps its usual effect."""
 
     accessible_role = QAccessible.Role.Dialog
 
@@ -50,7 +50,7 @@ class _CardBelow(FloatingCard):
         return False
 
     def _is_of(self, widget: QObject) -> bool:
-        """Whether it is a part of the card, or of the strip, which opens and closes it itself."""
+        """Whether a widget belongs to the popup, or to the strip that opens and closes it."""
         return any(
             isinstance(widget, QWidget) and (widget is whole or whole.isAncestorOf(widget))
             for whole in (self, self._strip)
@@ -65,7 +65,7 @@ class _CardBelow(FloatingCard):
 
 
 class StepsCard(_CardBelow):
-    """All steps, to begin any of them; above them the note of the present one and what is to be ticked off in it."""
+    """List of steps to choose from, below the note and checklist of the current step."""
 
     chosen = Signal(str)
     ticked = Signal(str, bool)
@@ -97,7 +97,7 @@ class StepsCard(_CardBelow):
     def show_steps(
         self, steps: Sequence[ShownStep], note: str, ticks: Sequence[tuple[str, bool]], *, digits: bool, live: bool
     ) -> None:
-        """``digits``: the next key may say which, of the first nine. ``live``: something can be ticked off."""
+        """``digits``: the next digit selects one of the first nine. ``live``: the checklist can be edited."""
         self._note.setText(note)
         self._note.setVisible(bool(note))
         _fit(self._ticks, len(ticks), self._new_box)
@@ -140,7 +140,7 @@ class StepsCard(_CardBelow):
 
 
 class BranchesCard(_CardBelow):
-    """What the participant may do, each with its digit."""
+    """Branches of the current step, each with its digit."""
 
     chosen = Signal(int)
 
@@ -167,7 +167,7 @@ class BranchesCard(_CardBelow):
 
 
 def _fit(parts: list[Part], count: int, new: Callable[[], Part]) -> None:
-    """As many as are needed; those that are too many go."""
+    """Adjust the number of widgets, reusing existing ones."""
     for part in parts[count:]:
         part.hide()
         part.deleteLater()

@@ -1,4 +1,4 @@
-"""The steps of the protocol side by side, as many of them around the present one as there is room for."""
+"""Protocol steps in a row: as many around the current one as fit."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -23,7 +23,7 @@ _ICONS: dict[StepState, str] = {"done": "check", "skipped": "skip-forward", "now
 
 @dataclass(frozen=True, slots=True)
 class ShownStep:
-    """One step as the strip shows it; ``time`` is that of the present one."""
+    """Step as displayed; ``time`` is set for the current one."""
 
     step_id: str
     number: int
@@ -39,7 +39,7 @@ class ShownStep:
 
     @property
     def words(self) -> str:
-        """For who hears it, and for the tip."""
+        """Accessible name and tooltip."""
         named = {
             "done": tr("Step {number}, {title}: done"),
             "skipped": tr("Step {number}, {title}: skipped"),
@@ -51,7 +51,7 @@ class ShownStep:
 
 
 class StepPill(QAbstractButton):
-    """One step. Takes no focus from a click, as everything that is clicked while driving."""
+    """Button of a step. A click does not take the focus."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
         super().__init__(parent)
@@ -74,7 +74,7 @@ class StepPill(QAbstractButton):
             self.update()
 
     def wanted_px(self) -> int:
-        # As wide with any digits, so that nothing moves as the seconds go by.
+        # Measured with wide digits, so that a running time moves nothing.
         text = "".join("0" if sign.isdigit() else sign for sign in self.text())
         width = QFontMetricsF(self._font()).horizontalAdvance(text) + 2 * _SIDE_PX + 1
         width += _ICON_PX + 6 if _ICONS[self._step.state] else 0
@@ -131,7 +131,7 @@ class StepPill(QAbstractButton):
 
 
 class StepPills(QWidget):
-    """``chosen`` is a step that was clicked, ``list_wanted`` that the present one was."""
+    """Row of steps. ``chosen``: a step was clicked; ``list_wanted``: the current one was."""
 
     chosen = Signal(str)
     list_wanted = Signal()
@@ -150,17 +150,17 @@ class StepPills(QWidget):
 
     @property
     def shown(self) -> list[ShownStep]:
-        """The steps that there is room for, from left to right."""
+        """Visible steps, from left to right."""
         return [pill.step for pill in self._pills if not pill.isHidden()]
 
     @property
     def buttons(self) -> Sequence[StepPill]:
-        """Of all steps, in their order."""
+        """Buttons of all steps, in order."""
         return tuple(self._pills)
 
     @property
     def present_px(self) -> int:
-        """What the present step, or else the first, needs."""
+        """Width of the current or first step."""
         return self._pills[self._middle].wanted_px() if self._pills else 0
 
     def show_steps(self, steps: Sequence[ShownStep]) -> None:
@@ -179,7 +179,7 @@ class StepPills(QWidget):
 
     @property
     def _middle(self) -> int:
-        """The present step; before the first the first, after the last the last."""
+        """Index of the current step; the first before the start, the last after the end."""
         states = [pill.step.state for pill in self._pills]
         present = [index for index, state in enumerate(states) if state in ("now", "late")]
         return present[0] if present else 0 if "ahead" in states else len(states) - 1
@@ -191,7 +191,7 @@ class StepPills(QWidget):
         first = last = middle
         wanted = [pill.wanted_px() for pill in self._pills]
         room = self.width() - wanted[middle]
-        # What comes next matters more than what is behind.
+        # Following steps take precedence over former ones.
         for _ in self._pills:
             for after in (True, False):
                 beside = last + 1 if after else first - 1

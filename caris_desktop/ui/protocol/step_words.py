@@ -1,4 +1,4 @@
-"""How long steps take, in words."""
+"""Durations of protocol steps as text."""
 
 from typing import TYPE_CHECKING
 
@@ -7,24 +7,24 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ProtocolStatus
 
 if TYPE_CHECKING:
-    # The window stands before anything of a session is read.
+    # Imported late: the window is shown before session files are read.
     from caris_desktop.recording.session.protocol import StepRecord
 
 
 def short_time(seconds: float) -> str:
-    """0:42, 12:05, or 1:02:03 from an hour on."""
+    """Duration as 0:42, 12:05, or 1:02:03 from an hour on."""
     minutes, secs = divmod(max(0, int(seconds)), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{secs:02}" if hours else f"{minutes}:{secs:02}"
 
 
 def time_words(status: ProtocolStatus, now_ns: int) -> str:
-    """How long the present step has taken, of what is expected, and how late it is by that."""
+    """Elapsed, expected and late time of the current step."""
     return _planned_and_actual(status.elapsed_s(now_ns), status.expected_s, status.late_s(now_ns))
 
 
 def record_words(record: "StepRecord") -> str:
-    """How long a step took in a whole session, of what was planned, and by how much it was late."""
+    """Recorded, planned and late time of a step in a session."""
     if not record.visits:
         return tr("not begun")
     words = _planned_and_actual(record.time_s, record.expected_s, record.late_s)
@@ -44,5 +44,5 @@ def _planned_and_actual(actual_s: float, expected_s: float, late_s: float) -> st
 
 
 def is_late(status: ProtocolStatus, now_ns: int) -> bool:
-    """From a whole second on, so that colour and words change together."""
+    """Whether the step is late by a whole second, so that colour and text change together."""
     return status.late_s(now_ns) >= LATE_FROM_S

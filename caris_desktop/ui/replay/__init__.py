@@ -1,1 +1,1 @@
-"""What a replay shows beside the panels: the bar that moves through the session, and the timeline to annotate it."""
+"""Replay widgets: replay bar and annotation timeline."""

@@ -1,4 +1,4 @@
-"""How far two coders agree on a tier: the figures, and where they differ."""
+"""Intercoder agreement dialog: measures for two tiers, and their differences."""
 
 from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QSize, Qt
 from PySide6.QtGui import QBrush, QPainter
@@ -34,7 +34,7 @@ UNIT_MS = 100
 _USUAL_MS = 500
 _LEAST_TABLE_PX = 140
 _FITTING_COLUMNS = 7
-# Landis and Koch (1977), the words that readers of the field know.
+# Landis and Koch (1977), the usual verbal scale.
 _STRENGTHS = (
     (0.0, QT_TR_NOOP("slight")),
     (0.2, QT_TR_NOOP("fair")),
@@ -45,7 +45,7 @@ _STRENGTHS = (
 
 
 def strength(kappa: float) -> str:
-    """Landis and Koch's word for a kappa."""
+    """Landis and Koch's label of a kappa value."""
     if kappa < 0:
         return tr("poor")
     word = next(word for floor, word in reversed(_STRENGTHS) if kappa >= floor)
@@ -59,7 +59,7 @@ def kappa_words(result: Agreement) -> str:
 
 
 def likely_pair(tiers: list[Tier]) -> tuple[int, int]:
-    """Two coders' tiers of one name, else the first two."""
+    """Two coders' tiers of the same name, else the first two."""
     for first, one in enumerate(tiers):
         for second, other in enumerate(tiers[first + 1 :], start=first + 1):
             if one.name == other.name and one.coder != other.coder:
@@ -68,7 +68,7 @@ def likely_pair(tiers: list[Tier]) -> tuple[int, int]:
 
 
 class AgreementDialog(TabAsRead, QDialog):
-    """Compares two tiers as they are when it opens, again with each choice."""
+    """Compares two tiers in their state at opening, again on each selection."""
 
     def __init__(self, theme: Theme, document: AnnotationDocument, parent: QWidget) -> None:
         super().__init__(parent)
@@ -157,7 +157,7 @@ class AgreementDialog(TabAsRead, QDialog):
 
     @property
     def agreement(self) -> TierAgreement | None:
-        """The comparison on show."""
+        """Current comparison."""
         return self._result
 
     def _compare(self) -> None:
@@ -228,7 +228,7 @@ class AgreementDialog(TabAsRead, QDialog):
 
 
 class _TintedCells(QStyledItemDelegate):
-    """Paints a cell's ground itself: an application with a style sheet leaves it out."""
+    """Paints cell backgrounds, which Qt omits in an application with a style sheet."""
 
     def paint(
         self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex

@@ -1,4 +1,4 @@
-"""The line below the timeline: the labels of the tier that is coded on, each with its key, and what can be done."""
+"""Coding strip below the timeline: labels of the active tier with their keys, and commands."""
 
 from collections.abc import Callable
 
@@ -31,9 +31,9 @@ _LEAST_WORDS_PX, _MOST_WORDS_PX, _LABEL_PX, _GAP_PX = 72, 640, 112, 8
 
 
 class CodingStrip(QWidget):
-    """``add_tier_wanted`` where there is nothing to code on yet; everything else runs the table's actions.
+    """Coding strip. ``add_tier_wanted``: no tier yet; all else runs actions of the table.
 
-    Where it is narrow, what can be done is told by icons alone, and labels that have no room are in a menu.
+    In a narrow strip commands show icons only, and labels that do not fit are in a menu.
     """
 
     add_tier_wanted = Signal()
@@ -85,7 +85,7 @@ class CodingStrip(QWidget):
     def show_tier(
         self, row: Row | None, vocabulary: Vocabulary | None, stretch: OpenStretch | None, *, tiers: int
     ) -> None:
-        """``row`` is the tier that keys act on, ``tiers`` how many there are to choose from."""
+        """``row``: the active tier; ``tiers``: the number of tiers."""
         shown = (row, vocabulary, stretch, tiers)
         if shown == self._shown:
             return

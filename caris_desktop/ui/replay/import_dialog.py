@@ -1,4 +1,4 @@
-"""Taking annotations over from an .eaf or CSV file: whose they are."""
+"""Import dialog for annotations from an .eaf or CSV file, with the coder's name."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ _FORMATS = "*.eaf *.csv *.tsv *.txt"
 
 
 class ImportDialog(TabAsRead, QDialog):
-    """Stays open with the reason where ``take_over`` refuses, which it tells when it has read the file."""
+    """Stays open with the reason if ``take_over`` refuses after reading the file."""
 
     def __init__(
         self,
@@ -116,7 +116,7 @@ class ImportDialog(TabAsRead, QDialog):
 
         def told(refusal: str) -> None:
             if asked != self._asked:
-                return  # closed meanwhile, or asked for another one
+                return  # cancelled, or another file was chosen meanwhile
             self._say(refusal)
             if not refusal:
                 self.accept()

@@ -1,4 +1,4 @@
-"""Naming an annotation in its place: free text, or one value of its vocabulary."""
+"""Label popup of an annotation: free text, or a vocabulary value."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ _VALUE = int(Qt.ItemDataRole.UserRole)
 
 
 class LabelCard(FloatingCard):
-    """``chosen(str)`` with the label; nothing where it was given up. In a vocabulary typing finds and digits choose."""
+    """``chosen(str)`` with the label; not emitted on cancel. With a vocabulary, typing searches and digits select."""
 
     chosen = Signal(str)
 
@@ -47,7 +47,7 @@ class LabelCard(FloatingCard):
         column.addWidget(self.list)
 
     def ask(self, where: QPointF, value: str, entries: Sequence[VocabularyEntry] | None) -> None:
-        """Open beside ``where`` with the present label; ``entries`` are all that it may be, None for free text."""
+        """Open next to ``where`` with the current label; ``entries``: permitted values, None for free text."""
         self._entries = None if entries is None else tuple(entries)
         self._before = value
         self._done = False
@@ -67,7 +67,7 @@ class LabelCard(FloatingCard):
         self.list.clear()
         entries = self._entries or ()
         wanted = typed.casefold().strip()
-        # What begins with the words comes before what only has them inside.
+        # Prefix matches first.
         found = [item for item in enumerate(entries, start=1) if wanted in item[1].value.casefold()]
         found.sort(key=lambda item: not item[1].value.casefold().startswith(wanted))
         for number, entry in found:
@@ -100,12 +100,12 @@ class LabelCard(FloatingCard):
             if event.type() in (QEvent.Type.KeyPress, QEvent.Type.ShortcutOverride) and isinstance(event, QKeyEvent):
                 return self._filter_key(event)
             if event.type() == QEvent.Type.FocusOut:
-                # What was written is kept, as in any field; a vocabulary's value has to be chosen.
+                # Free text is saved on losing the focus, as in any field; a vocabulary value must be chosen.
                 self._finish(self.field.text() if self._entries is None else None)
         return super().eventFilter(watched, event)
 
     def _filter_key(self, event: QKeyEvent) -> bool:
-        """The keys of the card: Return chooses, arrows go through the list, Esc gives up."""
+        """Keys of the popup: Return selects, arrows move, Esc cancels."""
         key = event.key()
         keys = (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Escape, Qt.Key.Key_Up, Qt.Key.Key_Down)
         if key not in keys:
@@ -127,7 +127,7 @@ class LabelCard(FloatingCard):
         return True
 
     def give_up(self) -> bool:
-        """Close without a label; False where it was not open."""
+        """Close without a label; False if it was not open."""
         if self._done:
             return False
         self._finish(None)

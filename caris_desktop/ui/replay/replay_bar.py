@@ -1,4 +1,4 @@
-"""The bar of a replay: play, pause, rate, steps, jumps, and the whole session to scrub through."""
+"""Replay bar: play, pause, rate, steps, jumps, and a seek slider over the session."""
 
 from datetime import UTC, datetime
 from typing import Literal
@@ -29,7 +29,7 @@ _NARROWEST_PX = 640
 
 
 def session_title(session: Session) -> tuple[str, str]:
-    """Whose session it is and when it was recorded: P07 and 21 Nov 2026 10:14."""
+    """Participant and time of a session, as P07 and 21 Nov 2026 10:14."""
     when = datetime.fromtimestamp(session.clock.anchor.utc_ns_at(session.started_ns) / 1e9, UTC).astimezone()
     return session.trial.get("participant") or session.folder.name, f"{words.day_of(when, with_year=True)} {when:%H:%M}"
 
@@ -39,7 +39,7 @@ def rate_text(rate: float) -> str:
 
 
 class ReplayBar(QWidget):
-    """Moves through the session; ``actions`` gets the keys of a replay."""
+    """Playback controls; ``actions`` gets the keys of a replay."""
 
     accessible_role = QAccessible.Role.Grouping
 
@@ -70,7 +70,7 @@ class ReplayBar(QWidget):
         self._frame_back = self._button(actions, "frame_back", "", "caret-left", tr("One frame back"))
         self._frame_on = self._button(actions, "frame_on", "", "caret-right", tr("One frame on"))
         for button in (self._previous_utterance, self._next_utterance):
-            button.hide()  # until it is known that there is room
+            button.hide()  # until the width is known
         self._times = ReplayTimes(theme)
         self._rate = DropDown(theme, "replay_rate", tr("Speed of the replay"))
         self._rate.setToolTip(tr("How fast it plays. Slower with <, faster with >"))
@@ -125,7 +125,7 @@ class ReplayBar(QWidget):
         return QSize(900, self._height_px())
 
     def minimumSizeHint(self) -> QSize:
-        # What goes when there is little room must not keep the window from becoming narrow.
+        # Parts that can be hidden must not set the window's minimum width.
         return QSize(_NARROWEST_PX, self._height_px())
 
     def _height_px(self) -> int:
@@ -134,7 +134,7 @@ class ReplayBar(QWidget):
         return 48 + (_HINT_PX if self._hint.text() else 0)
 
     def set_one_line(self, one_line: bool) -> None:
-        """Everything in one line, keys in the tips; on a small window the picture needs the room more."""
+        """Use a single line with keys in tooltips; in a small window the video needs the space."""
         if one_line == self._one_line:
             return
         self._one_line = one_line
@@ -167,11 +167,11 @@ class ReplayBar(QWidget):
         self._next_utterance.setVisible(roomy and self.width() >= 1440)
 
     def _use_hint(self) -> None:
-        """In one line there is no room beside it: it stands above, as long as there is something to say."""
+        """Show the hint above a single-line bar while there is one."""
         self._hint.setVisible(bool(self._hint.text()) or not self._one_line)
         self.updateGeometry()
 
-    # ---- what the table's actions do
+    # ---- callbacks of the action table
 
     def toggle_playing(self) -> None:
         if self._replay.playback.value.playing:
@@ -191,13 +191,13 @@ class ReplayBar(QWidget):
                 self._say(tr("No later utterance") if direction > 0 else tr("No earlier utterance"))
 
     def change_rate(self, direction: int) -> None:
-        """The next faster (1) or slower (-1) rate."""
+        """Switch to the next faster (1) or slower (-1) rate."""
         rate: float = self._replay.playback.value.rate
         others = [other for other in RATES if (other > rate if direction > 0 else other < rate)]
         if others:
             self._replay.set_rate(min(others) if direction > 0 else max(others))
 
-    # ---- what is on show
+    # ---- display
 
     def _say(self, text: str) -> None:
         self._hint.setText(text)
@@ -251,7 +251,7 @@ class ReplayBar(QWidget):
         self._play.set_label("" if self._one_line else label, icon=icon)
         self._play.setAccessibleName(label)
         self._play.setToolTip(label if self._one_line else "")
-        # As wide with either word, so that nothing beside it moves.
+        # Fixed width for both texts, so that nothing moves.
         either = ("",) if self._one_line else (tr("Pause"), tr("Play"))
         self._play.setFixedWidth(max(44, *map(self._play.width_with, either)))
 
@@ -276,7 +276,7 @@ class ReplayBar(QWidget):
 
 
 class ReplayTitle(QWidget):
-    """Says that this is a replay, and of what."""
+    """Badge of the replay with participant and time."""
 
     accessible_role = QAccessible.Role.StaticText
 
@@ -289,7 +289,7 @@ class ReplayTitle(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         self._theme = theme
         self._participant, self._when = participant, when
-        self._date_shown = False  # until it is known that there is room
+        self._date_shown = False  # until the width is known
         theme.changed.connect(self.update)
 
     @property
@@ -321,7 +321,7 @@ class ReplayTitle(QWidget):
 
 
 class ReplayTimes(QWidget):
-    """12:34.5 of 1:00:00, and what the clock on the wall showed. Digits keep their places while it plays."""
+    """Current and total time, and wall-clock time. Digits keep their positions while playing."""
 
     accessible_role = QAccessible.Role.StaticText
 
@@ -358,7 +358,7 @@ class ReplayTimes(QWidget):
         self.update()
 
     def _widths(self) -> tuple[float, float, float]:
-        """Room for the present time, the total, and the wall clock: that of the widest digits."""
+        """Widths of current time, total and wall clock, with the widest digits."""
         now = QFontMetricsF(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         rest = QFontMetricsF(self._theme.font(tokens.STATUS_PX))
         wide = "".join("0" if letter.isdigit() else letter for letter in self._now)
