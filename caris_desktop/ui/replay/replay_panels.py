@@ -1,4 +1,4 @@
-"""The panels of a replay above its timeline: they show what was, and nothing in them needs to be at hand."""
+"""Scroll area for the panels of a replay, above the timeline. They only display."""
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QResizeEvent
@@ -12,7 +12,7 @@ _LEAST_PANEL_PX = 56
 
 
 def lower_edge(node: LayoutNode, panel: PanelName) -> float | None:
-    """Where the panel ends, as a share of the height of the whole tree; None where it is not in the tree."""
+    """Lower edge of the panel as a share of the tree's height; None if it is not in the tree."""
     if isinstance(node, PanelLeaf):
         return 1.0 if node.panel == panel else None
     if isinstance(node, TabNode):
@@ -27,7 +27,7 @@ def lower_edge(node: LayoutNode, panel: PanelName) -> float | None:
 
 
 class ReplayPanels(QScrollArea):
-    """On a low screen the panels scroll, and are just so high that the picture is whole without scrolling."""
+    """On a low screen the panels scroll, at a height that shows the whole video without scrolling."""
 
     def __init__(self, docks: DockHost) -> None:
         super().__init__()
@@ -42,7 +42,7 @@ class ReplayPanels(QScrollArea):
         docks.layout_changed.connect(self.fit)
 
     def set_least(self, height_px: int) -> None:
-        """How low they may become."""
+        """Set the minimum height."""
         self._least_px = height_px
         self.setMinimumHeight(height_px)
         self.updateGeometry()
@@ -55,12 +55,12 @@ class ReplayPanels(QScrollArea):
         self.fit()
 
     def fit(self) -> None:
-        """Give the panels the height at which the video ends where the view ends."""
+        """Set the height at which the video ends at the bottom of the view."""
         tree = self._docks.tree
         edge = lower_edge(tree, "video") if tree is not None else None
         for dock in self._docks.docks.values():
             panel = dock.widget()
             if panel is not None:
-                # What they need by themselves is for working with them, which nobody does here.
+                # Panels' own minimum sizes are for operating them, which a replay does not.
                 panel.setMinimumHeight(_LEAST_PANEL_PX)
         self._docks.setMinimumHeight(round(self.viewport().height() / edge) if edge else 0)

@@ -1,4 +1,4 @@
-"""What turns the window into one of a replay: panels that scroll, the timeline below them, and the bar."""
+"""Replay mode of the main window: scrolling panels, the timeline below them, and the replay bar."""
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
@@ -15,16 +15,16 @@ from caris_desktop.ui.theme import Theme
 
 _PANELS_AND_TIMELINE_PX = (600, 260)
 _SMALL_BELOW_PX = (880, 600)
-"""A window that is narrower or lower than this has a bar of one line, and lower panels."""
+"""Below this window size, the bar has a single line and the panels are lower."""
 
 _LOWEST_PX = 380
 _LEAST_PANELS_PX = 120
 DRAWER_BELOW_PX = _LEAST_PANELS_PX + 8 + LOW_PX
-"""Where the panels and the timeline have no more room than this together, one of them is open at a time."""
+"""Below this total height, only one of panels and timeline is open at a time."""
 
 
 class ReplayWidgets(QObject):
-    """The timeline and the bar, with their keys; ``arrange`` puts them into the window."""
+    """Timeline and replay bar with their keys; ``arrange`` places them in the window."""
 
     def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
         super().__init__()
@@ -38,7 +38,7 @@ class ReplayWidgets(QObject):
         self._drawer = self._timeline_open = False
 
     def arrange(self, docks: DockHost, middle: QSplitter, column: QVBoxLayout, status_bar: QWidget) -> None:
-        """The timeline below ``docks`` in the ``middle`` of the window, the bar above the status bar."""
+        """Place the timeline below ``docks`` in the ``middle`` of the window, and the bar above the status bar."""
         self._panels, self._middle, self._window = ReplayPanels(docks), middle, middle.window()
         middle.insertWidget(0, self._panels)
         middle.addWidget(self.timeline)
@@ -48,22 +48,22 @@ class ReplayWidgets(QObject):
         column.insertWidget(column.indexOf(status_bar), self._bar)
         for watched in (self._window, middle):
             watched.installEventFilter(self)
-        # Else the window could be made smaller only step by step.
+        # Otherwise the window could be shrunk only in steps.
         self._window.setMinimumHeight(_LOWEST_PX)
         self._use_window_size()
 
     def fit(self) -> None:
-        """The panels were built anew."""
+        """Adjust after the panels were rebuilt."""
         if self._panels is not None:
             self._panels.fit()
 
     def show_panels(self) -> None:
-        """Shut the timeline where it is a drawer over them."""
+        """Close the timeline if it is a drawer over the panels."""
         if self._drawer and self._timeline_open:
             self._open_timeline(False)
 
     def take_focus(self) -> None:
-        """In a replay no field takes what is typed, and Space plays."""
+        """Take the focus: no field gets typed keys in a replay, and Space plays."""
         taker = self._window if self._drawer and not self._timeline_open else self.timeline
         if taker is not None:
             taker.setFocus(Qt.FocusReason.OtherFocusReason)
@@ -102,7 +102,7 @@ class ReplayWidgets(QObject):
         self.take_focus()
 
     def _show_drawer(self) -> None:
-        """Where there is little room, either the panels with the timeline's title below them, or the timeline."""
+        """Show the panels with the timeline's title below, or the timeline."""
         if self._panels is None or self._middle is None:
             return
         self.timeline.show_as_drawer(None if not self._drawer else self._timeline_open)

@@ -1,4 +1,4 @@
-"""The whole session in one line: where the replay is, what happened where, and a look at any moment of it."""
+"""Seek slider over the whole session, with events and a preview on hover."""
 
 from collections.abc import Callable
 
@@ -36,9 +36,9 @@ _PROBLEMS = ("problem", "trouble", "gap", "emergency")
 
 
 class Scrubber(QWidget):
-    """A slider from the session's beginning to its end; ``seek_wanted(at_ns)`` while it is dragged, newest first.
+    """Slider over the session; ``seek_wanted(at_ns)`` while dragging.
 
-    Marks are flags above the line, utterances strokes on it, problems triangles below: told apart by shape.
+    Marks are flags above the line, utterances strokes on it, problems triangles below: distinguished by shape.
     """
 
     accessible_role = QAccessible.Role.Slider
@@ -71,7 +71,7 @@ class Scrubber(QWidget):
         thumbnails.made.connect(self._on_picture_made)
         theme.changed.connect(self._forget_ticks)
 
-    # ---- what it shows
+    # ---- display
 
     def show_session(self, start_ns: int, end_ns: int) -> None:
         if (start_ns, end_ns) != (self._start_ns, self._end_ns):
@@ -79,19 +79,19 @@ class Scrubber(QWidget):
             self._forget_ticks()
 
     def show_position(self, position_ns: int) -> None:
-        """Where the replay is; while the handle is dragged it stays with the pointer."""
+        """Set the replay's position; during a drag the handle stays at the pointer."""
         if position_ns != self._position_ns:
             before = self.x_of(self._position_ns)
             self._position_ns = position_ns
             if round(before * 2) != round(self.x_of(position_ns) * 2) and not self._dragging:
                 self.update()
             if self._by_key:
-                # A change is said aloud: where a key went to, not each moment of what is played.
+                # Announce a jump by key, not every position of a playing replay.
                 self._by_key = False
                 self.setAccessibleDescription(self.accessible_words())
 
     def show_overview(self, overview: SessionOverview | None, words: Callable[[int], str]) -> None:
-        """What there is to jump to; ``words`` gives the time of a moment for people."""
+        """Set the events to show; ``words`` formats a time."""
         self._overview, self._words = overview, words
         self._problems_ms = []
         if overview is not None:
@@ -107,7 +107,7 @@ class Scrubber(QWidget):
 
     @property
     def shown_ns(self) -> int:
-        """Where the handle is."""
+        """Position of the handle."""
         return self._hover_ns if self._dragging and self._hover_ns is not None else self._position_ns
 
     def accessible_words(self) -> str:
@@ -185,10 +185,10 @@ class Scrubber(QWidget):
             self._bubble.hide()
         self.update()
 
-    # ---- the look at a moment
+    # ---- preview
 
     def _picture_moment(self, at_ns: int) -> int:
-        """The moment that stands for those around it, so that a small move of the pointer needs no other picture."""
+        """Time rounded to the preview grid, so that small pointer moves reuse the image."""
         grain_ns = max(500_000_000, (self._end_ns - self._start_ns) // 400)
         return self._start_ns + (at_ns - self._start_ns) // grain_ns * grain_ns
 
@@ -209,7 +209,7 @@ class Scrubber(QWidget):
         self._bubble.show_moment(at, self._words(self._hover_ns), self._nearby(), picture, with_picture=bool(cameras))
 
     def _nearby(self) -> str:
-        """What the pointer is at, in words."""
+        """Events at the pointer, as text."""
         if self._overview is None or self._hover_ns is None:
             return ""
         at_px = self.x_of(self._hover_ns)
@@ -287,7 +287,7 @@ class Scrubber(QWidget):
 
 
 class MomentBubble(QWidget):
-    """A picture of a moment with its time, above the place that it is a picture of. Takes nothing from the pointer."""
+    """Seek preview: image and time above the pointed position. Transparent to the mouse."""
 
     def __init__(self, theme: Theme, window: QWidget) -> None:
         super().__init__(window)
@@ -306,7 +306,7 @@ class MomentBubble(QWidget):
 
     @property
     def text(self) -> str:
-        """What was said or marked there."""
+        """What was said or marked at that time."""
         return self._text
 
     @property
@@ -358,5 +358,5 @@ class MomentBubble(QWidget):
 
 
 def moment_words(at_ms: float, wall: str) -> str:
-    """12:34.500 · 10:26:36, session time and what the clock on the wall showed."""
+    """Session time and wall-clock time, as 12:34.500 · 10:26:36."""
     return f"{exact_text(at_ms)[:-2]} · {wall[:8]}"

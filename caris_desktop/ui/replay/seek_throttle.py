@@ -1,4 +1,4 @@
-"""Seeking while something is dragged: the newest moment counts, and not more of them than can be shown."""
+"""Throttle for seeking while dragging: the newest position wins, at a rate that can be displayed."""
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
@@ -6,7 +6,7 @@ EVERY_MS = 40
 
 
 class SeekThrottle(QObject):
-    """``due(at_ns)`` at once for the first moment that is wanted, then for the newest one in each short while."""
+    """``due(at_ns)`` at once for the first position, then for the newest one per interval."""
 
     due = Signal(object)
 

@@ -1,4 +1,4 @@
-"""Small pictures of moments: asked for one at a time, kept for a while, told when they are there."""
+"""Thumbnail cache of a replay: few requests at a time, with a signal on arrival."""
 
 import time
 from collections import OrderedDict
@@ -16,15 +16,14 @@ _AT_ONCE = 3
 _GIVE_UP_S = 1.0
 
 Moment = tuple[str, int]
-"""Camera and session clock, nanoseconds."""
+"""Camera and session clock in ns."""
 
 
 class Thumbnails(QObject):
-    """``made`` tells that another picture is there.
+    """Thumbnail cache; ``made`` reports a new image.
 
-    Few requests are under way at a time, so that scrolling past a hundred pictures makes only those that are still
-    wanted when their turn comes: what the pointer is at first, then what is on show. A moment without a picture is
-    never answered; it is given up after a second.
+    Few requests are in flight, so that after fast scrolling only thumbnails that are still needed are made: the pointed
+    one first, then visible ones. A time without an image gets no answer; its request times out after a second.
     """
 
     made = Signal(str, object)  # camera, at_ns
@@ -42,7 +41,7 @@ class Thumbnails(QObject):
         replay.thumbnail_made.connect(self._on_made)
 
     def picture(self, camera: str, at_ns: int) -> QImage | None:
-        """The picture, if it is there; a null one where there was nothing to see."""
+        """The thumbnail if cached; a null image if there was none."""
         moment = (camera, at_ns)
         found = self._kept.get(moment)
         if found is not None:
@@ -50,12 +49,12 @@ class Thumbnails(QObject):
         return found
 
     def want(self, camera: str, at_ns: int) -> None:
-        """Needed next, before everything that is merely on show."""
+        """Request next, before visible ones."""
         self._first = (camera, at_ns)
         self._ask()
 
     def want_shown(self, moments: Sequence[Moment]) -> None:
-        """On show now, in place of what was on show before."""
+        """Set the visible thumbnails, replacing the former ones."""
         self._shown = [moment for moment in moments if moment not in self._kept]
         self._ask()
 
@@ -98,5 +97,5 @@ def _as_image(image_bgr: NDArray[np.uint8] | None) -> QImage:
         return QImage()
     height, width = image_bgr.shape[:2]
     rows = np.ascontiguousarray(image_bgr)
-    # A QImage shares the array's memory, so it needs one of its own.
+    # QImage does not copy the array, which may be freed.
     return QImage(rows.data, width, height, 3 * width, QImage.Format.Format_BGR888).copy()

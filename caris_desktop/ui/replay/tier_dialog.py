@@ -1,4 +1,4 @@
-"""A new tier, or an existing one changed: whose it is, its name, and which labels it may hold."""
+"""Tier dialog: coder, name and labels of a new or existing tier."""
 
 from collections.abc import Callable, Sequence
 
@@ -32,7 +32,7 @@ OWN_LIST = QT_TR_NOOP("A list of labels…")
 
 @dataclass(frozen=True, slots=True)
 class TierWish:
-    """What the dialog asks for. ``vocabulary`` is None for free text."""
+    """Result of the dialog. ``vocabulary`` is None for free text."""
 
     coder: str
     name: str
@@ -40,7 +40,7 @@ class TierWish:
 
 
 def labels_of(text: str) -> tuple[VocabularyEntry, ...]:
-    """One label a line, its meaning after a colon."""
+    """Parse labels, one per line, with the meaning after a colon."""
     entries = []
     for line in text.splitlines():
         value, _, meaning = line.partition(":")
@@ -50,14 +50,14 @@ def labels_of(text: str) -> tuple[VocabularyEntry, ...]:
 
 
 def text_of(vocabulary: Vocabulary) -> str:
-    """What ``labels_of`` reads."""
+    """Inverse of ``labels_of``."""
     return "\n".join(
         f"{entry.value}: {entry.description}" if entry.description else entry.value for entry in vocabulary.entries
     )
 
 
 def renamed_labels(before: Vocabulary, after: Vocabulary) -> dict[str, str]:
-    """What was called otherwise in its place: with as many lines as before, a new label stands for the old one."""
+    """Renamed labels by position: if the number of lines is unchanged, a new label replaces the old one on its line."""
     old, new = [entry.value for entry in before.entries], [entry.value for entry in after.entries]
     if len(old) != len(new):
         return {}
@@ -65,7 +65,7 @@ def renamed_labels(before: Vocabulary, after: Vocabulary) -> dict[str, str]:
 
 
 def with_tier(document: AnnotationDocument, wish: TierWish, tier: Tier | None) -> AnnotationDocument:
-    """The document as the dialog wants it: a new tier, or ``tier`` changed. Raises AnnotationError."""
+    """The document with a new tier, or ``tier`` changed. Raises AnnotationError."""
     name = ""
     if wish.vocabulary is not None:
         name = wish.vocabulary.name
@@ -82,7 +82,7 @@ def with_tier(document: AnnotationDocument, wish: TierWish, tier: Tier | None) -
 
 
 class TierDialog(TabAsRead, QDialog):
-    """Asks, and stays open with the reason where ``apply`` refuses."""
+    """Stays open with the reason if ``apply`` refuses."""
 
     def __init__(
         self,
@@ -190,7 +190,7 @@ class TierDialog(TabAsRead, QDialog):
         (self._name if self._coder.currentText() else self._coder).setFocus(Qt.FocusReason.OtherFocusReason)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Enter does what its cap says wherever it is pressed, but for the list of labels, where it is a new line."""
+        """Enter accepts the dialog, except in the list of labels, where it adds a line."""
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and not self._list.hasFocus():
             self._on_save()
             return
@@ -206,7 +206,7 @@ class TierDialog(TabAsRead, QDialog):
         return TierWish(coder, name, self._vocabulary(name))
 
     def _chosen_name(self) -> str:
-        """Of an existing vocabulary; empty for the other choices."""
+        """Selected existing vocabulary; empty for other choices."""
         return str(self._labels.currentData() or "")
 
     def _vocabulary(self, tier_name: str) -> Vocabulary | None:
@@ -248,7 +248,7 @@ class TierDialog(TabAsRead, QDialog):
 
 
 def _form_label(text: str) -> QLabel:
-    """As high as its field, so that both stand on one line."""
+    """Label as high as its field, for a common baseline."""
     label = QLabel(text)
     label.setMinimumHeight(36)
     return label

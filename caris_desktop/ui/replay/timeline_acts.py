@@ -1,4 +1,4 @@
-"""What keys and pointer do on the timeline: code, cut, move and name annotations, go from one to the next."""
+"""Timeline commands by key and mouse: code, split, move and name annotations, and go to the next one."""
 
 from collections.abc import Callable
 
@@ -26,13 +26,13 @@ _ZOOM_STEP = 1.5
 
 
 class TimelineActs(QObject):
-    """Has the callbacks of the timeline's rows in the table of actions. What cannot be done is said beside its place.
+    """Callbacks of the timeline's rows in the action table. A refusal is shown at its place.
 
-    ``view`` is the whole timeline, ``canvas`` its drawn part.
+    ``view``: the whole timeline; ``canvas``: its painted part.
     """
 
-    timeline_wanted = Signal()  # it is shut
-    open_changed = Signal()  # a label was begun, or ended
+    timeline_wanted = Signal()  # open the drawer
+    open_changed = Signal()  # a label was begun or ended
 
     def __init__(self, theme: Theme, replay: ReplayControls, canvas: TimelineCanvas, view: QWidget) -> None:
         super().__init__(view)
@@ -54,18 +54,18 @@ class TimelineActs(QObject):
 
     @property
     def document(self) -> AnnotationDocument:
-        """The annotations of all coders."""
+        """Annotations of all coders."""
         document: AnnotationDocument = self._replay.coding.value
         return document
 
     @property
     def position_ms(self) -> int:
-        """The moment on show, in whole milliseconds of the session."""
+        """Current time in whole milliseconds of the session."""
         return round(self.ms_of(self._replay.playback.value.position_ns))
 
     @property
     def words(self) -> str:
-        """Why the last thing was refused, while that is shown."""
+        """Refusal on display."""
         return self._bubble.text
 
     def ms_of(self, at_ns: int) -> float:
@@ -98,7 +98,7 @@ class TimelineActs(QObject):
         self._seek(self.position_ms + 1000 * seconds)
 
     def select_tier(self, direction: int) -> None:
-        """The coder's tier below (1) or above (-1)."""
+        """Select the coder's next (1) or previous (-1) tier."""
         tiers = [row.key for row in self._canvas.rows if row.own]
         active = self._canvas.active
         if not tiers:
@@ -110,7 +110,7 @@ class TimelineActs(QObject):
         self._canvas.show_row(key)
 
     def select_next(self, direction: int) -> None:
-        """The next annotation of the tier (1), or the one before (-1)."""
+        """Select the next (1) or previous (-1) annotation of the tier."""
         active, selected = self._canvas.active, self._canvas.selected
         if active is None:
             return
@@ -125,7 +125,7 @@ class TimelineActs(QObject):
         self._seek(found.start_ms)
 
     def code(self, number: int) -> None:
-        """The key of a label: names what is selected, else starts the label at the playhead, or ends it there."""
+        """Label key: rename the selected annotation, else begin or end the label at the playhead."""
         tier = self._own_tier(tr("Add a tier to code on first."))
         if tier is None:
             return
@@ -159,7 +159,7 @@ class TimelineActs(QObject):
         return bool(self._replay.playback.value.playing)
 
     def _end_open(self) -> bool:
-        """The open label ends at the playhead, or where the next annotation begins."""
+        """End the open label at the playhead, or at the next annotation."""
         stretch = self.open
         if stretch is None:
             return True
@@ -181,7 +181,7 @@ class TimelineActs(QObject):
         self.open_changed.emit()
 
     def add_at_playhead(self) -> None:
-        """A second, or as much of it as is free."""
+        """Add an annotation of a second, or of the free time if shorter."""
         tier = self._own_tier(tr("Add a tier to code on first."))
         if tier is None:
             return
@@ -229,14 +229,14 @@ class TimelineActs(QObject):
             self._on_move_wanted(item.annotation_id, item.start_ms, self.position_ms, item.tier_id)
 
     def nudge(self, direction: int) -> None:
-        """A little later (1) or earlier (-1)."""
+        """Move the annotation a little later (1) or earlier (-1)."""
         item = self._chosen()
         if item is not None:
             by_ms = direction * NUDGE_MS
             self._on_move_wanted(item.annotation_id, item.start_ms + by_ms, item.end_ms + by_ms, item.tier_id)
 
     def give_up(self) -> None:
-        """Esc: whatever was begun in the timeline is forgotten. The window connects it to ``escape_pressed``."""
+        """Esc: cancel the current operation. The window connects it to ``escape_pressed``."""
         self._bubble.hide()
         if self._card is not None and self._card.give_up():
             return
@@ -248,7 +248,7 @@ class TimelineActs(QObject):
             self._canvas.select("")
 
     def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument], near: Annotation | None = None) -> bool:
-        """Do it, or say beside ``near`` why not."""
+        """Apply an edit, or show the refusal at ``near``."""
         refusal = self._replay.edit(edit)
         if refusal:
             self.say(refusal, near)
@@ -267,7 +267,7 @@ class TimelineActs(QObject):
         self._bubble.say(words, place)
 
     def _own_tier(self, otherwise: str) -> Tier | None:
-        """The coder's tier that keys act on; says ``otherwise`` where there is none."""
+        """The coder's active tier; shows ``otherwise`` if there is none."""
         active = self._canvas.active
         if active is None or not active.own or active.tier is None:
             self.say(otherwise)
@@ -275,7 +275,7 @@ class TimelineActs(QObject):
         return active.tier
 
     def _chosen(self) -> Annotation | None:
-        """What is selected, else what lies at the playhead on the tier that keys act on."""
+        """The selected annotation, else the one at the playhead on the active tier."""
         item = self._canvas.selected
         if item is None:
             tier = self._own_tier(tr("Select an annotation first."))
@@ -288,7 +288,7 @@ class TimelineActs(QObject):
         return item if self._is_own(item) else None
 
     def _is_own(self, item: Annotation) -> bool:
-        """Whether a coder made it; says so where it comes from the record."""
+        """Whether a coder made the annotation; shows a refusal for a recorded one."""
         own = any(tier.tier_id == item.tier_id for tier in self.document.tiers)
         if not own:
             self.say(tr("This comes from the record and stays as it is. Code it on a tier of your own."), item)
@@ -311,7 +311,7 @@ class TimelineActs(QObject):
         self.edit(lambda document: editing.move_annotation(document, annotation_id, start_ms, end_ms, tier_id), item)
 
     def _rename(self, annotation_id: str) -> None:
-        """Ask for the label, beside the annotation."""
+        """Ask for the label next to the annotation."""
         self._canvas.select(annotation_id)
         item = self._canvas.selected
         if item is None:

@@ -1,6 +1,6 @@
-"""The timeline as a widget: names, ruler and rows, and what the pointer does to them.
+"""Timeline widget: row names, ruler, rows and mouse input.
 
-Everything that stays while the replay plays is drawn once into a layer; a moving playhead repaints a narrow stripe.
+Static content is drawn once into a layer; a moving playhead repaints a narrow strip.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -36,17 +36,17 @@ _ZOOM_PER_NOTCH = 1.25
 
 
 class TimelineCanvas(QWidget):
-    """Draws rows and tells what is wanted; holds no annotations of its own and changes none."""
+    """Paints rows and emits requests; does not store or change annotations."""
 
     accessible_role = QAccessible.Role.Chart
 
-    seek_wanted = Signal(float)  # milliseconds of the session
-    create_wanted = Signal(str, int, int)  # tier, start and end in milliseconds
-    move_wanted = Signal(str, int, int, str)  # annotation, start and end in milliseconds, tier
+    seek_wanted = Signal(float)  # session time in ms
+    create_wanted = Signal(str, int, int)  # tier, start and end in ms
+    move_wanted = Signal(str, int, int, str)  # annotation, start and end in ms, tier
     rename_wanted = Signal(str)
     row_menu_wanted = Signal(str, QPoint)  # row, global position
     row_opened = Signal(str)
-    row_moved = Signal(str, int)  # row, its place among the others on show
+    row_moved = Signal(str, int)  # row, new index among visible rows
     selection_changed = Signal()
     view_changed = Signal()  # zoom or scroll
 
@@ -74,14 +74,14 @@ class TimelineCanvas(QWidget):
     def minimumSizeHint(self) -> QSize:
         return QSize(NAMES_PX + 160, RULER_PX + 32)
 
-    # ---- what it shows
+    # ---- display
 
     def show_session(self, started_ns: int, duration_ms: float) -> None:
         self.shown.started_ns, self.shown.duration_ms = started_ns, max(1.0, duration_ms)
         self.set_scale(whole_session(self.room_px, self.shown.duration_ms) if self._fits else self.scale)
 
     def show_rows(self, rows: Sequence[Row], coders: Sequence[str], *, words: str = "") -> None:
-        """The rows in their order; ``words`` stand where there are none."""
+        """Set the rows, in order; ``words``: text shown if there are none."""
         self.shown.rows, self.shown.coders, self.shown.words = list(rows), coders, words
         self.shown.tops = [0]
         for row in self.rows:
@@ -90,7 +90,7 @@ class TimelineCanvas(QWidget):
         self._forget_everything()
 
     def show_tracks(self, tracks: Mapping[str, Track]) -> None:
-        """The annotations of each tier, by the key of its row."""
+        """Set the annotations of each tier, by row key."""
         self.shown.tracks = tracks
         if self._selected:
             self._over.selected = self.places.find(self._selected)
@@ -104,7 +104,7 @@ class TimelineCanvas(QWidget):
         self._forget_everything()
 
     def show_position(self, position_ms: float, *, playing: bool) -> None:
-        """Move the playhead. The view follows it over its edge, and to where somebody jumped."""
+        """Move the playhead. The view scrolls when the playhead leaves it, also after a jump."""
         before, self.shown.position_ms = self.shown.position_ms, position_ms
         was_visible = 0 <= self.scale.to_px(before) <= self.room_px
         x = self.scale.to_px(position_ms)
@@ -127,7 +127,7 @@ class TimelineCanvas(QWidget):
         self.update()
 
     def forget_layer(self) -> None:
-        """Something that stays has changed under the ruler: draw it again."""
+        """Redraw the static layer."""
         self._layer = None
         self.update()
 
@@ -145,7 +145,7 @@ class TimelineCanvas(QWidget):
 
     @property
     def room_px(self) -> int:
-        """Width of the part under the ruler."""
+        """Width of the part below the ruler."""
         return self.shown.room_px
 
     @property
@@ -165,7 +165,7 @@ class TimelineCanvas(QWidget):
         self.view_changed.emit()
 
     def zoom(self, factor: float, around_px: float | None = None) -> None:
-        """Around a pixel of the rows; around the playhead, where it is in view, without one."""
+        """Zoom around a pixel of the rows; without one around the playhead, if visible."""
         if around_px is None:
             playhead = self.scale.to_px(self.shown.position_ms)
             around_px = playhead if 0 <= playhead <= self.room_px else self.room_px / 2
@@ -175,7 +175,7 @@ class TimelineCanvas(QWidget):
         self.set_scale(whole_session(self.room_px, self.shown.duration_ms))
 
     def scroll_across_to(self, start_ms: float) -> None:
-        """Let the visible part begin there."""
+        """Set the start of the visible part."""
         self.set_scale(replace(self.scale, start_ms=start_ms))
 
     def scroll_to(self, y: int) -> None:
@@ -186,7 +186,7 @@ class TimelineCanvas(QWidget):
         self.view_changed.emit()
 
     def show_row(self, key: str) -> None:
-        """Scroll so that the row is in view."""
+        """Scroll to the row."""
         index = self.places.index_of(key)
         if index is None:
             return
@@ -197,11 +197,11 @@ class TimelineCanvas(QWidget):
             self.scroll_to(bottom - room)
 
     def show_stretch(self, start_ms: float, end_ms: float) -> None:
-        """Scroll so that the stretch is in view."""
+        """Scroll to the interval."""
         if not 0 <= self.scale.to_px(start_ms) <= self.room_px - 40 or self.scale.to_px(end_ms) > self.room_px:
             self.set_scale(replace(self.scale, start_ms=start_ms - 0.2 * self.room_px / self.scale.px_per_ms))
 
-    # ---- what is chosen
+    # ---- selection
 
     @property
     def selected(self) -> Annotation | None:
@@ -216,7 +216,7 @@ class TimelineCanvas(QWidget):
 
     @property
     def active(self) -> Row | None:
-        """The coder's tier that keys act on."""
+        """The coder's active tier."""
         index = self.places.index_of(self.shown.active)
         return None if index is None else self.rows[index]
 
@@ -226,7 +226,7 @@ class TimelineCanvas(QWidget):
             self._forget_everything()
             self.selection_changed.emit()
 
-    # ---- pointer
+    # ---- mouse
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         point = event.position()
@@ -296,7 +296,7 @@ class TimelineCanvas(QWidget):
                 self.update()
 
     def _scroll_at_edge(self, x: float) -> None:
-        """Who drags over an edge of the rows sees on."""
+        """Scroll while dragging beyond an edge."""
         over = min(0.0, x - NAMES_PX) + max(0.0, x - (self.width() - 2))
         if over:
             self.scroll_across_to(self.scale.start_ms + min(40.0, max(-40.0, over)) / self.scale.px_per_ms)
@@ -339,7 +339,7 @@ class TimelineCanvas(QWidget):
             self.mousePressEvent(event)
 
     def give_up(self) -> bool:
-        """Forget what is being dragged; False where nothing is."""
+        """Cancel a drag; False if there is none."""
         dragging, self._over.drag = self._over.drag is not None, None
         self._over.refused = False
         self.update()
@@ -413,7 +413,7 @@ class TimelineCanvas(QWidget):
             self._over.hover = hit
             self.update()
 
-    # ---- drawing
+    # ---- painting
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -1,7 +1,7 @@
-"""Draws what stays while a replay plays: the names of the rows, the ruler, and everything under it that is in view.
+"""Painting of the timeline's static content: row names, ruler, and the visible part of the rows.
 
-Only the visible part is looked at. Boxes of annotations are set as pixels of one picture for each row, however many
-there are; only labels that can be read are drawn one by one.
+Annotation boxes are written as pixels of one image per row, however many there are; only legible labels are drawn
+individually.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -55,7 +55,7 @@ _RECORD_ICONS = (
 
 @dataclass(slots=True)
 class Shown:
-    """What is on show: rows from above, as far as they are scrolled, under a ruler; and where the playhead is."""
+    """Timeline state: rows with scroll offsets, ruler scale and playhead."""
 
     rows: list[Row] = field(default_factory=list)
     tops: list[int] = field(default_factory=lambda: [0])
@@ -76,7 +76,7 @@ class Shown:
 
     @property
     def room_px(self) -> int:
-        """Width of the part under the ruler."""
+        """Width of the part below the ruler."""
         return max(1, self.width_px - NAMES_PX)
 
     def show_overview(self, overview: SessionOverview | None) -> None:
@@ -87,7 +87,7 @@ class Shown:
         self.fastest_mps = max(0.1, float(speed.max(initial=0.0)))
 
     def row_top(self, index: int) -> int:
-        """Where the row begins in the widget."""
+        """Top of the row in the widget."""
         return RULER_PX + self.tops[index] - self.scroll_y
 
     def visible_rows(self) -> Iterator[int]:
@@ -101,9 +101,9 @@ class Shown:
 
 
 class TimelineDrawing:
-    """Makes the two pictures that the canvas is put together from; asks for the thumbnails that they lack.
+    """Draws the two layers of the canvas and requests missing thumbnails.
 
-    ``named`` gives a label as it is shown.
+    ``named`` translates a label.
     """
 
     def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
@@ -122,10 +122,10 @@ class TimelineDrawing:
         layer.fill(self._theme.color(ground))
         return layer
 
-    # ---- names
+    # ---- row names
 
     def names(self, shown: Shown, ratio: float) -> QPixmap:
-        """The column of names, the corner above it included."""
+        """Layer of row names, including the corner above."""
         theme = self._theme
         layer = self._empty(NAMES_PX, shown.height_px, ratio, "panel")
         painter = QPainter(layer)
@@ -178,7 +178,7 @@ class TimelineDrawing:
     # ---- rows
 
     def rows(self, shown: Shown, ratio: float) -> QPixmap:
-        """The ruler and what is under it, without the names."""
+        """Layer of ruler and rows, without row names."""
         theme, room = self._theme, shown.room_px
         layer = self._empty(room, shown.height_px, ratio, "window")
         painter = QPainter(layer)
@@ -279,7 +279,7 @@ class TimelineDrawing:
             return
         theme, part = self._theme, slice(found.start, found.stop)
         lefts = ((track.starts_ms[part] - scale.start_ms) * scale.px_per_ms).astype(np.int64)
-        # A pixel of air keeps neighbours apart that meet.
+        # A pixel of space separates adjacent boxes.
         rights = np.maximum(((track.ends_ms[part] - scale.start_ms) * scale.px_per_ms).astype(np.int64) - 1, lefts + 1)
         line = self.color_of(shown, row.coder) if row.own else theme.color("line_strong")
         ground = QColor(line) if row.own else theme.color("line")
@@ -293,8 +293,8 @@ class TimelineDrawing:
         painter.setPen(theme.color("text"))
         metrics = QFontMetricsF(painter.font())
         y = top + (row.height_px - metrics.height()) / 2
-        # Of a long stretch that begins before the visible part the label still shows, and beside a short one it may
-        # take the room up to the next.
+        # A long interval that starts before the visible part still shows its label; a short one may use the space up to
+        # the next.
         widths, following = rights - lefts, np.append(lefts[1:], room)
         cut_short = (widths < _ROOMY_PX) & (following - rights > 2 * widths) & (not row.own)
         beside = (widths < _LABEL_FROM_PX) | cut_short
@@ -307,7 +307,7 @@ class TimelineDrawing:
                 painter.drawStaticText(QPointF(float(starts[number]), y), label)
 
     def _label(self, value: str, room_px: int, metrics: QFontMetricsF, *, small: bool) -> QStaticText:
-        """The text cut to its room, laid out once."""
+        """Elided label, laid out once."""
         key = (value, room_px // 3, small)
         label = self._labels.get(key)
         if label is None:
@@ -323,7 +323,7 @@ class TimelineDrawing:
 
 
 def columns_image(tops: NDArray[np.floating], bottoms: NDArray[np.floating], height_px: int, color: QColor) -> QImage:
-    """One upright stroke for each column, from ``tops`` to ``bottoms`` in pixels from above; none where it is NaN."""
+    """Image of one vertical stroke per column, from ``tops`` to ``bottoms`` in px; none where NaN."""
     ys = np.arange(height_px, dtype=np.float32)[:, None]
     with np.errstate(invalid="ignore"):
         filled = (ys >= np.floor(tops)[None, :]) & (ys < np.ceil(bottoms)[None, :])
@@ -340,9 +340,9 @@ def boxes_image(
     ground: QColor,
     narrow: QColor,
 ) -> QImage:
-    """Boxes with a line around them, side by side in one strip; ``rights`` are the first pixels after them.
+    """Image of outlined boxes in one row; ``rights`` are exclusive.
 
-    Those too narrow for a line around something are of one colour, ``narrow``.
+    Boxes too narrow for an outline are filled with ``narrow``.
     """
     covered = _covered(lefts, rights, width_px)
     column = np.where(covered, _premultiplied(ground), np.uint32(0))
@@ -357,7 +357,7 @@ def boxes_image(
 
 
 def _covered(lefts: NDArray[np.int64], rights: NDArray[np.int64], width_px: int) -> NDArray[np.bool_]:
-    """Which pixels of a row lie in any of the stretches."""
+    """Mask of pixels covered by any interval."""
     steps = np.zeros(width_px + 1, np.int64)
     np.add.at(steps, np.clip(lefts, 0, width_px), 1)
     np.add.at(steps, np.clip(rights, 0, width_px), -1)
@@ -377,7 +377,7 @@ def _image(pixels: NDArray[np.uint32]) -> QImage:
 
 
 def _detail_of(shown: Shown, row: Row) -> str:
-    """What stands beside a row's name."""
+    """Detail shown next to a row's name."""
     if row.own and row.tier is not None:
         same = row.tier.vocabulary.casefold() in ("", row.tier.name.casefold())
         return row.coder if same else f"{row.coder} · {vocabulary_title(row.tier.vocabulary)}"
@@ -395,5 +395,5 @@ def _row_icon(row: Row) -> str:
         case "speed":
             return "gauge"
         case _:
-            name = (row.name if row.tier is None else row.tier.name).casefold()  # as in the record
+            name = (row.name if row.tier is None else row.tier.name).casefold()  # untranslated, as recorded
             return next((icon for word, icon in _RECORD_ICONS if word in name), "rows")

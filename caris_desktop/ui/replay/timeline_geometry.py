@@ -1,4 +1,4 @@
-"""What lies where on the timeline, and what a drag of the pointer makes of it."""
+"""Timeline geometry: hit testing, snapping and dragging."""
 
 from dataclasses import replace
 from typing import Literal
@@ -28,7 +28,7 @@ DragKind = Literal["create", "move", "start", "end", "seek", "pan", "row"]
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """What lies under a point."""
+    """Item under a point."""
 
     part: Part
     row: int = -1
@@ -38,7 +38,7 @@ class Hit:
 
 @dataclass(frozen=True, slots=True)
 class Drag:
-    """What the pointer is doing. ``moving`` once it went far enough to be no click."""
+    """Mouse drag. ``moving`` once it exceeds the distance of a click."""
 
     kind: DragKind
     origin: QPointF
@@ -52,7 +52,7 @@ class Drag:
 
 
 class TimelineGeometry:
-    """Reads ``shown`` and changes nothing."""
+    """Read-only geometry of ``shown``."""
 
     def __init__(self, shown: Shown) -> None:
         self._shown = shown
@@ -72,7 +72,7 @@ class TimelineGeometry:
         )
 
     def rect_of(self, annotation: Annotation) -> QRectF | None:
-        """Where it is drawn; None where its row is not on show."""
+        """Rectangle of an annotation; None if its row is hidden."""
         for index, row in enumerate(self._shown.rows):
             if row.tier is not None and row.tier.tier_id == annotation.tier_id:
                 return self.stretch_rect(index, annotation.start_ms, annotation.end_ms)
@@ -112,7 +112,7 @@ class TimelineGeometry:
         return Hit("row", index, found, "end" if x >= right - zone else "")
 
     def tip_at(self, point: QPointF) -> str:
-        """What is under the point, in full."""
+        """Full text of the item under the point."""
         hit = self.hit(point)
         if hit.annotation is not None:
             item = hit.annotation
@@ -132,7 +132,7 @@ class TimelineGeometry:
         return ""
 
     def row_slot(self, y: float) -> int:
-        """Between which rows a dragged one would be put."""
+        """Insertion index of a dragged row."""
         inside = y - RULER_PX + self._shown.scroll_y
         middles = [(top + bottom) / 2 for top, bottom in zip(self._shown.tops, self._shown.tops[1:], strict=False)]
         return sum(1 for middle in middles if inside > middle)
@@ -144,7 +144,7 @@ class TimelineGeometry:
         return min(max(0.0, at_ms), self._shown.duration_ms)
 
     def snap(self, at_ms: float, row: int, *, without: Annotation | None = None) -> float:
-        """To the playhead, or to where a neighbour on the row begins or ends."""
+        """Snap to the playhead or to the edges of annotations in the row."""
         reach_ms = _SNAP_PX / self._shown.scale.px_per_ms
         track = self._shown.track_of(self._shown.rows[row])
         moments = [self._shown.position_ms]
@@ -155,7 +155,7 @@ class TimelineGeometry:
         return snapped(at_ms, moments, within_ms=reach_ms)
 
     def dragged(self, drag: Drag, point: QPointF, at_ms: float) -> Drag:
-        """What a drag has made of a new or an existing annotation."""
+        """The drag with its new or changed annotation."""
         track, item = self._shown.track_of(self._shown.rows[drag.row]), drag.annotation
         if drag.kind == "create":
             anchor_ms = self.snap(drag.origin_ms, drag.row)
@@ -182,7 +182,7 @@ class TimelineGeometry:
         return replace(drag, end_ms=max(min(edge_ms, after), item.start_ms + SHORTEST_MS))
 
     def _target_row(self, drag: Drag, point: QPointF) -> int:
-        """The row that an annotation is dragged to: another tier of the same coder, or its own."""
+        """Target row of a dragged annotation: another tier of the same coder, or its own."""
         under = self.hit(QPointF(NAMES_PX + 1, point.y())).row
         if (
             under >= 0
@@ -193,7 +193,7 @@ class TimelineGeometry:
         return drag.row
 
     def _free_around(self, track: Track, at_ms: float, *, without: Annotation | None = None) -> tuple[float, float]:
-        """How far the free room around a moment reaches."""
+        """Free interval around a time."""
         items = track.annotations
         index = int(np.searchsorted(track.starts_ms, at_ms, "left"))
         skip = "" if without is None else without.annotation_id

@@ -1,4 +1,4 @@
-"""The timeline as plain values: which rows there are, where moments lie on the screen, what is visible and hit."""
+"""Timeline as plain values: rows, time scale, annotation tracks, and sampled signals."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -17,7 +17,7 @@ RowKind = Literal["pictures", "sound", "speed", "tier"]
 ROW_HEIGHTS_PX: Mapping[RowKind, int] = {"pictures": 48, "sound": 32, "speed": 32, "tier": 32}
 RECORD_ROW_PX = 24
 SHORTEST_MS = 40
-"""Of an annotation made by dragging: one frame of video."""
+"""Minimum duration of an annotation made by dragging: one video frame."""
 
 _TICK_STEPS_MS = (
     10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 15_000, 30_000, 60_000, 120_000, 300_000, 600_000, 900_000,
@@ -27,7 +27,7 @@ _TICK_STEPS_MS = (
 
 @dataclass(frozen=True, slots=True)
 class TimeScale:
-    """Where moments lie: ``start_ms`` at pixel 0, ``px_per_ms`` pixels for each millisecond."""
+    """Mapping of time to pixels: ``start_ms`` at pixel 0, ``px_per_ms`` pixels per millisecond."""
 
     start_ms: float
     px_per_ms: float
@@ -39,13 +39,13 @@ class TimeScale:
         return self.start_ms + x_px / self.px_per_ms
 
     def zoomed(self, factor: float, around_px: float, *, width_px: float, duration_ms: float) -> "TimeScale":
-        """The moment under ``around_px`` stays where it is, as far as the session reaches."""
+        """Zoom around ``around_px``, within the session."""
         around_ms = self.to_ms(around_px)
         px_per_ms = _bounded_zoom(self.px_per_ms * factor, width_px, duration_ms)
         return TimeScale(around_ms - around_px / px_per_ms, px_per_ms).bounded(width_px, duration_ms)
 
     def bounded(self, width_px: float, duration_ms: float) -> "TimeScale":
-        """Nothing is shown before the session, and after it no more than is needed to fill the width."""
+        """Clamp to the session, extended only as needed to fill the width."""
         px_per_ms = _bounded_zoom(self.px_per_ms, width_px, duration_ms)
         latest_ms = max(0.0, duration_ms - width_px / px_per_ms)
         return TimeScale(min(max(0.0, self.start_ms), latest_ms), px_per_ms)
@@ -64,12 +64,12 @@ def _bounded_zoom(px_per_ms: float, width_px: float, duration_ms: float) -> floa
 
 
 def tick_step_ms(px_per_ms: float, apart_px: float) -> int:
-    """The finest round step whose ticks are at least ``apart_px`` apart."""
+    """Smallest round step with ticks at least ``apart_px`` apart."""
     return next((step for step in _TICK_STEPS_MS if step * px_per_ms >= apart_px), _TICK_STEPS_MS[-1])
 
 
 def picture_step_ms(px_per_ms: float, apart_px: float) -> int:
-    """How far apart pictures are taken: of steps that grow by half an octave, so that zooming keeps most of them."""
+    """Thumbnail interval: steps grow by half an octave, so that zooming reuses most thumbnails."""
     needed_ms = max(250.0, apart_px / px_per_ms)
     return round(250 * 2 ** (math.ceil(2 * math.log2(needed_ms / 250)) / 2))
 
@@ -77,11 +77,11 @@ def picture_step_ms(px_per_ms: float, apart_px: float) -> int:
 @dataclass(frozen=True, slots=True)
 class RulerTick:
     at_ms: int
-    label: str  # empty for a tick between two labels
+    label: str  # empty for a minor tick
 
 
 def ruler_ticks(scale: TimeScale, width_px: float) -> list[RulerTick]:
-    """Ticks from the first label before the visible part to its end."""
+    """Ticks from the last label before the visible part to its end."""
     step = tick_step_ms(scale.px_per_ms, 88.0)
     fine = max(1, step // (4 if step % 4 == 0 and step % 5 else 5))
     first = int(scale.start_ms // step) * step
@@ -93,7 +93,7 @@ def ruler_ticks(scale: TimeScale, width_px: float) -> list[RulerTick]:
 
 
 def ruler_text(at_ms: int, step_ms: int = 1000) -> str:
-    """2:03, 1:02:03, or 2:03.4 where the ruler is that fine."""
+    """Ruler label as 2:03, 1:02:03, or 2:03.4 for fine steps."""
     minutes, rest_ms = divmod(at_ms, 60_000)
     hours, minutes = divmod(minutes, 60)
     text = f"{hours}:{minutes:02}:{rest_ms // 1000:02}" if hours else f"{minutes}:{rest_ms // 1000:02}"
@@ -103,7 +103,7 @@ def ruler_text(at_ms: int, step_ms: int = 1000) -> str:
 
 
 def exact_text(at_ms: float) -> str:
-    """00:12.340, or 1:02:03.456 from an hour on."""
+    """Time as 00:12.340, or 1:02:03.456 from an hour on."""
     whole = round(at_ms)
     sign, whole = ("-", -whole) if whole < 0 else ("", whole)
     minutes, rest_ms = divmod(whole, 60_000)
@@ -113,7 +113,7 @@ def exact_text(at_ms: float) -> str:
 
 
 def length_text(milliseconds: float) -> str:
-    """0.48 s, 12.3 s, 2 min 5 s."""
+    """Duration as 0.48 s, 12.3 s, 2 min 5 s."""
     seconds = milliseconds / 1000
     if seconds < 10:
         return f"{seconds:.2f} s"
@@ -124,7 +124,7 @@ def length_text(milliseconds: float) -> str:
 
 
 class Track:
-    """The annotations of one tier in their order, found by time without walking through them."""
+    """Annotations of one tier in order, with binary search by time."""
 
     def __init__(self, annotations: Sequence[Annotation]) -> None:
         self.annotations = annotations
@@ -133,20 +133,22 @@ class Track:
         self._reach_ms = np.maximum.accumulate(self.ends_ms) if len(annotations) else self.ends_ms
 
     def between(self, first_ms: float, last_ms: float) -> range:
-        """Indices of those that reach into the stretch. What was recorded may overlap, a coder's does not."""
+        """Indices of annotations that overlap the interval. Recorded ones may overlap one another, a
+        coder's may not.
+        """
         first = int(np.searchsorted(self._reach_ms, first_ms, "right"))
         last = int(np.searchsorted(self.starts_ms, last_ms, "left"))
         return range(first, max(first, last))
 
     def at(self, at_ms: float) -> Annotation | None:
-        """The one at that moment; where several are, the one that began last."""
+        """Annotation at a time; of several the one with the latest start."""
         for index in reversed(self.between(at_ms, math.nextafter(at_ms, math.inf))):
             if self.annotations[index].start_ms <= at_ms < self.annotations[index].end_ms:
                 return self.annotations[index]
         return None
 
     def beside(self, at_ms: float, direction: int) -> Annotation | None:
-        """The next one that starts after that moment, or the last one that starts before it."""
+        """Next annotation that starts after this time, or last one that starts before."""
         if direction > 0:
             index = int(np.searchsorted(self.starts_ms, at_ms, "right"))
         else:
@@ -155,7 +157,7 @@ class Track:
 
 
 def tracks_of(document: AnnotationDocument, before: Mapping[str, Track] | None = None) -> dict[str, Track]:
-    """Each tier's track; those of ``before`` that an edit left alone are taken over."""
+    """Track of each tier; unchanged ones of ``before`` are reused."""
     parts: dict[str, list[Annotation]] = {tier.tier_id: [] for tier in document.tiers}
     for item in document.annotations:
         parts[item.tier_id].append(item)
@@ -168,7 +170,7 @@ def tracks_of(document: AnnotationDocument, before: Mapping[str, Track] | None =
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row. ``key`` is its name among all rows and stays as long as the row does."""
+    """Timeline row. ``key`` identifies it permanently."""
 
     key: str
     kind: RowKind
@@ -182,7 +184,7 @@ class Row:
 
     @property
     def own(self) -> bool:
-        """Whether a coder made it, so that it can be edited."""
+        """Whether a coder made it, so that it is editable."""
         return bool(self.coder)
 
     @property
@@ -191,7 +193,7 @@ class Row:
 
 
 def all_rows(overview: SessionOverview | None, coding: AnnotationDocument) -> list[Row]:
-    """The coders' own tiers, which are worked on; pictures, sound and speed; then what was recorded."""
+    """All rows: coders' tiers; video, sound and speed; recorded events."""
     rows = [
         Row(f"tier {tier.tier_id}", "tier", tr_filled(tier.title), tier=tier) for tier in coding.tiers if tier.coder
     ]
@@ -223,15 +225,15 @@ _SOUNDS = {
 
 
 def sound_name(source: str) -> str:
-    """``audio-microphone.wav`` and ``microphone`` read Microphone; what is none of the console's goes by its file."""
+    """Name of a sound: ``audio-microphone.wav`` and ``microphone`` become Microphone; others keep their file name."""
     name = source.rsplit("/", 1)[-1].rsplit(".", 1)[0].removeprefix("audio-").replace("_", " ").replace("-", " ")
     return tr(_SOUNDS[name]) if name in _SOUNDS else name.capitalize() or tr("Sound")
 
 
 def arranged(rows: Iterable[Row], order: Sequence[str], hidden: Collection[str], words: str) -> list[Row]:
-    """The rows on show: those that were moved where they were moved to, without hidden ones, filtered by ``words``.
+    """Visible rows: in the user's order, without hidden ones, filtered by ``words``.
 
-    A row that ``order`` does not name comes after the one that it follows by itself.
+    A row missing in ``order`` follows its default predecessor.
     """
     by_key = {row.key: row for row in rows}
     keys = [key for key in order if key in by_key]
@@ -249,14 +251,14 @@ def arranged(rows: Iterable[Row], order: Sequence[str], hidden: Collection[str],
 
 
 def moved_key(keys: Sequence[str], key: str, position: int) -> list[str]:
-    """The keys with one of them at ``position`` among the others."""
+    """Keys with one of them moved to index ``position`` among the others."""
     others = [other for other in keys if other != key]
     others.insert(min(max(0, position), len(others)), key)
     return others
 
 
 def wave_columns(wave: Waveform, *, first_ns: int, ns_per_px: float, width_px: int) -> NDArray[np.float32]:
-    """Smallest and largest value for each pixel column from ``first_ns`` on, shape (width, 2); NaN without sound."""
+    """Minimum and maximum per pixel column from ``first_ns`` on, shape (width, 2); NaN without sound."""
     columns = np.full((width_px, 2), np.nan, np.float32)
     if not len(wave.peaks) or width_px <= 0:
         return columns
@@ -268,7 +270,7 @@ def wave_columns(wave: Waveform, *, first_ns: int, ns_per_px: float, width_px: i
         return columns
     lows, highs = np.clip(lows[inside], 0, len(wave.peaks) - 1), np.clip(highs[inside], 1, len(wave.peaks))
     smallest, largest = np.minimum.reduceat, np.maximum.reduceat
-    # Each pair of edges is one stretch; what lies between two pairs is computed too and left out.
+    # reduceat needs pairs of edges; results between two pairs are discarded.
     pairs = np.empty(2 * len(lows), np.int64)
     pairs[0::2], pairs[1::2] = lows, np.minimum(highs, len(wave.peaks) - 1)
     columns[inside, 0] = smallest(wave.peaks[:, 0], pairs)[0::2]
@@ -277,7 +279,7 @@ def wave_columns(wave: Waveform, *, first_ns: int, ns_per_px: float, width_px: i
 
 
 def speed_columns(speed: NDArray[np.float32], scale: TimeScale, width_px: int) -> NDArray[np.float32]:
-    """The largest speed in m/s and turning speed in rad/s for each pixel column, shape (width, 2); NaN without any."""
+    """Maximum speed in m/s and turning speed in rad/s per pixel column, shape (width, 2); NaN without data."""
     columns = np.full((width_px, 2), np.nan, np.float32)
     if not len(speed) or width_px <= 0:
         return columns
@@ -288,7 +290,7 @@ def speed_columns(speed: NDArray[np.float32], scale: TimeScale, width_px: int) -
         pairs = np.empty(2 * int(filled.sum()), np.int64)
         pairs[0::2], pairs[1::2] = edges[:-1][filled], np.minimum(edges[1:][filled], len(speed) - 1)
         columns[filled] = np.maximum.reduceat(values, pairs, axis=0)[0::2]
-    # Between two measurements that are close together the last one holds.
+    # Between close measurements the last one holds.
     held = np.clip(edges[:-1] - 1, 0, len(speed) - 1)
     lasting = ~filled & (edges[:-1] > 0) & (edges[:-1] < len(speed))
     columns[lasting] = values[held[lasting]]
@@ -296,7 +298,7 @@ def speed_columns(speed: NDArray[np.float32], scale: TimeScale, width_px: int) -
 
 
 def snapped(at_ms: float, moments_ms: Iterable[float], *, within_ms: float) -> float:
-    """The nearest of the moments, where one is near enough."""
+    """The nearest time within reach, else the time itself."""
     nearest = min(moments_ms, key=lambda moment: abs(moment - at_ms), default=None)
     return nearest if nearest is not None and abs(nearest - at_ms) <= within_ms else at_ms
 
@@ -306,15 +308,15 @@ def vocabulary_named(coding: AnnotationDocument, name: str) -> Vocabulary | None
 
 
 SCENARIO_LABELS = QT_TR_NOOP("Labels of the scenario")
-"""In a document, and so in every language, the vocabulary has this name."""
+"""Name of this vocabulary in documents, independent of language."""
 
 
 def vocabulary_title(name: str) -> str:
-    """What a coder wrote stays as it is."""
+    """Translated name of the scenario's vocabulary; a coder's own name unchanged."""
     return tr(SCENARIO_LABELS) if name == SCENARIO_LABELS else name
 
 
 def initials(coder: str) -> str:
-    """One or two letters for the coder's chip."""
+    """One or two letters for the coder's badge."""
     parts = coder.split()
     return "".join(part[0] for part in parts[:2]).upper() if len(parts) > 1 else coder[:1].upper()

@@ -1,4 +1,4 @@
-"""What moves over the timeline: the selection, a label that goes on, what is dragged, the playhead."""
+"""Dynamic content over the timeline: selection, open interval, drag, playhead."""
 
 from PySide6.QtCore import QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPen, QPolygonF
@@ -16,7 +16,7 @@ from caris_desktop.ui.theme import Theme
 
 @dataclass(frozen=True, slots=True)
 class OpenStretch:
-    """A label that was begun by its key and goes on until it is pressed again."""
+    """Open interval of a label, begun by its key and ended by the next press."""
 
     tier_id: str
     value: str
@@ -24,7 +24,7 @@ class OpenStretch:
 
 
 class TimelineOverlay:
-    """Painted anew each time, over the layers that stay. ``refused``: what is dragged cannot be put there."""
+    """Paints over the static layers on each repaint. ``refused``: the drag cannot be dropped there."""
 
     def __init__(self, theme: Theme, shown: Shown, geometry: TimelineGeometry, drawing: TimelineDrawing) -> None:
         self._theme = theme
@@ -117,7 +117,7 @@ class TimelineOverlay:
             painter.drawText(rect.adjusted(6, 0, -2, 0), flags, value)
 
     def _paint_note(self, painter: QPainter, rect: QRectF, text: str) -> None:
-        """The times of what is dragged, above it or below."""
+        """Paint the times of a drag, above or below it."""
         font = self._theme.font(tokens.KEY_CAP_PX)
         width = QFontMetricsF(font).horizontalAdvance(text) + 14
         left = min(max(NAMES_PX + 4.0, rect.left()), self._shown.width_px - width - 4)
@@ -146,7 +146,7 @@ class TimelineOverlay:
         painter.fillRect(QRectF(0, y - 1.5, self._shown.width_px, 3), self._theme.color("blue"))
 
     def _paint_position(self, painter: QPainter) -> None:
-        """Where the playhead is, to the millisecond, in the corner."""
+        """Paint the playhead's time in the corner, to the millisecond."""
         painter.setClipping(False)
         painter.setFont(self._theme.font(tokens.STATUS_PX))
         painter.setPen(self._theme.color("dim"))

@@ -1,4 +1,4 @@
-"""The rows of the timeline: which are shown and in which order, tiers of coders, and what comes from other files."""
+"""Row management of the timeline: order, visibility, coders' tiers, import."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,9 +24,9 @@ from caris_desktop.ui.words import in_menu
 
 
 class TimelineRows(QObject):
-    """Asks for tiers, their names and their order; ``filter`` is the field that leaves rows out by their words."""
+    """Dialogs and menus for tiers; ``filter``: search field over row names."""
 
-    changed = Signal()  # other rows are to be shown
+    changed = Signal()  # visible rows changed
 
     def __init__(
         self,
@@ -61,18 +61,18 @@ class TimelineRows(QObject):
         canvas.row_moved.connect(self.move_row)
 
     def shown(self) -> list[Row]:
-        """The rows to show, in their order."""
+        """Visible rows, in order."""
         return arranged(self._every_row(), self._order, self._hidden, self.filter.text())
 
     def words(self) -> str:
-        """Why no row is shown, where there are some."""
+        """Text shown while no row is visible."""
         return tr("No row has these words.") if self.filter.text().strip() else tr("All rows are hidden.")
 
     def _runner(self, action_id: str) -> Callable[[], object]:
         return lambda: self._actions.run(action_id)
 
     def open_tier_dialog(self) -> None:
-        """A new tier, of a coder that is there already or of another one."""
+        """Add a tier of an existing or new coder."""
         self._open_tier_dialog(None)
 
     def _open_tier_dialog(self, tier: Tier | None) -> None:
@@ -123,10 +123,10 @@ class TimelineRows(QObject):
         self._replay.import_annotations(path, coder, taken)
 
     def move_row(self, key: str, position: int) -> None:
-        """Put the row at that place among those on show. The order of a coder's own tiers is kept with them."""
+        """Move a visible row. The order of a coder's own tiers is saved with them."""
         shown = moved_key([row.key for row in self._canvas.rows], key, position)
         everything = [row.key for row in arranged(self._every_row(), self._order, (), "")]
-        # Hidden rows stay behind the one that they follow.
+        # Hidden rows stay behind their predecessor.
         order = list(shown)
         for index, other in enumerate(everything):
             if other not in shown:
@@ -148,7 +148,7 @@ class TimelineRows(QObject):
         self.changed.emit()
 
     def open_rows_menu(self, button: QWidget) -> None:
-        """Every row, to show or hide."""
+        """Menu to show and hide rows."""
         menu = self._menu("rows_menu")
         for row in arranged(self._every_row(), self._order, (), ""):
             action = menu.addAction(in_menu(f"{row.name} · {row.coder}" if row.own else row.name))
@@ -167,7 +167,7 @@ class TimelineRows(QObject):
         self.changed.emit()
 
     def open_row_menu(self, key: str, at: QPoint) -> None:
-        """What can be done with a row, and with what is selected on it."""
+        """Menu of a row and its selection."""
         index = self._canvas.places.index_of(key)
         if index is None:
             return
@@ -222,7 +222,7 @@ class TimelineRows(QObject):
 
 
 def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str:
-    """What an import brought."""
+    """Summary of an import."""
     if before == after:
         return tr("Everything in that file is here already.")
     tiers = len({tier.tier_id for tier in after.tiers} - {tier.tier_id for tier in before.tiers})

@@ -1,4 +1,4 @@
-"""The timeline of a replay: what happened and what coders make of it, in tiers under one ruler."""
+"""Annotation timeline of a replay: recorded events and coders' tiers on one ruler."""
 
 import sys
 from collections.abc import Callable
@@ -42,18 +42,18 @@ from caris_desktop.ui.widgets.cut_label import CutLabel
 from caris_desktop.ui.widgets.told_state import ToldState
 
 LOW_PX = 168
-"""Lower than this there is only room for the tiers, not for the strip of labels."""
+"""Below this height there is no room for the coding strip."""
 
 _NO_LIMIT_PX = 16_777_215
-# These go on while their key is held.
+# Commands that repeat while their key is held.
 _REPEATED = ("seek_by", "nudge", "select_next", "select_tier", "zoom")
 _NOT_A_MODIFIER = Qt.KeyboardModifier.KeypadModifier | Qt.KeyboardModifier.GroupSwitchModifier
 
 
 class TimelineView(QWidget):
-    """Shows the record and edits annotations; ``actions`` gets the keys of the timeline.
+    """Shows the record and edits annotations; ``actions`` gets the timeline's keys.
 
-    Where there is no room for it beside the panels it is a drawer: a title that opens it, or the whole of it.
+    If there is no room below the panels it becomes a drawer with a title that opens it.
     """
 
     accessible_role = QAccessible.Role.Grouping
@@ -165,7 +165,7 @@ class TimelineView(QWidget):
         return header
 
     def show_as_drawer(self, opened: bool | None) -> None:
-        """Open or shut; None where it stands beside the panels."""
+        """Open or close the drawer; None if it is not one."""
         self._opened = opened
         shut = opened is False
         for widget in (self.canvas, self._down, *self._in_header):
@@ -212,16 +212,16 @@ class TimelineView(QWidget):
                 button.set_label(text if roomy else "")
                 button.setAccessibleName(text)
 
-    # ---- what is on show
+    # ---- display
 
     @property
     def document(self) -> AnnotationDocument:
-        """The annotations of all coders."""
+        """Annotations of all coders."""
         return self.acts.document
 
     @property
     def words(self) -> str:
-        """Why the last thing was refused, while that is shown."""
+        """Refusal on display."""
         return self.acts.words
 
     def _show_session(self) -> None:
@@ -287,7 +287,7 @@ class TimelineView(QWidget):
         self.update()
 
     def _told_words(self) -> str:
-        """Where it stands, which part of the session is on show, how many marks there are, and what is selected."""
+        """Accessible description: position, visible part, number of marks, selection."""
         scale, overview = self.canvas.scale, self._replay.overview.value
         start_ms, end_ms = scale.start_ms, scale.start_ms + self.canvas.room_px / scale.px_per_ms
         total_ms = self.acts.duration_ms()
@@ -305,7 +305,7 @@ class TimelineView(QWidget):
         return " ".join([*said, self._fact.text()]).strip()
 
     def _open_on(self, row: Row) -> OpenStretch | None:
-        """The label that goes on, on this row."""
+        """Open interval on this row."""
         stretch = self.acts.open
         here = stretch is not None and row.tier is not None and row.tier.tier_id == stretch.tier_id
         return stretch if here else None
@@ -367,7 +367,7 @@ class TimelineView(QWidget):
                 return True
         return False
 
-    # ---- drawing
+    # ---- painting
 
     def _style(self) -> None:
         theme = self._theme
@@ -386,7 +386,7 @@ class TimelineView(QWidget):
 
 
 def _texts_of(event: QKeyEvent) -> set[str]:
-    """How the table may spell this key. Plus is plus, whether it takes Shift or not; a digit is known by its place."""
+    """Spellings of this key in the table. Plus matches with and without Shift; digits match by position."""
     bare = event.modifiers() & ~_NOT_A_MODIFIER
     shift = Qt.KeyboardModifier.ShiftModifier
     key = Qt.Key(event.key())

@@ -1,4 +1,4 @@
-"""Says in words, beside the thing itself, why something was refused."""
+"""Popup that explains a refusal at the place where it occurred."""
 
 from PySide6.QtCore import QRect, QRectF, Qt, QTimer
 from PySide6.QtGui import QAccessible, QFontMetrics, QPaintEvent
@@ -14,7 +14,7 @@ _FLAGS = int(Qt.TextFlag.TextWordWrap | Qt.AlignmentFlag.AlignLeft | Qt.Alignmen
 
 
 class WordsBubble(QWidget):
-    """A note over its parent that goes away by itself, or with the next thing that is done. Takes no clicks."""
+    """Popup over its parent that closes after a while or on the next command. Transparent to the mouse."""
 
     accessible_role = QAccessible.Role.HelpBalloon
 
@@ -31,11 +31,11 @@ class WordsBubble(QWidget):
 
     @property
     def text(self) -> str:
-        """What is said now; empty when nothing is."""
+        """Text on display; empty if none."""
         return self._text if self.isVisible() else ""
 
     def say(self, text: str, near: QRectF) -> None:
-        """Below ``near``, or above where there is no room."""
+        """Show below ``near``, or above if there is no room."""
         self._text = text
         self.setAccessibleName(text)
         widest = min(_WIDEST_PX, self._room.width() - 16)

@@ -1,1 +1,1 @@
-"""The editor of scenario files: a form made from the declarations, what comes of each change, and the text itself."""
+"""Scenario editor: a form generated from the schema, a preview of consequences, and the YAML text."""

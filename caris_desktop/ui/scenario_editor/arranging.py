@@ -1,17 +1,17 @@
-"""Widgets that come and go in a form: shown at once, and taken away."""
+"""Insertion and removal of form widgets."""
 
 from PySide6.QtWidgets import QWidget
 
 
 def drop(part: QWidget) -> None:
-    """Take a piece of the form away."""
+    """Remove and delete a form widget."""
     part.hide()
     part.setParent(None)
     part.deleteLater()
 
 
 def show_at_once(part: QWidget) -> None:
-    """Qt shows what comes into a layout only with the next event, and what is not shown takes no keys."""
+    """Show a new form widget now: Qt shows it only with the next event, and a hidden one cannot be focused."""
     parent = part.parentWidget()
     if parent is not None and parent.isVisible():
         part.show()

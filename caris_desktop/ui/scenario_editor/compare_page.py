@@ -1,4 +1,4 @@
-"""The scenario beside another one: what differs in words, each taken over by a click, and line by line."""
+"""Comparison with another scenario: differences as text, each applied by a click, and line by line."""
 
 import difflib
 from collections.abc import Callable, Sequence
@@ -28,15 +28,15 @@ _WIDEST_PX = 900
 
 @dataclass(frozen=True, slots=True)
 class Other:
-    """Something to compare with: ``text`` gives what its file says."""
+    """Scenario to compare with: ``text`` reads its file."""
 
     title: str
     text: Callable[[], str]
 
 
 class ComparePage(QWidget):
-    """``others`` gives what there is to compare with each time the page is looked at, the usual one first; it and what
-    it gives wait on files, in another thread.
+    """Comparison page. ``others`` lists candidates whenever the page is opened, the default first; it runs in a
+    background thread because it reads files.
     """
 
     def __init__(self, context: FormContext, console: WizardConsole, others: Callable[[], Sequence[Other]]) -> None:
@@ -92,7 +92,7 @@ class ComparePage(QWidget):
         self.refresh()
 
     def offer_anew(self) -> None:
-        """What there is to compare with may be another by now."""
+        """Refresh the candidates."""
         if self.isVisible():
             read_for(self, self._console, self._others, self._offer)
 
@@ -176,7 +176,7 @@ class ComparePage(QWidget):
 
 
 def _said_by(other: Other) -> tuple[str, dict[str, Any]]:
-    """Its text and what that says; nothing where it cannot be read. Waits on files."""
+    """Text and parsed data of a candidate; empty if unreadable. Reads files."""
     try:
         text = other.text()
         data = parse_yaml(text).data

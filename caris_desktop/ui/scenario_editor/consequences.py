@@ -1,4 +1,4 @@
-"""What a permission gives the wizard, from the tables of intents, actions and panels: nothing is listed here."""
+"""Consequences of a permission, derived from the tables of intents, actions and panels."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -16,7 +16,7 @@ Sort = Literal["panel", "key", "act"]
 
 @dataclass(frozen=True, slots=True)
 class Consequence:
-    """Something that is there with a permission and not without it."""
+    """Feature that requires a permission."""
 
     sort: Sort
     words: str
@@ -25,7 +25,7 @@ class Consequence:
 
 @cache
 def consequences(permission: str) -> tuple[Consequence, ...]:
-    """All that this permission alone takes away: panels, then what has a key, then what else cannot be asked for."""
+    """Features that this permission alone removes: panels, commands with keys, other intents."""
     return tuple(dict.fromkeys(_found(permission)))
 
 
@@ -50,6 +50,6 @@ def _intent_of(spec: ActionSpec) -> type[Intent] | None:
 
 
 def changed_permissions(before: Permissions, after: Permissions) -> list[tuple[str, bool]]:
-    """Those that are otherwise, and how they are now."""
+    """Changed permissions with their new values."""
     names: Any = Permissions.__dataclass_fields__
     return [(name, getattr(after, name)) for name in names if getattr(before, name) != getattr(after, name)]

@@ -1,4 +1,4 @@
-"""What the widgets of the editor share: the document, told of when it changes, and what the program knows beside it."""
+"""Shared state of the editor's widgets: document, change signals, and names known to the program."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,8 +18,8 @@ from caris_desktop.ui.theme import Theme
 
 
 class Editing(QObject):
-    """One document in the GUI thread. ``changed`` comes after each change, ``reshaped`` where entries of a list came,
-    went or moved, or everything may be another.
+    """Document under edit, in the GUI thread. ``changed``: any change; ``reshaped``: list entries were added, removed
+    or moved, or anything may have changed.
     """
 
     changed = Signal()
@@ -30,7 +30,7 @@ class Editing(QObject):
         self.document = document
 
     def told(self, *, reshaped: bool = False) -> None:
-        """Somebody has changed the document."""
+        """Emit the signals of a change."""
         if reshaped:
             self.reshaped.emit()
         self.changed.emit()
@@ -56,7 +56,7 @@ class Editing(QObject):
         self.told(reshaped=True)
 
     def replace(self, path: KeyPath, value: Any) -> None:
-        """What stands there is something else altogether."""
+        """Replace the whole value."""
         if value is ABSENT:
             self.document.clear(path)
         else:
@@ -83,7 +83,7 @@ class Editing(QObject):
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """``all_of_them`` says that what is not among them is not there now."""
+    """Known names; ``all_of_them``: any other name does not exist."""
 
     names: tuple[str, ...] = ()
     all_of_them: bool = False
@@ -91,9 +91,8 @@ class Names:
 
 @dataclass(frozen=True, slots=True)
 class FormContext:
-    """``robot_pose`` gives where the robot is in the map, None where that is not known; ``known`` what there is of a
-    kind that the file may name. ``within`` is what holds a piece of the form, innermost first, for whoever hears a
-    field's name and does not see where it stands.
+    """Context of the form's widgets. ``robot_pose``: current map pose or None; ``known``: existing names of a kind.
+    ``within``: titles of the enclosing parts, innermost first, for screen readers.
     """
 
     theme: Theme
@@ -103,16 +102,16 @@ class FormContext:
     within: str = ""
 
     def inside(self, title: str) -> "FormContext":
-        """The same for what is held by something of that title."""
+        """Context for parts within an enclosing title."""
         return replace(self, within=self.spoken(title)) if title else self
 
     def spoken(self, name: str) -> str:
-        """A name as a screen reader says it."""
+        """Accessible name of a field."""
         return f"{name}, {self.within}" if self.within else name
 
 
 def help_of(form: Form) -> str:
-    """What a person reads below a field: what it means, and what may stand there."""
+    """Help text below a field: meaning and permitted values."""
     rule = form.rule
     parts = [readable(said_of(form))]
     if rule.allowed:
@@ -126,13 +125,13 @@ def help_of(form: Form) -> str:
 
 
 def readable(text: str) -> str:
-    """Text of a declaration without its marks for code."""
+    """Schema text with quotes in place of code marks."""
     pieces = text.split("`")
     return "".join(piece if number % 2 == 0 else f"“{piece}”" for number, piece in enumerate(pieces))
 
 
 def sentence_at(mistake: Mistake, title: str) -> str:
-    """The sentence of a mistake at its own field, where the whole path would only be noise."""
+    """Error message at its own field, without the full path."""
     named = name_of(mistake.path)
     text = mistake.message
     if text.startswith(named):

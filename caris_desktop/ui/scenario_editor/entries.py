@@ -1,4 +1,4 @@
-"""Entries of lists: what they are called, what can be added, and which are small enough for a row."""
+"""List entries: names, kinds that can be added, and which fit into a row."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +12,7 @@ _MOST_IN_A_ROW = 5
 
 
 def card_name(entry: Any) -> str:
-    """What a folded entry says: its name, or else what it holds, as a part of the arrangement does."""
+    """Title of a folded entry: its name, else its contents, as for a part of the dock layout."""
     if not isinstance(entry, dict):
         return entry if isinstance(entry, str) else ""
     if entry_name(entry):
@@ -24,7 +24,7 @@ def card_name(entry: Any) -> str:
 
 
 def in_one_row(group: Group) -> bool:
-    """Whether its keys are few and short enough to stand side by side."""
+    """Whether the keys are few and short enough for one row."""
     keys = keys_of(group)
     return len(keys) <= _MOST_IN_A_ROW and all(
         scalars_of(key.form.kind) and not key.form.rule.prose and not is_free(key.form.kind) for key in keys
@@ -32,7 +32,7 @@ def in_one_row(group: Group) -> bool:
 
 
 def kinds_of_entries(item: Form) -> list[tuple[str, Callable[[], Any]]]:
-    """What can be added to a list: what it is called, and what it begins with."""
+    """Kinds of entries that can be added, with factories of initial values."""
     groups = (item.kind,) if is_group(item.kind) else groups_of(item.kind)
     if not groups:
         return [(tr("an entry"), lambda: blank_of(item))]

@@ -1,4 +1,4 @@
-"""Fields for single values: each shows what the document says at its place, and has it say what is entered."""
+"""Form fields for single values: display the document's value and write edits back."""
 
 from html import escape
 from typing import Any
@@ -25,7 +25,7 @@ _SHORT_UNITS = {"metres": "m", "degrees": "°", "seconds": "s", "minutes": "min"
 
 
 class FormPart(QWidget):
-    """A piece of the form for one place of the file."""
+    """Form widget for one path of the file."""
 
     def __init__(self, context: FormContext, path: KeyPath) -> None:
         super().__init__()
@@ -33,18 +33,18 @@ class FormPart(QWidget):
         self.path = path
 
     def refresh(self) -> None:
-        """Show what the document says now."""
+        """Show the document's current value."""
         raise NotImplementedError
 
     def reveal(self, path: KeyPath) -> "Field | None":
-        """The field of that place, brought into being and into sight if it was folded away."""
+        """Field of a path, created, unfolded and scrolled to."""
         raise NotImplementedError
 
 
 class Field(FormPart):
-    """A single value with its title, what it means, and what is wrong with it.
+    """Field with title, help and error message.
 
-    ``compact`` is for rows: what it means is only in its tip.
+    ``compact``: for rows, with help in the tooltip only.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Field(FormPart):
         self.help = help_of(form)
         self.setObjectName("field_" + "_".join(map(str, path)))
         self.column = boxes.column(self, margins_px=0, spacing_px=4)
-        # Most fields have no mistake, and those in rows no words of their own: what is not needed is not made.
+        # Created on demand: most fields have no error, and compact ones no help.
         self._title_label: QLabel | None = None
         self._help_label: QLabel | None = None
         self._mistake_label: QLabel | None = None
@@ -67,25 +67,25 @@ class Field(FormPart):
         context.theme.changed.connect(self._style)
         self._style()
 
-    # ---- what each kind says
+    # ---- subclass interface
 
     @property
     def control(self) -> QWidget:
-        """What takes the keys."""
+        """Widget that gets the focus."""
         raise NotImplementedError
 
     def make(self) -> QWidget:
-        """The control with what stands beside it."""
+        """Create the control, with widgets next to it."""
         raise NotImplementedError
 
     def show_value(self, value: Any) -> None:
         raise NotImplementedError
 
     def enter(self, value: Any) -> None:
-        """As if a person entered it."""
+        """Enter a value as a user would."""
         raise NotImplementedError
 
-    # ---- common to all
+    # ---- common behaviour
 
     def _arrange(self) -> None:
         made = self.make()
@@ -117,13 +117,13 @@ class Field(FormPart):
         return label
 
     def without_title(self) -> None:
-        """In a row below others like it, whose titles head the column."""
+        """Hide the title in a table with column headings."""
         if self._title_label is not None:
             self._title_label.hide()
 
     @property
     def heads_itself(self) -> bool:
-        """Whether the control says its own title."""
+        """Whether the control shows its own title."""
         return False
 
     @property
@@ -131,7 +131,7 @@ class Field(FormPart):
         return self.context.editing.document
 
     def put(self, value: Any) -> None:
-        """Let the document say it; nothing where that is ABSENT."""
+        """Write to the document; ABSENT removes the key."""
         if value is ABSENT:
             self.context.editing.clear(self.path)
         else:
@@ -168,7 +168,7 @@ class Field(FormPart):
             self._style()
         if said != self._mistake_label.text():
             self._mistake_label.setText(said)
-            # A screen reader hears of it at the field, and not only when it is left.
+            # A screen reader reads the error at the field, not only on leaving it.
             self.control.setAccessibleDescription(f"{said} {self.help}".strip())
         self._mistake_label.setVisible(bool(said))
 
@@ -197,7 +197,7 @@ class Field(FormPart):
 
 
 class TextField(Field):
-    """One line of text."""
+    """Single-line text field."""
 
     def make(self) -> QWidget:
         self._known: QLabel | None = None
@@ -218,13 +218,13 @@ class TextField(Field):
             self._show_known(self.context.known(self.form.rule.knows))
 
     def _show_known(self, known: Names) -> None:
-        """What there is, each to be taken by a click; and whether what stands there is among it."""
+        """Show known names as links, and whether the current one is unknown."""
         if self._known is None:
             if not known.names:
                 return
             self._known = self._words("")
             self._known.setObjectName("known_names")
-            # Whoever has no mouse types the name: it is heard at the field, and each would be one more stop of Tab.
+            # Without a mouse the name is typed: the links are part of the field's description, and are not tab stops.
             self._known.setTextInteractionFlags(Qt.TextInteractionFlag.LinksAccessibleByMouse)
             self._known.linkActivated.connect(self._on_known)
         value = self.line.text()
@@ -241,7 +241,7 @@ class TextField(Field):
         wrong = "" if self._mistake_label is None else self._mistake_label.text()
         self.control.setAccessibleDescription(" ".join(part for part in (wrong, self.help, spoken) if part))
         theme.style_text(self._known, "amber" if missing else "dim", tokens.STATUS_PX)
-        # A row of a list stays a row where there is nothing to choose any more.
+        # A row without choices left stays a row.
         self._known.setVisible(bool(known.names) and (missing or not (self.compact and value)))
 
     def _on_known(self, name: str) -> None:
@@ -253,7 +253,7 @@ class TextField(Field):
     def show_value(self, value: Any) -> None:
         text = "" if value is ABSENT else shown_text(value)
         typed = self.line.text()
-        # While it is written 1. is as good as 1.
+        # While typing, "1." equals "1".
         if text != typed and not (self.line.hasFocus() and self._read(typed) == value):
             self.line.setText(text)
             self.line.setCursorPosition(0)
@@ -270,7 +270,7 @@ class TextField(Field):
 
 
 class NumberField(TextField):
-    """A number with its unit. What is none stays as it was typed, with what is allowed below it."""
+    """Number with unit. Invalid text stays, with the permitted range below."""
 
     def make(self) -> QWidget:
         line = super().make()
@@ -293,7 +293,7 @@ class NumberField(TextField):
             self.context.theme.style_text(self._unit, "dim", tokens.STATUS_PX)
 
     def _read(self, text: str) -> Any:
-        """A decimal comma is one too."""
+        """Parse a number; a decimal comma is accepted."""
         text = text.strip()
         if not text and self.may_be_left_out:
             return self._default()
@@ -304,7 +304,7 @@ class NumberField(TextField):
 
 
 class MixedField(TextField):
-    """What may be a number, true or false, or text: what it looks like."""
+    """Value that may be a number, boolean or text, by its appearance."""
 
     def _read(self, text: str) -> Any:
         try:
@@ -314,7 +314,7 @@ class MixedField(TextField):
 
 
 class KeyField(TextField):
-    """A combination of keys: it is entered by pressing it."""
+    """Key combination, entered by pressing it."""
 
     def make(self) -> QWidget:
         made = super().make()
@@ -335,7 +335,7 @@ class KeyField(TextField):
 
 
 def _combination(event: QKeyEvent) -> str:
-    """Ctrl, perhaps with Shift, and a letter or digit that is no key of text fields."""
+    """Ctrl, optionally Shift, and a letter or digit without a function in text fields."""
     modifiers = event.modifiers()
     if not modifiers & Qt.KeyboardModifier.ControlModifier or modifiers & Qt.KeyboardModifier.AltModifier:
         return ""
@@ -351,7 +351,7 @@ def _combination(event: QKeyEvent) -> str:
 
 
 class ProseField(Field):
-    """Text of several lines."""
+    """Multi-line text field."""
 
     def make(self) -> QWidget:
         self.prose = Prose(self.context)
@@ -386,7 +386,7 @@ class ProseField(Field):
 
 
 class FreeField(ProseField):
-    """Keys that nobody declares, as they stand in the file."""
+    """Keys outside the schema, as YAML."""
 
     def _shown(self, value: Any) -> str:
         return "" if value in ({}, "") else value if isinstance(value, str) else yaml_text(value).rstrip("\n")
@@ -399,7 +399,7 @@ class FreeField(ProseField):
 
 
 class SwitchField(Field):
-    """On or off."""
+    """Check box."""
 
     def make(self) -> QWidget:
         self.box = CheckBox(self.context.theme, self.title or tr("On"))
@@ -433,7 +433,7 @@ class SwitchField(Field):
 
 
 class ChoiceField(Field):
-    """One of several words, or of names that stand elsewhere in the file."""
+    """Choice of several words, or of names defined elsewhere in the file."""
 
     def make(self) -> QWidget:
         self.box = DropDown(self.context.theme, "", self.title)
@@ -470,7 +470,7 @@ class ChoiceField(Field):
     def _word_for(self, value: Any) -> str:
         rule = self.form.rule
         if value == "" and rule.else_one_of:
-            return tr("not set")  # which is something else than none of them
+            return tr("not set")  # different from "none"
         return word_for(value, named=bool(rule.refers) and value not in rule.else_one_of)
 
     def _names(self) -> list[Any]:
@@ -499,7 +499,7 @@ def shown_text(value: Any) -> str:
 
 
 def word_for(value: Any, *, named: bool) -> str:
-    """A word of a file as people read it; a name, which is ``named``, stays as it is."""
+    """Translated word of a file value; a name (``named``) unchanged."""
     if value is ABSENT or value == "":
         return tr("none")
     return str(value) if named else word_of(value)
@@ -508,7 +508,7 @@ def word_for(value: Any, *, named: bool) -> str:
 def field_for(
     context: FormContext, path: KeyPath, form: Form, key: Key | None = None, *, compact: bool = False
 ) -> Field:
-    """The field that suits what is declared there."""
+    """Create the field for a schema type."""
     return _kind_of_field(form)(context, path, form, key, compact=compact)
 
 

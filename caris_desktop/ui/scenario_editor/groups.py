@@ -1,6 +1,6 @@
-"""Pieces of the form that hold others: groups of keys, lists with their entries, what may be one of several groups.
+"""Form containers: groups of keys, lists of entries, alternative groups.
 
-Long because each of them holds pieces of every other kind: in files of their own they would import one another.
+In one file because containers nest in one another: separate modules would import in a circle.
 """
 
 from collections.abc import Callable
@@ -51,7 +51,7 @@ _CAP_COLUMN_PX: dict[str | int, int] = {"phrases": 34, "places": 48}
 
 
 def part_for(context: FormContext, path: KeyPath, key: Key) -> FormPart:
-    """The piece of the form for a key of a group."""
+    """Create the form widget for a key of a group."""
     form = key.form
     if item_of(form.kind) is not None:
         return ListPart(context, path, form, key)
@@ -66,14 +66,14 @@ def part_for(context: FormContext, path: KeyPath, key: Key) -> FormPart:
 
 
 class _Holder(FormPart):
-    """Has parts below it, and words of its own: a title, what it means, what is wrong with it as a whole."""
+    """Container with title, help and error message."""
 
     def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key | None, said: str = "") -> None:
         super().__init__(context, path)
         self.form = form
         self.key = key
         self.title = title_of(key) if key is not None else ""
-        # The page is called like this already.
+        # The page already has this title.
         headed = key is not None and self.title == section_of(key)
         self.context = context if headed else context.inside(self.title)
         self.parts: list[FormPart] = []
@@ -89,7 +89,7 @@ class _Holder(FormPart):
         for label in (self.title_label, self.help_label, self.mistake_label):
             head.addWidget(label)
         self.column.addLayout(head)
-        # Shown before it has its font, a label would lose that when it gets into the window.
+        # A label shown before it has its font would lose the font in the window.
         if not self.title or headed:
             self.title_label.hide()
         if not said or headed:
@@ -126,7 +126,7 @@ class _Holder(FormPart):
 
 
 class GroupPart(_Holder):
-    """The keys of one group, one below the other. Those that stand only beside others are there while they may be."""
+    """Keys of a group, one below another. Dependent keys are shown while permitted."""
 
     def __init__(
         self, context: FormContext, path: KeyPath, form: Form, key: Key | None = None, group: Group | None = None
@@ -149,7 +149,7 @@ class GroupPart(_Holder):
 
 
 def may_stand(key: Key, data: Any) -> bool:
-    """Whether the key has a place beside the others that are there."""
+    """Whether the schema permits the key given the others."""
     rule = key.form.rule
     if any(value_at(data, (other,)) is not ABSENT for other in rule.instead_of):
         return False
@@ -161,7 +161,7 @@ def may_stand(key: Key, data: Any) -> bool:
 
 
 class OptionalGroup(_Holder):
-    """A group that is there as a whole or not at all."""
+    """Group that is optional as a whole."""
 
     def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key) -> None:
         super().__init__(context, path, form, key, said_of(form))
@@ -200,7 +200,7 @@ class OptionalGroup(_Holder):
 
 
 class OneOfGroups(_Holder):
-    """One of several groups: which one is chosen above its keys."""
+    """Alternative groups, with the choice above the keys."""
 
     def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key | None = None) -> None:
         super().__init__(context, path, form, key, said_of(form) if key is not None else "")
@@ -234,9 +234,7 @@ class OneOfGroups(_Holder):
 
 
 class ListPart(_Holder):
-    """Entries one below the other, each with buttons that move it and take it out, and one button for each kind of
-    entry to add.
-    """
+    """List of entries with buttons to move and remove each, and a button per kind of entry to add."""
 
     def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key) -> None:
         super().__init__(context, path, form, key, said_of(form))
@@ -312,8 +310,8 @@ class ListPart(_Holder):
         super().refresh()
 
     def _rebuild(self, kinds: list[Any]) -> None:
-        """What did not change its kind keeps its row. Long lists come a few rows at a time, so that the window goes on
-        hearing of keys.
+        """Rebuild rows, reusing those of unchanged kind. Long lists are built a few rows per turn, so that keys are
+        still handled.
         """
         while len(self.rows) > len(kinds):
             drop(self.rows.pop())
@@ -341,13 +339,13 @@ class ListPart(_Holder):
             self._stale = False
 
     def complete(self) -> None:
-        """All its rows, at once."""
+        """Create all rows now."""
         while self._stale or len(self.rows) < len(self.entries):
             self.refresh()
 
 
 class EntryRow(FormPart):
-    """One entry of a list. Small ones are a row, large ones a card that folds."""
+    """List entry: a row if small, else a foldable card."""
 
     def __init__(self, holder: ListPart, index: int, group: Group | None) -> None:
         super().__init__(holder.context.inside(tr("entry {number}").format(number=index + 1)), (*holder.path, index))
@@ -385,10 +383,10 @@ class EntryRow(FormPart):
             return self._is_text_group or self._group is None
         return kind is self._group and not self._is_text_group
 
-    # ---- how it is built
+    # ---- construction
 
     def _make_cap(self) -> None:
-        """The key by which it is had, in a column of its own."""
+        """Create a column for the entry's key in the console."""
         data = self.context.editing.document.data
         key = key_of_entry(data, self.path)
         if not key and (self._folds or not key_of_entry(data, (*self._holder.path, 0))):
@@ -459,7 +457,7 @@ class EntryRow(FormPart):
         if not self._folds and len(self.fields) == 1 and isinstance(self.fields[0], (NumberField, ChoiceField)):
             self._head.addStretch(1)
 
-    # ---- what it shows
+    # ---- display
 
     def refresh(self) -> None:
         document = self.context.editing.document
@@ -557,7 +555,7 @@ class EntryRow(FormPart):
         if first is not None:
             first.setFocus(Qt.FocusReason.OtherFocusReason)
 
-    # ---- keys and look
+    # ---- keyboard and style
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         ctrl = event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier == Qt.KeyboardModifier.ControlModifier

@@ -1,4 +1,4 @@
-"""What text of the form is typed into: undo belongs to the editor, and leaving one ends a step of it."""
+"""Text inputs of the form: undo is the editor's, and leaving the field ends an undo step."""
 
 from typing import Any
 
@@ -14,14 +14,14 @@ _MOST_PROSE_LINES = 14
 
 
 def without_own_undo(event: QEvent) -> bool:
-    """Whether it is a key that undoes or redoes, which the editor does for all fields alike."""
+    """Whether the event is an undo or redo key, which the editor handles for all fields."""
     return isinstance(event, QKeyEvent) and (
         event.matches(QKeySequence.StandardKey.Undo) or event.matches(QKeySequence.StandardKey.Redo)
     )
 
 
 class Line(QLineEdit):
-    """Undo belongs to the editor, and leaving the line ends a step."""
+    """Line edit; undo is the editor's, and leaving it ends an undo step."""
 
     def __init__(self, context: FormContext) -> None:
         super().__init__()
@@ -48,7 +48,7 @@ class Line(QLineEdit):
 
 
 class Lines(QPlainTextEdit):
-    """Several lines of text. Tab leads on, undo belongs to the editor, and leaving them ends a step."""
+    """Multi-line edit. Tab moves on, undo is the editor's, and leaving it ends an undo step."""
 
     def __init__(self, context: FormContext) -> None:
         super().__init__()
@@ -74,7 +74,7 @@ class Lines(QPlainTextEdit):
 
 
 class Prose(Lines):
-    """Paragraphs, as tall as what is in it."""
+    """Multi-line edit that grows with its text."""
 
     def __init__(self, context: FormContext) -> None:
         super().__init__(context)

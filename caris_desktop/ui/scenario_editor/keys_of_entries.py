@@ -1,4 +1,4 @@
-"""By which key an entry of a list is had in the console, so that the form shows it beside the entry."""
+"""Key bindings of list entries in the console, for display in the form."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ _KEYS = {spec.id: spec.keys[0] for spec in ACTIONS if spec.keys}
 
 
 def key_of_entry(data: Any, path: KeyPath) -> str:
-    """The key; empty where the entry has none."""
+    """Key of the entry; empty if none."""
     match path:
         case ("phrases", int(index)):
             entries = value_at(data, ("phrases",))

@@ -1,6 +1,4 @@
-"""What fields of the form may name that is not in the file: of the robot at hand, its face, and the files there
-are.
-"""
+"""Names that fields may reference outside the file: of the connected robot, its face, and existing files."""
 
 from PySide6.QtCore import QObject
 
@@ -13,11 +11,11 @@ from caris_desktop.ui.scenario_editor.editing import Editing, Names
 from caris_desktop.ui.scenario_editor.opened import names_of_files
 
 _DONE_AT_ONCE = ("button", "toggle")
-"""The controls that can go along with a phrase: others want a value first."""
+"""Kinds of controls that a phrase can trigger: others need a value."""
 
 
 class KnownNames(QObject):
-    """Told to the form of ``editing`` once the files were looked for, which waits on the disk in another thread."""
+    """Known names for the form of ``editing``; files are listed in a background thread."""
 
     def __init__(self, console: WizardConsole, editing: Editing) -> None:
         super().__init__(editing)
@@ -46,5 +44,5 @@ class KnownNames(QObject):
             return Names(
                 state.face.value.expressions, self._editing.document.value(("face", "face")) == state.face.value.face
             )
-        # A robot may be an address too.
+        # A robot may also be an address.
         return Names(self._files.get(kind, ()), kind == "faces" and kind in self._files)

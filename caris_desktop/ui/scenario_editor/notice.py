@@ -1,4 +1,4 @@
-"""One line above the form for what has happened or waits for an answer, with the buttons that answer it."""
+"""Message line above the form, with buttons to answer it."""
 
 from collections.abc import Callable
 
@@ -15,7 +15,7 @@ Answer = tuple[str, Callable[[], None]]
 
 
 class Notice(QWidget):
-    """``say`` puts a sentence in place of the one before. ``what`` is by what it is taken back."""
+    """``say`` replaces the message. ``what`` identifies it for ``take_back``."""
 
     accessible_role = QAccessible.Role.AlertMessage
 

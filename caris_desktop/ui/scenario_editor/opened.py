@@ -1,4 +1,4 @@
-"""The file of a scenario as the editor opens it. All here waits on files, in another thread."""
+"""Scenario file as read by the editor. All functions read files; run them in a background thread."""
 
 import hashlib
 from pathlib import Path
@@ -17,7 +17,7 @@ from caris_desktop.scenario.model import Scenario
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A file as it was read: its ``text``, and the checksum of what may be replaced by what is saved."""
+    """File contents, with the checksum that detects changes before saving."""
 
     path: Path
     text: str
@@ -25,13 +25,13 @@ class Opened:
 
 
 def opened_file(path: Path) -> Opened:
-    """Raises OSError, UnicodeDecodeError."""
+    """Read a file. Raises OSError, UnicodeDecodeError."""
     raw = path.read_bytes()
     return Opened(path, raw.decode("utf-8-sig"), hashlib.sha256(raw).hexdigest())
 
 
 def shows_as_form(opened: Opened) -> None:
-    """Raises ValueError, with file and line, where the text is none that a form can show."""
+    """Raise ValueError, with file and line, if the form cannot show the text."""
     try:
         ScenarioDocument(opened.text, opened.path)
     except YamlSourceError as error:
@@ -39,7 +39,7 @@ def shows_as_form(opened: Opened) -> None:
 
 
 def opened_as_form(scenario: Scenario) -> tuple[Opened, str]:
-    """The file of that scenario; where it cannot be read, what is in force, and why. Waits on files."""
+    """File of the scenario; if unreadable, the scenario in force, with the reason. Reads files."""
     problem, sha256 = "", ""
     if scenario.path is not None:
         try:
@@ -55,7 +55,7 @@ def opened_as_form(scenario: Scenario) -> tuple[Opened, str]:
 
 
 def opened_anew(path: Path, opened: Opened) -> Opened | str | None:
-    """What the file says now, or why it cannot be read; None where it is another than ``opened``. Waits on files."""
+    """Current contents of the file, or why it is unreadable; None if it is not the file of ``opened``. Reads files."""
     try:
         return opened_file(path) if path.resolve() == opened.path.resolve() else None
     except (OSError, ValueError) as error:
@@ -63,10 +63,10 @@ def opened_anew(path: Path, opened: Opened) -> Opened | str | None:
 
 
 def names_of_files() -> dict[Known, tuple[str, ...]]:
-    """What a scenario may name that has a file of its own."""
+    """Names of existing robot profiles and faces."""
     return {"robots": tuple(profile.name for profile in list_profiles()), "faces": face_names()}
 
 
 def text_of(path: Path) -> str:
-    """Raises OSError, UnicodeDecodeError."""
+    """Text of a file. Raises OSError, UnicodeDecodeError."""
     return opened_file(path).text

@@ -1,4 +1,4 @@
-"""What the wizard gets from the scenario as it is in the editor now, in words and key caps."""
+"""Preview of the edited scenario: errors, consequences for the wizard, and changes, as HTML."""
 
 from collections.abc import Iterator
 from html import escape
@@ -28,7 +28,7 @@ _BEFORE_DIFFERENCE = 20
 
 
 def preview_page(document: ScenarioDocument, section: str, colors: Colors) -> str:
-    """HTML: what is wrong, what the section gives the wizard, what has changed since it was saved."""
+    """HTML with errors, consequences of the section, and changes since the last save."""
     return "".join(
         (
             _mistakes(document, colors),
@@ -76,9 +76,7 @@ def _of_section(document: ScenarioDocument, section: str, colors: Colors) -> str
 
 
 def _valued(document: ScenarioDocument, name: str) -> Any:
-    """What a key of the file means as it is typed, whatever is wrong elsewhere; as it was last without a mistake where
-    that is in it.
-    """
+    """Parsed value of a key, regardless of errors elsewhere; if it has an error itself, the last valid value."""
     (key,) = (key for key in keys_of(Scenario) if key.name == name)
     if not any(mistake.path[:1] == (name,) for mistake in document.mistakes):
         said = document.value((name,))
@@ -128,7 +126,7 @@ def _told_taken(key: str, taken: dict[str, str], colors: Colors) -> str:
 
 
 def _taken(document: ScenarioDocument) -> dict[str, str]:
-    """What each key does in this scenario whatever its phrases and gestures have of their own, which give way to it."""
+    """Commands by key, except for phrases and gestures with their own key, which yield to them."""
     rows = ACTIONS if document.scenario is None else rows_of(document.scenario)
     return {key: spec.text for spec in rows if not spec.own_key for key in spec.keys}
 
@@ -308,7 +306,7 @@ def _changes(document: ScenarioDocument, colors: Colors) -> str:
 
 
 def difference_words(change: Difference) -> str:
-    """What was and what is, so short that a glance takes it in."""
+    """Old and new value, short enough to scan."""
     if isinstance(change.before, str) and isinstance(change.after, str):
         before, after = _where_they_differ(change.before, change.after)
         return tr("{before} → {after}").format(before=_shown(before), after=_shown(after))
@@ -326,7 +324,7 @@ def difference_words(change: Difference) -> str:
 
 
 def _where_they_differ(before: str, after: str) -> tuple[str, str]:
-    """Two long texts from shortly before their first difference on."""
+    """Two long texts, from shortly before their first difference."""
     pairs = enumerate(zip(before, after, strict=False))
     same = next((number for number, (old, new) in pairs if old != new), min(len(before), len(after)))
     start = before.rfind(" ", 0, max(0, same - _BEFORE_DIFFERENCE)) + 1

@@ -1,6 +1,6 @@
-"""Texts of the declarations that the form shows, written where Qt's tools find them.
+"""Generator of ``declared_texts.py``: texts of the schema, for Qt's translation tools.
 
-``python -m caris_desktop.app.reference`` writes them into ``declared_texts.py`` beside this file.
+Run by ``python -m caris_desktop.app.reference``.
 """
 
 import json
@@ -25,6 +25,6 @@ TEXTS = (
 
 
 def reference_files() -> dict[Path, str]:
-    """What the file says."""
+    """Path and contents of the generated file."""
     lines = [f"    QT_TR_NOOP({json.dumps(text, ensure_ascii=False)}),\n" for text in texts_of(Scenario)]
     return {Path(__file__).with_name("declared_texts.py"): f"{_HEAD}{''.join(lines)})\n"}

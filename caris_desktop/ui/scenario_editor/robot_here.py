@@ -1,4 +1,4 @@
-"""The button of a place that takes over where the robot is now."""
+"""Button that sets a place to the robot's current pose."""
 
 import math
 
@@ -9,11 +9,11 @@ from caris_desktop.ui.scenario_editor.editing import FormContext
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 POSE_KEYS = {"x_m", "y_m", "heading_deg"}
-"""What a group has that is a place in the map."""
+"""Keys of a group that is a pose in the map."""
 
 
 class RobotHere(ActionButton):
-    """For the group at ``path``."""
+    """Button for the group at ``path``."""
 
     def __init__(self, context: FormContext, path: KeyPath) -> None:
         super().__init__(context.theme, tr("Here"), icon="robot", height_px=32, text_px=tokens.STATUS_PX)
