@@ -1,4 +1,4 @@
-"""How what is edited gets into its file, or into another one, and what is done where somebody else wrote there too."""
+"""Saving of the edited scenario, with conflict handling when the file was changed elsewhere."""
 
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ _TITLE: KeyPath = ("title",)
 
 
 class Edits(Protocol):
-    """What is needed of the editor's window."""
+    """The part of the editor window that saving needs."""
 
     editing: Editing
     notice: Notice
@@ -44,8 +44,8 @@ class Edits(Protocol):
 
 
 class Saving(QObject):
-    """Of one ``editor``, and as long as its ``parent``. ``opened`` is the file as the document was made from it:
-    nothing else is written over unasked.
+    """Saving for one ``editor``, owned by ``parent``. ``opened``: the file from which the document was made; any other
+    contents are not overwritten without a question.
     """
 
     def __init__(self, editor: Edits, console: WizardConsole, opened: Opened, parent: QObject) -> None:
@@ -61,7 +61,7 @@ class Saving(QObject):
         console.state.scenario.changed.connect(self._on_scenario_in_force)
 
     def save(self) -> None:
-        """Into its own file, or the user's own copy of a shipped one."""
+        """Save to the scenario's own file, or to the user's copy of a shipped one."""
         if self._editor.unsaved:
             target = own_file(self._editor.document.path)
             self._save_to(target, self._opened.sha256 if target == self._opened.path else "")
@@ -71,11 +71,11 @@ class Saving(QObject):
         self.save()
 
     def save_as(self, title: str) -> None:
-        """Under another title, in a file of its own among the user's scenarios."""
+        """Save under another title, in a new file among the user's scenarios."""
         self._save_to(own_file_called(title), "", title)
 
     def _save_to(self, path: Path, replaces: str, title: str = "") -> None:
-        """With another ``title`` where one is given, which the document has once it is written."""
+        """Save, optionally with a new ``title``, which the document gets once the file is written."""
         editor = self._editor
         if self._to is not None:
             return
@@ -138,7 +138,7 @@ class Saving(QObject):
         editor.notice.say("saving", said, "red", (tr("Save as…"), editor.ask_for_name))
 
     def _on_other_file(self, found: Opened | str | None) -> None:
-        """It was not saved: the file is another one by now, and may even be one that nobody can read."""
+        """Handle a conflict: the file has changed meanwhile and may be unreadable."""
         notice, reason = self._editor.notice, found if isinstance(found, str) else ""
         if isinstance(found, Opened):
             try:
@@ -165,10 +165,10 @@ class Saving(QObject):
         self._editor.notice.take_back("saving")
         self._save_to(broken.path, broken.sha256)
 
-    # ---- what somebody else writes
+    # ---- changes from elsewhere
 
     def _on_scenario_in_force(self, scenario: Scenario | None) -> None:
-        """The console may have written into the file meanwhile, as for a place: that stays."""
+        """Merge what the console itself wrote to the file meanwhile, for example a place."""
         if scenario is None or scenario.path is None or self._to is not None:
             return
         if scenario.sha256 != self._opened.sha256:
@@ -193,7 +193,7 @@ class Saving(QObject):
         notice.say("meanwhile", said, "blue")
 
     def _rebase(self, found: Opened) -> int:
-        """Go on from what the file says now; gives how much of one's own stands in it. Raises ValueError."""
+        """Rebase the edits onto the file's current contents; returns how many were kept. Raises ValueError."""
         kept = self._editor.document.rebase(found.text)
         self._opened = found
         self._editor.editing.told(reshaped=True)

@@ -1,4 +1,4 @@
-"""One page of the form: the keys of a section, built when it is first looked at."""
+"""Form page of one section, built when first shown."""
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QResizeEvent
@@ -17,7 +17,7 @@ _WIDEST_PX, _LEAST_WORDS_PX, _SIDE_PX = 900, 200, 24
 
 
 class SectionPage(QScrollArea):
-    """Refreshes only while it is looked at."""
+    """Form page; refreshes only while visible."""
 
     def __init__(self, context: FormContext, section: Section) -> None:
         super().__init__()
@@ -36,7 +36,7 @@ class SectionPage(QScrollArea):
         context.editing.changed.connect(self._on_changed)
 
     def build(self) -> None:
-        """Its fields, once."""
+        """Create all fields now."""
         self._begin()
         while len(self.parts) < len(self.section.keys):
             self._make_next()
@@ -60,7 +60,7 @@ class SectionPage(QScrollArea):
         self._style()
 
     def _make_next(self) -> None:
-        """One after the other, so that the window goes on hearing of keys."""
+        """Create one field per event loop turn, so that keys are still handled."""
         if len(self.parts) == len(self.section.keys) or self._column is None:
             return
         key = self.section.keys[len(self.parts)]
@@ -79,7 +79,7 @@ class SectionPage(QScrollArea):
             self._fit_words()
 
     def _fit_words(self) -> None:
-        """What explains the section is read without scrolling aside, however wide its lists are."""
+        """Fit the explanation to the visible width, however wide the lists are."""
         room_px = max(_LEAST_WORDS_PX, self.viewport().width() - 2 * _SIDE_PX)
         self._words.setMaximumWidth(room_px)
         self._words.setMinimumHeight(self._words.heightForWidth(room_px))
@@ -103,7 +103,7 @@ class SectionPage(QScrollArea):
         super().showEvent(event)  # type: ignore[arg-type]
 
     def reveal(self, path: KeyPath) -> Field | None:
-        """The field of that place, or of what it is in."""
+        """Field of a path, or of the closest enclosing one."""
         self.build()
         for cut in range(len(path), 0, -1):
             for part in self.parts:

@@ -1,4 +1,4 @@
-"""Which part of the form a key of the scenario stands in, and in what order a person looks for them."""
+"""Sections of the form: which keys each has, and their order."""
 
 from caris_desktop.domain.declared import Key, choices_of, keys_of
 from caris_desktop.domain.declared_words import title_of
@@ -48,7 +48,7 @@ _ORDER: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One page of the form: ``words`` say what it is for, ``keys`` are those of the file that stand there."""
+    """Section of the form: ``words`` explain it, ``keys`` are its keys of the file."""
 
     title: str
     icon: str
@@ -57,7 +57,7 @@ class Section:
 
 
 def sections() -> tuple[Section, ...]:
-    """Those of the file as it is declared: a key whose section is new, or that names none, gets one at the end."""
+    """Sections from the schema: a key with a new or no section is put at the end."""
     found: dict[str, list[Key]] = {title: [] for title in _ORDER}
     for key in keys_of(Scenario):
         if len(choices_of(key.form.kind)) != 1:

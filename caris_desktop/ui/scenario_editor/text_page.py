@@ -1,4 +1,4 @@
-"""The text of the file, beside the form: what has changed is marked, and what is typed is in the form at once."""
+"""YAML text page with highlighted changes; edits apply to the form at once."""
 
 import difflib
 import time
@@ -26,7 +26,7 @@ _ONE_STEP_S = 1.5
 
 
 def changed_lines(before: str, after: str) -> tuple[set[int], set[int]]:
-    """Lines of ``after`` that are new or another, and those before which something is gone; counted from 0."""
+    """Changed or new lines of ``after``, and lines that follow a deletion; counted from 0."""
     matcher = difflib.SequenceMatcher(None, before.splitlines(), after.splitlines(), autojunk=False)
     changed: set[int] = set()
     gone: set[int] = set()
@@ -39,7 +39,7 @@ def changed_lines(before: str, after: str) -> tuple[set[int], set[int]]:
 
 
 class TextPage(QWidget):
-    """``flush`` hands over what was typed last."""
+    """Text page. ``flush`` applies pending typing."""
 
     def __init__(self, context: FormContext) -> None:
         super().__init__()
@@ -102,7 +102,7 @@ class TextPage(QWidget):
         self.editor.mark(changed, gone, wrong)
 
     def show_line(self, line: int) -> None:
-        """Bring a line into sight, counted from 1."""
+        """Scroll to a line, counted from 1."""
         block = self.editor.document().findBlockByNumber(max(0, line - 1))
         cursor = QTextCursor(block)
         self.editor.setTextCursor(cursor)
@@ -111,7 +111,7 @@ class TextPage(QWidget):
 
 
 class CodeEditor(Lines):
-    """Text with its line numbers."""
+    """Plain text editor with line numbers."""
 
     def __init__(self, context: FormContext, *, read_only: bool = False) -> None:
         super().__init__(context)
@@ -131,7 +131,7 @@ class CodeEditor(Lines):
         self._make_room()
 
     def show_text(self, text: str) -> None:
-        """Another text, with the cursor on the line on which it was."""
+        """Replace the text, keeping the cursor's line."""
         line, scrolled = self.textCursor().blockNumber(), self.verticalScrollBar().value()
         self.blockSignals(True)
         self.setPlainText(text)

@@ -1,4 +1,4 @@
-"""The window in which a scenario is edited: its sections, the form, what comes of it, the text, and how it is saved."""
+"""Scenario editor window: sections, form, preview, text, undo and saving."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -48,7 +48,7 @@ _FORM_AND_PREVIEW_PX = (880, 340)
 
 
 class ScenarioEditor(TabAsRead, QWidget):
-    """A window of its own that belongs to the main one. What is wrong or not saved is never lost without a question."""
+    """Window owned by the main window. Unsaved changes are never discarded without a question."""
 
     closed = Signal()
 
@@ -93,7 +93,7 @@ class ScenarioEditor(TabAsRead, QWidget):
     def document(self) -> ScenarioDocument:
         return self.editing.document
 
-    # ---- how it is built
+    # ---- construction
 
     def _make_head(self) -> None:
         self._title = CutLabel()
@@ -167,12 +167,12 @@ class ScenarioEditor(TabAsRead, QWidget):
         column.addWidget(self._name_row)
         column.addWidget(self.notice)
         column.addLayout(body, 1)
-        # What gives way in a narrow window is told by resizeEvent, not by what everything needs beside one another.
+        # resizeEvent decides what a narrow window hides; the sum of minimum sizes must not.
         column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
         self.setMinimumSize(*_LEAST_PX)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """In a narrow window the preview is a part of its own instead of standing beside the others."""
+        """In a narrow window the preview becomes a page of its own."""
         super().resizeEvent(event)
         narrow, is_page = self.width() < _NARROW_PX, self.stack.indexOf(self.preview) >= 0
         self.nav.setFixedWidth(_NARROW_NAV_PX if narrow else _NAV_PX)
@@ -202,7 +202,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         for key, do in keys.items():
             QShortcut(QKeySequence(key), self, do)
 
-    # ---- what is on show
+    # ---- display
 
     def _next_section(self, by: int) -> None:
         self.nav.setCurrentRow((self.nav.currentRow() + by) % self.nav.count())
@@ -216,7 +216,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         self.nav.setCurrentRow(self.stack.indexOf(page))
 
     def reveal(self, path: KeyPath) -> Field | None:
-        """Show the field of that place, with the keys in it."""
+        """Show and focus the field of a path."""
         for page in self.pages:
             if path and any(part == path[0] for part in (key.name for key in page.section.keys)):
                 self.show_page(page)
@@ -300,7 +300,7 @@ class ScenarioEditor(TabAsRead, QWidget):
             self.show_mistake(int(number))
 
     def show_mistake(self, number: int) -> None:
-        """The field of the mistake, or its line of the text where there is no field."""
+        """Show the field of an error, or its line of the text if it has no field."""
         mistake = self.document.mistakes[number]
         on_text = self.stack.currentWidget() is self.text_page
         if self.document.unreadable is not None or on_text or self.reveal(mistake.path) is None:
@@ -322,7 +322,7 @@ class ScenarioEditor(TabAsRead, QWidget):
             (tr("Show the line"), lambda: self.show_mistake(0)), (tr("Undo what was typed"), self.undo),
         )  # fmt: skip
 
-    # ---- steps
+    # ---- undo
 
     def undo(self) -> None:
         self.text_page.flush()
@@ -365,7 +365,7 @@ class ScenarioEditor(TabAsRead, QWidget):
     # ---- closing
 
     def tell_not_read(self, problem: str) -> None:
-        """The file is broken by now; what is shown is the scenario in force."""
+        """Report that the file has become unreadable; the scenario in force is shown."""
         said = tr(
             "The file cannot be shown as a form: {problem} Here is the scenario as it is in force; saving replaces "
             "the file."
@@ -378,7 +378,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         return self.document.changed
 
     def ask_before_closing(self, said: str = "", then: Callable[[], None] | None = None) -> None:
-        """``then`` is done once it has closed, unless the wizard goes on here."""
+        """Ask about unsaved changes; ``then`` runs after closing, unless the wizard continues editing."""
         self.after_closing = then
         self.notice.say(
             "closing", said or tr("What you changed is not saved."), "amber",
@@ -406,13 +406,13 @@ class ScenarioEditor(TabAsRead, QWidget):
         super().closeEvent(event)
         self.closed.emit()
 
-    # ---- what the program knows
+    # ---- program state
 
     def _robot_pose(self) -> Pose2D | None:
         pose = self._console.state.pose
         return pose.value.pose_in_map if pose.value is not None and pose.freshness != "lost" else None
 
-    def _others(self) -> Sequence[Other]:  # waits on files
+    def _others(self) -> Sequence[Other]:  # reads files
         path, saved = self.document.path, Other(tr("What was saved"), lambda: self.document.saved_text)
         shipped = [
             Other(tr("{name}, as it comes with the program").format(name=file.stem), partial(text_of, file))
@@ -421,7 +421,7 @@ class ScenarioEditor(TabAsRead, QWidget):
         same_name = bool(shipped) and (layouts_dir() / path.name).is_file() and own_file(path) == path
         return [*shipped[:1], saved, *shipped[1:]] if same_name else [saved, *shipped]
 
-    # ---- look
+    # ---- style
 
     def _style(self) -> None:
         theme = self._theme

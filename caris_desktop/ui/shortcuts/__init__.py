@@ -1,1 +1,1 @@
-"""The sheet of all shortcuts, and what a wizard has changed of them."""
+"""Shortcut sheet, and the wizard's own key bindings."""

@@ -1,6 +1,6 @@
-"""The tables of the guide's page about keys, from the table of actions.
+"""Generator of the key tables in the guide, from the action table.
 
-``python -m caris_desktop.app.reference`` writes them into ``resources/``.
+Run by ``python -m caris_desktop.app.reference``; writes to ``resources/``.
 """
 
 import re
@@ -22,7 +22,7 @@ _WORDS = {"Return": "Enter", "Del": "Delete", "PgUp": "Page Up", "PgDown": "Page
 
 
 def reference_files() -> dict[Path, str]:
-    """What the page says; the words between its tables stay as they are."""
+    """Path and contents of the page; text between its tables is kept."""
     page = resources_dir() / "guide" / "keys.md"
     return {page: _PLACE.sub(lambda found: found[1] + _table(_TABLES[found[2]]), page.read_text(encoding="utf-8"))}
 
@@ -42,7 +42,7 @@ def _part(group: str, rows: Iterable[ActionSpec]) -> str:
 
 
 def _line(rows: list[ActionSpec]) -> str:
-    """One row, or several that differ by their number."""
+    """Table line of one row, or of several that differ in their number."""
     first, last = rows[0], rows[-1]
     if len(rows) == 1:
         return f"| {first.text} | {_keys(first.keys)} | {_keys(first.driving_keys)} |"

@@ -1,4 +1,4 @@
-"""The sheet of all shortcuts, written out from the table, on which each key can be changed."""
+"""Shortcut sheet: all key bindings of the action table, each editable."""
 
 from collections import deque
 
@@ -26,7 +26,7 @@ _BESIDE_FROM_PX = 900
 
 @dataclass(slots=True)
 class _Asked:
-    """The line and column that wait for a key; ``keys`` are chosen and wait for a yes, as others have them."""
+    """Line and column that wait for a key; ``keys``: a choice that awaits confirmation because other rows have it."""
 
     row: ShortcutRow
     cell: KeyCell
@@ -34,7 +34,7 @@ class _Asked:
 
 
 class ShortcutSheet(Overlay):
-    """Every key of this scenario. A click on a key, then the new one; what stands in the way is said at once."""
+    """Shortcut sheet of this scenario. Click a key, then press the new one; conflicts are reported at once."""
 
     def __init__(self, theme: Theme, window: QWidget, actions: Actions, keys: WizardKeys, hold: HoldToDrive) -> None:
         super().__init__(theme, window, width_px=_WIDTH_PX)
@@ -100,7 +100,7 @@ class ShortcutSheet(Overlay):
         self.search.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def give_way(self) -> None:
-        """Esc leaves a key as it is, then closes the sheet."""
+        """Esc: cancel a key choice first, then close the sheet."""
         if self._asked is not None:
             self.stop_asking()
         else:
@@ -117,7 +117,7 @@ class ShortcutSheet(Overlay):
         self._arrange_sides()
 
     def card_height_px(self) -> int:
-        return self._window.height()  # as much as there is: Overlay leaves a border
+        return self._window.height()  # all there is; Overlay keeps a margin
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if self._asked is None:
@@ -125,10 +125,10 @@ class ShortcutSheet(Overlay):
         else:
             self.stop_asking()
 
-    # ---- the lines
+    # ---- rows
 
     def _build(self) -> None:
-        """The lines anew, a group at a time: all of them at once would hold the window up for too long to drive on."""
+        """Rebuild the rows, one group per turn: all at once would block driving for too long."""
         specs = self._actions.specs
         self._ids = [spec.id for spec in specs]
         groups: dict[str, list[ActionSpec]] = {}
@@ -185,7 +185,7 @@ class ShortcutSheet(Overlay):
             self._build()
 
     def _on_keys_changed(self) -> None:
-        """Only what the keyboard's layout types there matters: the sheet shows the keys of every focus."""
+        """Only a changed keyboard layout matters: the sheet shows the keys of every focus."""
         if self._actions.letters != self._letters:
             self._letters = self._actions.letters
             self._on_changed()
@@ -211,24 +211,24 @@ class ShortcutSheet(Overlay):
 
     def _show_found(self, _text: str = "") -> None:
         found = sum([group.show_found(self.search.text()) for group in self._groups])
-        # What is found stands where one looks for it, also where it is of the right side only.
+        # Move the column with results to the left, where users look first.
         left = any(not group.isHidden() for group in self._groups if group.parentWidget() is self._sides[0])
         self._turned = bool(found) and not left
         self._arrange_sides()
         self._nothing.setVisible(not found and self.is_built)
 
     def _arrange_sides(self) -> None:
-        """Beside one another, or one below the other where the window is too narrow for both."""
+        """Columns side by side, or stacked in a narrow window."""
         if self.card.width() < _BESIDE_FROM_PX:
             self._columns.setDirection(QHBoxLayout.Direction.TopToBottom)
         else:
             beside = QHBoxLayout.Direction.RightToLeft if self._turned else QHBoxLayout.Direction.LeftToRight
             self._columns.setDirection(beside)
 
-    # ---- another key
+    # ---- choosing a key
 
     def ask_for(self, row: ShortcutRow, cell: KeyCell) -> None:
-        """The next key that is pressed is for this line."""
+        """Wait for the new key of this row."""
         self.stop_asking()
         self._asked = _Asked(row, cell)
         cell.set_asks(True)
@@ -296,7 +296,7 @@ class ShortcutSheet(Overlay):
         self.stop_asking()
         self._keys.reset_all()
 
-    # ---- words
+    # ---- messages
 
     def _say(
         self, text: str, *, waits: bool = True, wrong: bool = False, take_over: bool = False, remove: bool = False

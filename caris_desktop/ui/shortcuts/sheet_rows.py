@@ -1,4 +1,4 @@
-"""The lines of the sheet of shortcuts: what is done, the keys for it, and how they are put back."""
+"""Rows of the shortcut sheet: command, keys, reset."""
 
 from collections.abc import Iterable
 
@@ -23,7 +23,7 @@ _PUT_BACK_PX = 30
 
 
 class KeyCell(QAbstractButton):
-    """The caps of the keys in one column; a click asks for another key."""
+    """Key caps of one column; a click asks for another key."""
 
     def __init__(self, theme: Theme, column: Column) -> None:
         super().__init__()
@@ -40,12 +40,12 @@ class KeyCell(QAbstractButton):
         return self._caps
 
     def show_caps(self, caps: Iterable[str]) -> None:
-        self._caps = tuple(dict.fromkeys(caps))  # the number pad's Enter reads as the other one
+        self._caps = tuple(dict.fromkeys(caps))  # both Enter keys read alike
         self.updateGeometry()
         self.update()
 
     def set_asks(self, asks: bool) -> None:
-        """Whether it waits for a key."""
+        """Set whether it waits for a key."""
         self._asks = asks
         self.update()
 
@@ -74,7 +74,7 @@ class KeyCell(QAbstractButton):
 
 
 class ShortcutRow(QWidget):
-    """One line. ``wanted(KeyCell)`` asks for another key, ``put_back`` for the usual ones."""
+    """Row of the sheet. ``wanted(KeyCell)`` asks for another key, ``put_back`` for the default ones."""
 
     wanted = Signal(object)
     put_back = Signal()
@@ -98,7 +98,7 @@ class ShortcutRow(QWidget):
         line.addWidget(self._back_room)
 
     def show_spec(self, spec: ActionSpec, text: str, actions: Actions, keys: WizardKeys) -> None:
-        """``spec`` as it is bound now, ``text`` what it does now."""
+        """``spec``: row with its current keys; ``text``: its current text."""
         self.spec = spec
         self._words.setText(text)
         self._words.setToolTip(text)
@@ -107,7 +107,7 @@ class ShortcutRow(QWidget):
         for column, cell in self.cells.items():
             caps = actions.caps(spec, getattr(spec, column))
             cell.show_caps(caps)
-            # Keys of a part of the window work there alone.
+            # Keys of a part of the window work only there.
             cell.setEnabled(not fixed and not (spec.within and column == "driving_keys"))
             cell.setObjectName(f"{spec.id}_{column}")
             cell.setAccessibleName(
@@ -122,14 +122,14 @@ class ShortcutRow(QWidget):
         self._back.setToolTip(tr("Back to the usual keys"))
 
     def is_found_by(self, query: str) -> bool:
-        """Whether its words, its group or its keys contain every word of the query."""
+        """Whether text, group or keys contain every word of the query."""
         caps = " ".join(cap for cell in self.cells.values() for cap in cell.caps)
         there = f"{self._words.text()} {tr(self.spec.group)} {caps} {caps.replace(' ', '+')}".casefold()
         return all(word in there for word in query.casefold().split())
 
 
 class ShortcutGroup(QWidget):
-    """The lines of one group below its heading."""
+    """Rows of one group below its heading."""
 
     def __init__(self, theme: Theme, title: str, rows: list[ShortcutRow]) -> None:
         super().__init__()
@@ -156,7 +156,7 @@ class ShortcutGroup(QWidget):
             column.addWidget(row)
 
     def show_found(self, query: str) -> int:
-        """Only the lines that ``query`` finds; gives how many those are."""
+        """Show only matching rows; returns their number."""
         found = [row for row in self.rows if row.is_found_by(query)]
         for row in self.rows:
             row.setVisible(row in found)

@@ -1,4 +1,4 @@
-"""The keys of whoever is at the console: kept in their profile, used by the table, changed on the sheet."""
+"""Key bindings of the current wizard: saved in their profile, applied to the action table, edited on the sheet."""
 
 from collections.abc import Callable
 
@@ -15,7 +15,9 @@ _UNREAD_KEY = "shortcuts unread"
 
 
 class WizardKeys(QObject):
-    """``tell`` gets what happened, what it means and what to do, where kept keys cannot be used."""
+    """Key bindings of the current wizard. ``tell`` receives what happened, its meaning and advice if saved keys cannot
+    be used.
+    """
 
     changed = Signal()
 
@@ -37,7 +39,7 @@ class WizardKeys(QObject):
         return self._wizards.current
 
     def take_up(self) -> None:
-        """Use what the present wizard has."""
+        """Apply the current wizard's bindings."""
         kept = str(self._wizards.value(_KEY, "") or "")
         try:
             choices = from_text(kept) if kept else {}
@@ -61,7 +63,7 @@ class WizardKeys(QObject):
         return bool(self._choices)
 
     def choose(self, spec: ActionSpec, keys: Keys) -> None:
-        """These are the row's keys from now on; whatever other row had one of them has it no longer."""
+        """Set the row's keys; other rows lose conflicting ones."""
         rows = {row.id: row for row in self._actions.all_specs}
         choices = dict(self._choices)
         for key, other in owners(rows.values(), spec, keys):
@@ -76,7 +78,7 @@ class WizardKeys(QObject):
         self._keep(choices)
 
     def reset(self, spec: ActionSpec) -> None:
-        """The row has its usual keys again."""
+        """Restore the row's default keys."""
         standard = self._actions.standard_row(spec.id)
         self.choose(spec, Keys(standard.keys, standard.driving_keys))
 

@@ -1,1 +1,1 @@
-"""Parts of the Speak panel."""
+"""Widgets of the Speak panel."""

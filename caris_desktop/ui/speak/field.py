@@ -1,4 +1,4 @@
-"""The field for what the robot says next: it grows with its text, completes it, and remembers what was said."""
+"""Speech input field: grows with its text, completes it, and has a history."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -23,16 +23,16 @@ from caris_desktop.ui.widgets.key_cap import KeyCap
 
 LONGEST = 1000
 _MOST_LINES = 4
-_BORDER_PX = 2  # of a field that has the focus, in the style sheet
+_BORDER_PX = 2  # of a focused field, in the style sheet
 _SIDE_PX = 12
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
 class SpeakField(QPlainTextEdit):
-    """Enter says the text: ``say`` gives whether it is taken, else it stays. Up and Down bring earlier texts back.
+    """Enter says the text; it stays if ``say`` returns False. Up and Down step through the history.
 
-    ``earlier`` gives those, oldest first, and ``sentences`` what a text may go on as; Tab accepts that while it is
-    shown, and else moves the focus on.
+    ``earlier``: history, oldest first; ``sentences``: candidates for completion. Tab accepts a visible completion,
+    otherwise it moves the focus.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class SpeakField(QPlainTextEdit):
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setWordWrapMode(QTextOption.WrapMode.WrapAtWordBoundaryOrAnywhere)
         self.document().setDocumentMargin(0)
-        # A space at the end of a line hangs over the edge, and is no reason to move the text aside.
+        # A trailing space overhangs the edge and must not scroll the text.
         self.horizontalScrollBar().valueChanged.connect(lambda _value: self.horizontalScrollBar().setValue(0))
         self.textChanged.connect(self._on_changed)
         self.cursorPositionChanged.connect(self._complete)
@@ -73,22 +73,22 @@ class SpeakField(QPlainTextEdit):
 
     @property
     def was_dictated(self) -> bool:
-        """Whether some of what stands here came by voice."""
+        """Whether some of the text was dictated."""
         return self._dictated_any
 
     @property
     def completion(self) -> str:
-        """What is shown behind the cursor, and accepted with Tab."""
+        """Completion shown behind the cursor, accepted with Tab."""
         return self._rest
 
     def set_line_height(self, height_px: int) -> None:
-        """How tall it is with a single line in it."""
+        """Set the height for a single line."""
         if height_px != self._line_px:
             self._line_px = height_px
             self._fit()
 
     def bring(self, text: str) -> None:
-        """Put ``text`` here to be edited. What stood here before is the text that Down brings back."""
+        """Insert ``text`` for editing. Down restores the former text."""
         standing = self.toPlainText()
         self._back = 0
         self._put(text)
@@ -97,7 +97,7 @@ class SpeakField(QPlainTextEdit):
             self._back = -1
 
     def dictate(self, utterance_id: str, committed: str, tentative: str) -> None:
-        """What is made out of the wizard's voice so far goes to where the cursor was when they began."""
+        """Insert the current dictation at the position where it began."""
         if utterance_id != self._dictated_id:
             self._dictated_id = utterance_id
             self._dictated = None
@@ -117,7 +117,7 @@ class SpeakField(QPlainTextEdit):
         cursor.insertText(text)
         cursor.setPosition(start)
         cursor.setPosition(start + len(text), QTextCursor.MoveMode.KeepAnchor)
-        # What is typed behind it is not of it.
+        # Text typed after it is not part of it.
         cursor.setKeepPositionOnInsert(True)
         if follows:
             after = QTextCursor(self.document())
@@ -133,7 +133,7 @@ class SpeakField(QPlainTextEdit):
         unsure.format.setForeground(self._theme.color("dim"))
         self.setExtraSelections([unsure] if length else [])
 
-    # ---- keys
+    # ---- keyboard
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         with_ctrl = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
@@ -161,7 +161,7 @@ class SpeakField(QPlainTextEdit):
             self.let_go()
 
     def let_go(self) -> None:
-        """Empty, ready for the next text."""
+        """Clear for the next text."""
         self._back, self._draft = 0, ""
         self._dictated = None
         self.setExtraSelections([])
@@ -182,7 +182,7 @@ class SpeakField(QPlainTextEdit):
         self.moveCursor(QTextCursor.MoveOperation.End)
 
     def _stands_in_line(self, *, first: bool) -> bool:
-        """Whether the cursor is in the first or last line as it is shown."""
+        """Whether the cursor is in the first or last visual line."""
         cursor = self.textCursor()
         move = QTextCursor.MoveOperation.Up if first else QTextCursor.MoveOperation.Down
         return not cursor.movePosition(move)
@@ -214,15 +214,15 @@ class SpeakField(QPlainTextEdit):
         super().focusOutEvent(event)
         self._complete()
 
-    # ---- looks
+    # ---- layout
 
     def _fit(self) -> None:
-        """As tall as the text needs, up to a few lines; the text stands in the middle of a single one."""
+        """Fit the height to the text, up to a few lines; a single line is centred vertically."""
         count = max(1, self._line_count())
-        # As its layout has it, which rounds each line up.
+        # The layout rounds each line up.
         first = self.document().firstBlock()
         line_px = math.ceil(self.blockBoundingRect(first).height() / max(1, first.layout().lineCount()))
-        # Of a line that is cut by a pixel Qt scrolls the first one away, to show the last one whole.
+        # If a line is cut by a pixel, Qt scrolls the first line away to show the last one.
         above_px = max(0, (self._line_px - line_px) // 2 - _BORDER_PX)
         right_px = self._enter.sizeHint().width() + 2 * _SIDE_PX
         self.setViewportMargins(_SIDE_PX, above_px, right_px, above_px)

@@ -1,4 +1,4 @@
-"""Asks in place for what stands in a gap before something is said."""
+"""Placeholder prompt: asks in place for a template value before an utterance."""
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
@@ -15,7 +15,7 @@ _QUESTIONS = {NAME: QT_TR_NOOP("Which name?"), PLACE: QT_TR_NOOP("Which place?")
 
 
 class GapRow(QWidget):
-    """A small field; Enter says what was asked for, Esc lets it be."""
+    """Input field; Enter submits the value, Esc cancels."""
 
     filled = Signal(str)
     given_up = Signal()

@@ -1,4 +1,4 @@
-"""What is one key or click away: the groups of phrases, the chips of the group that is chosen, and the gestures."""
+"""Phrase buttons: groups, phrases of the selected group, and gestures."""
 
 from PySide6.QtWidgets import QLabel, QWidget
 
@@ -17,11 +17,11 @@ from caris_desktop.ui.widgets.key_cap import KeyCap
 _UNTITLED = QT_TR_NOOP("General")
 _GESTURES = tuple(f"gesture_{number}" for number in range(1, MOST_GESTURES + 1))
 _CHIPS = (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "filler", *_GESTURES)
-"""The rows of the table that have a chip here, in the order in which they stand."""
+"""Rows of the action table with a button here, in order."""
 
 
 class PhraseRows(QWidget):
-    """As tall as its width needs."""
+    """Phrase buttons with height for width."""
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class PhraseRows(QWidget):
         self.show_scenario()
 
     def show_scenario(self) -> None:
-        """The groups, phrases and gestures of the scenario whose rows the table has; what is there already is used."""
+        """Show groups, phrases and gestures of the scenario, reusing buttons."""
         groups = phrase_groups(self._console.scenario.phrases)
         while len(self._titles) > len(groups):
             title = self._titles.pop()
@@ -92,7 +92,7 @@ class PhraseRows(QWidget):
         return chip
 
     def set_size(self, *, chip_px: int, text_px: int, gap_px: int, low: bool) -> None:
-        """``low``: there is no room for a line of all groups; the next one stands among the phrases then."""
+        """Set button sizes; ``low``: instead of a line of groups, a button switches to the next group."""
         several = len(self._titles) > 1
         self._tabs.setVisible(several and not low)
         self._next.setVisible(several and low)
@@ -101,7 +101,7 @@ class PhraseRows(QWidget):
             chip.set_size(height_px=chip_px, text_px=text_px)
 
     def height_for(self, width_px: int) -> int:
-        """How tall it is all in all at this width."""
+        """Total height at this width."""
         others = sum(30 + 6 for there in (self._tabs.isVisibleTo(self), bool(self._keyless.text())) if there)
         return self._flow.heightForWidth(width_px) + others
 
@@ -119,7 +119,7 @@ class PhraseRows(QWidget):
             spec = self._actions.spec(action_id)
             label = "" if spec is None else spec.text
             if spec is not None and spec.intent is perform_nth_gesture:
-                # The keys may still be those of the scenario before, which had more of them.
+                # The keys may still belong to the former scenario, which had more gestures.
                 titles = [gesture.title for gesture in self._console.scenario.gestures]
                 spec, label = (spec, titles[spec.argument - 1]) if spec.argument <= len(titles) else (None, "")
             chip.setVisible(spec is not None)
@@ -131,7 +131,7 @@ class PhraseRows(QWidget):
         self._flow.updateGeometry()
 
     def _tell_keyless(self) -> None:
-        """A key that does something else goes on doing that."""
+        """List phrases and gestures whose key is taken by another command."""
         lost = {spec.argument for spec, _other in self._actions.settled.clashes}
         keyless = [phrase for phrase in keyed_phrases(self._console.scenario) if phrase in lost]
         scenario = self._console.scenario

@@ -1,4 +1,4 @@
-"""What is said next, in its order: changed by mouse or by keys alone."""
+"""Speech queue list, edited by mouse or keyboard."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAccessible, QFocusEvent, QKeyEvent, QKeySequence, QMouseEvent, QPainter, QPaintEvent
@@ -24,12 +24,12 @@ ROW_PX = 30
 
 
 class QueueList(QWidget):
-    """One row for each utterance that waits. With the focus it has the keys of the rows ``within`` the queue."""
+    """Row per queued utterance. While focused it handles the keys of rows ``within`` the queue."""
 
     accessible_role = QAccessible.Role.List
 
-    left_over = Signal(str)  # what was written in the place of something that is being said already
-    emptied = Signal()  # the last one went while the focus was here
+    left_over = Signal(str)  # edited text of an utterance that is already being spoken
+    emptied = Signal()  # the last row was removed while focused
     row_chosen = Signal(QWidget)
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions) -> None:
@@ -52,11 +52,11 @@ class QueueList(QWidget):
 
     @property
     def texts(self) -> list[str]:
-        """As they are shown, in their order."""
+        """Displayed texts, in order."""
         return [row.label.text() for row in self._rows.values()]
 
     def show_waiting(self, waiting: tuple[UtteranceChanged, ...]) -> None:
-        """A row for each of ``waiting``, whose ids differ, in their order."""
+        """Update the rows for ``waiting``, which have unique ids."""
         shown = list(self._rows)
         before, focused = self._rows, QApplication.focusWidget()
         had_focus = focused is not None and (focused is self or self.isAncestorOf(focused))
@@ -75,7 +75,7 @@ class QueueList(QWidget):
             if self._column.indexOf(row) != number - 1:
                 self._column.removeWidget(row)
                 self._column.insertWidget(number - 1, row)
-            row.show()  # at once, so that keys work in it
+            row.show()  # shown now, so that it can be focused
             spoken = words.with_names(utterance.text, lambda person_id: name_of(self._console, person_id))
             row.show_utterance(number, len(waiting), spoken, utterance)
         self._choose(self._chosen if self._chosen in self._rows else self._nearest(shown))
@@ -84,7 +84,7 @@ class QueueList(QWidget):
             self.emptied.emit()
 
     def _nearest(self, shown: list[str]) -> str:
-        """The one that stands where the chosen one stood before: what came after it, else what came before."""
+        """Replacement for a removed selected row: the next one, else the previous one."""
         at = shown.index(self._chosen) if self._chosen in shown else 0
         near = (*shown[at + 1 :], *reversed(shown[:at]), *self._rows)
         return next((each for each in near if each in self._rows), "")
@@ -112,11 +112,11 @@ class QueueList(QWidget):
             self.left_over.emit(text)
 
     def give_up_edit(self) -> None:
-        """What is being written in the place of something is not wanted after all."""
+        """Cancel editing."""
         for row in self._rows.values():
             row.end_edit()
 
-    # ---- what the rows of the table call
+    # ---- callbacks of the action table
 
     def go_up(self) -> None:
         self._go(-1)
@@ -143,7 +143,7 @@ class QueueList(QWidget):
         if utterance_id in self._rows and self.hasFocus():
             self.row_chosen.emit(self._rows[utterance_id])
 
-    # ---- keys
+    # ---- keyboard
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         pressed = _spelled(event)
@@ -172,7 +172,7 @@ def _spelled(event: QKeyEvent) -> str:
 
 
 class _QueueRow(QWidget):
-    """Its number, what is said, and what can be done about it."""
+    """Row with number, text and buttons."""
 
     wanted = Signal(str)
     written = Signal(str)
@@ -219,7 +219,7 @@ class _QueueRow(QWidget):
 
     @property
     def changed_text(self) -> str:
-        """What is written here and not said yet; empty where nothing is."""
+        """Edited text that was not submitted; empty if none."""
         text = " ".join(self._editor.text().split())
         return text if self._editor.isVisible() and text != self._template else ""
 
@@ -227,7 +227,7 @@ class _QueueRow(QWidget):
         self._number.setText(tr("Next") if count == 1 else tr("{number} of {count}").format(number=number, count=count))
         self._key.setVisible(number == 1 and bool(self._key_text))
         self.label.setText(f"“{spoken}”")
-        # To be filled in anew with what is so by then.
+        # Template, to be filled again when it is spoken.
         self._template = utterance.text.replace(mark_of(utterance.person_id), "{name}")
         for button in self._movers:
             button.setVisible(count > 1)

@@ -1,4 +1,4 @@
-"""What can be chosen of the voice: who speaks, with which voice, how fast and how loud."""
+"""Voice settings: output, voice, rate and volume."""
 
 from caris_desktop.domain.events import VoiceOutput
 from caris_desktop.domain.intents import SetVoice
@@ -21,7 +21,7 @@ _VOLUMES = ((0.25, QT_TR_NOOP("Quietly")), (0.5, QT_TR_NOOP("At half volume")), 
 
 @dataclass(frozen=True, slots=True)
 class VoiceLine:
-    """One line of the menu. ``chosen``: it is so now. ``id`` is the same in every language."""
+    """Menu entry. ``chosen``: the current value. ``id`` does not depend on language."""
 
     id: str
     text: str
@@ -30,7 +30,7 @@ class VoiceLine:
 
 
 def voice_choices(voice: VoiceStatus) -> list[list[VoiceLine]]:
-    """Group by group; of this computer's voice only where it speaks."""
+    """Entries by group; those of this computer's voice only if it is used."""
 
     def choice(known_as: str, *, text: str = "", chosen: bool, **changes: object) -> VoiceLine:
         now: dict[str, object] = {
@@ -54,6 +54,6 @@ def voice_choices(voice: VoiceStatus) -> list[list[VoiceLine]]:
 
 
 def _title(name: str) -> str:
-    """``piper:en_US-joe`` reads ``joe``, ``espeak:german`` reads ``german (eSpeak)``."""
+    """Voice title: ``piper:en_US-joe`` becomes ``joe``, ``espeak:german`` becomes ``german (eSpeak)``."""
     engine, _, voice = name.partition(":")
     return f"{voice} (eSpeak)" if engine == "espeak" else voice

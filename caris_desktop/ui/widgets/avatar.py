@@ -1,4 +1,4 @@
-"""A round mark for a person: initials where named, a figure where not."""
+"""Avatar of a person: initials if named, otherwise a silhouette."""
 
 from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QPainter, QPen
@@ -11,7 +11,7 @@ SIZE_PX = 38
 
 
 def draw_avatar(painter: QPainter, theme: Theme, place: QRectF, name: str, *, known: bool, here: bool) -> None:
-    """Solid line for a person with a name, dashed without, hollow for one who left."""
+    """Draw an avatar: solid outline for a named person, dashed without a name, hollow for one who left."""
     role = "dim" if not here else ("green" if known else "blue")
     painter.save()
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)

@@ -1,4 +1,4 @@
-"""Buttons that show their key: drawn from the tokens, in a few looks."""
+"""Button with key cap, painted from the design tokens."""
 
 from collections.abc import Hashable
 from typing import Literal
@@ -23,7 +23,9 @@ _MOST_WIDTHS = 16
 
 
 class ActionButton(QAbstractButton):
-    """Icon, text and key cap. Takes no focus from a click, so neither typing nor driving is interrupted by it."""
+    """Button with icon, text and key cap. A click does not take the focus, so that it interrupts neither typing nor
+    driving.
+    """
 
     def __init__(
         self,
@@ -68,7 +70,7 @@ class ActionButton(QAbstractButton):
 
     @property
     def may_shrink(self) -> bool:
-        """Whether its text is cut short, or goes, where there is no room; its tip and its accessible name have it."""
+        """Whether its text may be elided or hidden; tooltip and accessible name have it."""
         return self._may_shrink or self._may_lose_words
 
     @property
@@ -82,7 +84,7 @@ class ActionButton(QAbstractButton):
             self.update()
 
     def set_key_shown(self, shown: bool) -> None:
-        """Whether its key stands on it; where there is no room, that is for the tip."""
+        """Set whether the key cap is shown on the button or only in the tooltip."""
         if shown != self._key_shown:
             self._key_shown = shown
             self.updateGeometry()
@@ -101,7 +103,7 @@ class ActionButton(QAbstractButton):
     def set_label(
         self, text: str, *, icon: str | None = None, dot: str | None = None, look: Look | None = None
     ) -> None:
-        """Change what it says; ``dot`` is a colour role for a round mark in the icon's place."""
+        """Set text and look; ``dot``: colour role of a dot in place of the icon."""
         label = (text, self._icon_name if icon is None else icon, dot, self._look if look is None else look)
         if label == (self.text(), self._icon_name, self._dot, self._look):
             return
@@ -117,7 +119,7 @@ class ActionButton(QAbstractButton):
         self.update()
 
     def set_badge(self, badge: Badge) -> None:
-        """A small mark on the corner; what it means is for the tip and the accessible name to say."""
+        """Set a corner mark; tooltip and accessible name explain it."""
         if badge != self._badge:
             self._badge = badge
             self.update()
@@ -131,7 +133,7 @@ class ActionButton(QAbstractButton):
         return tokens.WEIGHT_SEMIBOLD if bold else tokens.WEIGHT_NORMAL
 
     def bind(self, actions: Actions, action_id: str) -> None:
-        """Do what the action does, with its key, name and availability."""
+        """Run an action of the table on click, and follow its key, name and availability."""
         self.clicked.connect(lambda: actions.run(action_id))
         binding = _Binding(self, actions, action_id)
         actions.keys_changed.connect(binding.refresh)
@@ -143,7 +145,7 @@ class ActionButton(QAbstractButton):
         return QSize(self.width_with(self.text()), self._height_px)
 
     def width_with(self, text: str) -> int:
-        """How wide the button would be if it said this, with its icon and key as they are."""
+        """Width with this text, and the current icon and key."""
         has_icon = bool(self._icon_name) or self._dot is not None
         measured = (text, self._cap, has_icon, self._menu_arrow, self._height_px, self._text_px, self._weight)
         width = self._widths.get(measured)
@@ -155,7 +157,7 @@ class ActionButton(QAbstractButton):
         return width
 
     def minimumSizeHint(self) -> QSize:
-        # A long label may be cut short (with its full text in the tooltip), its key never.
+        # A long label may be elided (tooltip: full text), its key never.
         full = self.sizeHint()
         if self._may_lose_words:
             return QSize(self.width_with(""), full.height())
@@ -186,7 +188,7 @@ class ActionButton(QAbstractButton):
         return width + max(0, spaces)
 
     def _inks(self) -> tuple[QColor | None, QColor | None, QColor, str]:
-        """Ground, line, text colour and the role of a cap on coloured ground."""
+        """Background, outline and text colour, and the role of a key cap on a coloured background."""
         theme, hover = self._theme, self.underMouse() and self.isEnabled()
         down = self.isDown()
         if self._look == "danger":
@@ -299,7 +301,7 @@ class ActionButton(QAbstractButton):
 
 
 class _Binding(QObject):
-    """Keeps one button in step with its action. A child of the button, so it ends with it."""
+    """Updates a button from its action. Child of the button, so that it is deleted with it."""
 
     def __init__(self, button: ActionButton, actions: Actions, action_id: str) -> None:
         super().__init__(button)

@@ -1,4 +1,4 @@
-"""The cameras that are not on show, small beside the picture: each with its name, its people and its own age."""
+"""Camera strip: thumbnails of the other cameras with name, people and age."""
 
 import math
 import time
@@ -21,7 +21,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.frame_view import boxes_fit
 
 EVERY_S, EVERY_WHEN_BUSY_S = 0.25, 1.0
-"""How often a small picture is another one: of all that costs time it is the least missed."""
+"""Refresh intervals in s: the least important work on a busy machine."""
 
 _GAP_PX = 6
 _WIDEST_PX, _NARROWEST_PX = 240, 104
@@ -34,7 +34,7 @@ _BANDS = {"fresh": "green", "stale": "amber", "lost": "red", "none": "line"}
 
 @dataclass(frozen=True, slots=True)
 class StripPlace:
-    """Where the strip is, and how large one of its pictures. ``side`` is empty where there is no room for it."""
+    """Side of the strip and size of a thumbnail; ``side`` is empty if there is no room."""
 
     side: Literal["right", "below", ""]
     picture: QSize
@@ -44,16 +44,10 @@ NO_PLACE = StripPlace("", QSize(0, 0))
 
 
 def strip_place(room: QSize, count: int, aspect: float) -> StripPlace:
-    """The place that leaves the picture on show the largest, if any leaves it room enough.
+    """Placement that leaves the largest main picture; none if there is too little room.
 
-    Parameters
-    ----------
-    room
-        The whole panel.
-    count
-        How many cameras are not on show.
-    aspect
-        Width by height of the picture on show; the small ones have the same.
+    ``room``: size of the panel. ``count``: number of other cameras. ``aspect``: width by height of the main picture,
+    also used for thumbnails.
     """
     width, height = room.width(), room.height()
     if not count or width < _LEAST_ROOM_PX[0] or height < _LEAST_ROOM_PX[1]:
@@ -71,7 +65,7 @@ def strip_place(room: QSize, count: int, aspect: float) -> StripPlace:
 
 
 class SmallPicture(QAbstractButton):
-    """One camera, small. A click shows it large. Takes a picture now and then, and none while nobody sees it."""
+    """Thumbnail of a camera. A click selects the camera. Refreshed at intervals, only while visible."""
 
     def __init__(self, theme: Theme, panel: Panel, camera: str, parent: QWidget) -> None:
         super().__init__(parent)
@@ -83,7 +77,7 @@ class SmallPicture(QAbstractButton):
             )
         )
         self.setCursor(Qt.CursorShape.PointingHandCursor)
-        # The keys stay with driving or with the text field.
+        # The focus stays with driving or the text field.
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.camera = camera
@@ -104,7 +98,7 @@ class SmallPicture(QAbstractButton):
         return self._image is not None
 
     def words(self) -> tuple[str, str]:
-        """Beside its name how old the picture is, where it is not live; and what stands in the place of no picture."""
+        """Age of a picture that is not live, and the text without one."""
         live, age_s = self._panel.state.present.live, self._stream.age_s()
         match self._stream.freshness:
             case "fresh":
@@ -117,13 +111,13 @@ class SmallPicture(QAbstractButton):
                 return "", tr("No picture at this moment")
 
     def look(self) -> None:
-        """Take the newest picture, as after a while in which nobody saw this."""
+        """Refresh now, after it was hidden."""
         if self._stream.value is not None and self._stream.freshness == "fresh":
             self._taken_s = -math.inf
             self._on_frame_changed(self._stream.value)
 
     def refresh(self) -> None:
-        """Four times a second: what is said changes with time."""
+        """Update the text, which changes with time (4 Hz)."""
         said = " ".join(self.words())
         if said != self._said:
             self._said = said
@@ -131,7 +125,7 @@ class SmallPicture(QAbstractButton):
             self.update()
 
     def forget(self) -> None:
-        """Nobody sees it now, and what it showed must not pass for the present later."""
+        """Drop the picture while hidden: it must not pass for the present later."""
         self._image = self._frame = None
 
     def _on_frame_changed(self, frame: FrameRef) -> None:
@@ -233,18 +227,18 @@ class SmallPicture(QAbstractButton):
 
 
 def shrunk(image_bgr: NDArray[np.uint8], room: QSize) -> QImage:
-    """A smooth copy that fits the room. Of a large one rows and columns are left out first, which is quick."""
+    """Smooth scaled copy. A large image is subsampled first, which is fast."""
     step = max(1, image_bgr.shape[1] // max(1, 2 * room.width()))
     thinned = np.ascontiguousarray(image_bgr[::step, ::step])
     height, width = thinned.shape[:2]
     image = QImage(thinned.data, width, height, 3 * width, QImage.Format.Format_BGR888)
-    # of the same size it would still borrow the array's memory
+    # of the same size it would still share the array's memory
     smaller = image.scaled(room, Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation)
     return smaller.copy() if smaller.size() == image.size() else smaller
 
 
 class CameraStrip(QWidget):
-    """The small pictures, one after the other. Hidden it costs nothing."""
+    """Row of thumbnails; idle while hidden."""
 
     chosen = Signal(str)
 
@@ -262,11 +256,11 @@ class CameraStrip(QWidget):
 
     @property
     def pictures(self) -> tuple[SmallPicture, ...]:
-        """Those that can be seen, in the order of the cameras."""
+        """Visible thumbnails, in camera order."""
         return tuple(picture for picture in self._pictures.values() if not picture.isHidden())
 
     def show_cameras(self, cameras: tuple[str, ...], on_show: str) -> None:
-        """All cameras but the one on show."""
+        """Set the cameras; the main one is left out."""
         for camera in [known for known in self._pictures if known not in cameras]:
             gone = self._pictures.pop(camera)
             gone.hide()
@@ -290,7 +284,7 @@ class CameraStrip(QWidget):
             picture.refresh()
 
     def look(self) -> None:
-        """The newest picture of each, as when the panel comes into view."""
+        """Refresh all thumbnails, when the panel becomes visible."""
         for picture in self.pictures:
             picture.look()
 
@@ -326,5 +320,5 @@ class CameraStrip(QWidget):
 
 
 def strip_thickness_px(place: StripPlace) -> int:
-    """How wide the strip is on the right, or how high below."""
+    """Width of the strip on the right, or its height below."""
     return (place.picture.width() if place.side == "right" else place.picture.height()) + 2 * _GAP_PX

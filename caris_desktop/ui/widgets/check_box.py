@@ -1,4 +1,4 @@
-"""A check box that can be seen in both themes: a style sheet cannot draw the mark without a picture file."""
+"""Check box with a painted mark: a style sheet would need image files."""
 
 from PySide6.QtCore import QRect, QRectF, QSize, Qt
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
@@ -13,9 +13,9 @@ _LEAST_WRAPPED_PX = 200
 
 
 class CheckBox(QCheckBox):
-    """Takes no focus from a click, so that typing and driving go on.
+    """A click does not take the focus from typing or driving.
 
-    One that ``wraps`` has as many lines as it takes.
+    With ``wraps`` the text wraps.
     """
 
     def __init__(self, theme: Theme, text: str = "", *, wraps: bool = False) -> None:
@@ -46,7 +46,7 @@ class CheckBox(QCheckBox):
         return max(BOX_PX + 6, wrapped.height() + 4)
 
     def hitButton(self, _pos: object) -> bool:
-        return True  # all of it
+        return True  # the whole area
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         theme, checked = self._theme, self.isChecked()

@@ -1,4 +1,4 @@
-"""The button in a field that empties it, with a name: Qt gives it none."""
+"""Clear button of a line edit with an accessible name, which Qt's own lacks."""
 
 from PySide6.QtWidgets import QLineEdit, QToolButton
 

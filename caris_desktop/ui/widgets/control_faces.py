@@ -1,4 +1,4 @@
-"""What a control of the robot looks like, one face for each kind: button, switch, slider, choice, text, readout."""
+"""Widgets of robot controls, one per kind: button, switch, slider, choice, text, readout."""
 
 import time
 from collections.abc import Callable
@@ -18,14 +18,14 @@ from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 SEND_EVERY_MS = 100
-_SETTLE_S = 1.5  # how long a robot may take to tell the value that it was just given
+_SETTLE_S = 1.5  # maximum delay until a robot reports a value that was just set
 _SLIDER_STEPS = 200
 _CHOICES_SIDE_BY_SIDE = 4
 _TITLE_PX = 92
 
 
 class ControlFace(QWidget):
-    """What is drawn for one kind of control."""
+    """Widget of one kind of control."""
 
     tip = ""
 
@@ -36,23 +36,23 @@ class ControlFace(QWidget):
         self.value_text = ""
 
     def show_reading(self, value: ControlValue | None) -> None:
-        """What the robot tells of it; None where it does not (any more)."""
+        """Show the reported value; None if unknown."""
 
     def show_state(self, state: str) -> None:
-        """``requested``, ``succeeded``, ``failed`` or empty."""
+        """Show the state: ``requested``, ``succeeded``, ``failed`` or empty."""
 
     def forget_choice(self) -> None:
-        """The wizard thought better of it: show again what is."""
+        """Discard the wizard's choice and show the actual value."""
 
     def set_narrow(self, narrow: bool) -> None:
-        """Whether there is only room for one thing beside another."""
+        """Switch to the layout for a narrow panel."""
 
 
 _STATE_ICONS = {"requested": "hourglass", "succeeded": "check", "failed": "warning"}
 
 
 class _TitledFace(ControlFace):
-    """The title, and beside it, or in a narrow dock below it, what is set."""
+    """Title with the value beside it, or below it in a narrow dock."""
 
     def __init__(self, theme: Theme, control: RobotControl) -> None:
         super().__init__(theme, control)
@@ -67,7 +67,7 @@ class _TitledFace(ControlFace):
     def set_narrow(self, narrow: bool) -> None:
         self._row.setDirection(row_direction(narrow=narrow))
         self._row.setSpacing(2 if narrow else 8)
-        # A long title is cut short rather than pushing the control out of the dock; its tooltip has it all.
+        # A long title is elided instead of pushing the control out of the dock; its tooltip has it.
         self._title.setMinimumWidth(40 if narrow else _TITLE_PX)
         self._title.setMinimumHeight(0 if narrow else tokens.CONTROL_HEIGHT_PX)
 
@@ -153,12 +153,12 @@ class _ToggleFace(ControlFace):
 
 
 def _word_width(metrics: QFontMetrics) -> int:
-    """The room for what a switch says at its end."""
+    """Width of the switch's state text."""
     return max(metrics.horizontalAdvance(word) for word in (tr("on"), tr("off")))
 
 
 class Switch(QAbstractButton):
-    """A sliding switch with its name, and on, off or unknown in words. Takes no focus from a click."""
+    """Toggle switch with name and state (on, off, unknown). A click does not take the focus."""
 
     def __init__(self, theme: Theme, title: str) -> None:
         super().__init__()
@@ -227,7 +227,7 @@ class Switch(QAbstractButton):
 
 
 class _SliderFace(_TitledFace):
-    """Sends while it is dragged, ten times a second at most, and always the value that it is left at."""
+    """Slider that sends at most ten values per second while dragged, and always the final one."""
 
     def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
         super().__init__(theme, control)
@@ -297,7 +297,7 @@ class _SliderFace(_TitledFace):
 
     def show_state(self, state: str) -> None:
         if state == "failed":
-            self._sent = None  # the same value may be tried again
+            self._sent = None  # allow sending the same value again
 
     def forget_choice(self) -> None:
         self._set = self._sent = None
@@ -305,7 +305,7 @@ class _SliderFace(_TitledFace):
         self._follow()
 
     def _follow(self) -> None:
-        """Go where the robot says that it is, unless the wizard has just moved it."""
+        """Follow the reported value, unless the wizard has just moved the slider."""
         lately = time.monotonic() - self._last_use_s < _SETTLE_S or self._slider.isSliderDown()
         shown = self._set if lately or self._told is None else self._told
         if shown is not None and not lately:
@@ -323,14 +323,14 @@ class _SliderFace(_TitledFace):
 
 
 class _CalmSlider(QSlider):
-    """A slider that the wheel passes by: who scrolls the panel does not turn the robot's volume."""
+    """Slider that ignores the wheel: scrolling the panel must not change the robot's volume."""
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         event.ignore()
 
 
 class _ChoiceFace(_TitledFace):
-    """A few choices side by side, more of them in a list."""
+    """Few choices as buttons, more as a list."""
 
     def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
         super().__init__(theme, control)

@@ -1,4 +1,4 @@
-"""A line of text that is cut short with an ellipsis where there is no room, and never makes the window wider."""
+"""Single-line label with elided text that does not widen the window."""
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QPainter, QPaintEvent
@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QLabel, QSizePolicy
 
 
 class CutLabel(QLabel):
-    """Its tip has the whole text."""
+    """Elided label; its tooltip has the whole text."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""A drop-down list that shows its arrow, and that the wheel passes by."""
+"""Combo box with a visible arrow that ignores the wheel."""
 
 import math
 
@@ -14,9 +14,9 @@ _ARROW_PX, _BESIDE_PX = 22, 12
 
 
 class DropDown(QComboBox):
-    """Takes no focus from a click, so that driving by bare keys goes on; who scrolls past it changes nothing.
+    """A click does not take the focus from driving, and scrolling changes nothing.
 
-    What it has no room for ends in dots, and its tip has it whole; the list that opens is as wide as its entries.
+    Long text is elided, with the whole in the tooltip; the popup list is as wide as its entries.
     """
 
     def __init__(self, theme: Theme, name: str, accessible_name: str) -> None:
@@ -25,7 +25,7 @@ class DropDown(QComboBox):
         self._widest_px = 0
         self.setObjectName(name)
         self.setAccessibleName(accessible_name)
-        # Qt on Linux tells what is chosen instead of the name, and this beside it.
+        # Qt on Linux reports the value instead of the name, with this description.
         self.setAccessibleDescription(accessible_name)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX - 4)
@@ -38,13 +38,13 @@ class DropDown(QComboBox):
             line.setAccessibleName(self.accessibleName())
 
     def show_whole(self, *, up_to_px: int) -> None:
-        """From now on it is as wide as what is chosen needs, this wide at most."""
+        """Fit the width to the current text, up to this limit."""
         self._widest_px = up_to_px
         self.currentTextChanged.connect(self._be_wide_enough)
         self._be_wide_enough(self.currentText())
 
     def lacks_px(self) -> int:
-        """How much wider it would have to be for what is chosen to be seen whole."""
+        """Width missing to show the current text in full."""
         self.ensurePolished()
         return max(0, math.ceil(self.fontMetrics().horizontalAdvance(self.currentText())) - self._room_px())
 
@@ -84,7 +84,7 @@ class DropDown(QComboBox):
         )
         painter.drawComplexControl(QStyle.ComplexControl.CC_ComboBox, option)
         painter.drawControl(QStyle.ControlElement.CE_ComboBoxLabel, option)
-        # A style sheet with a border takes the style's own arrow away.
+        # A style sheet with a border removes the style's arrow.
         painter.setRenderHint(QStylePainter.RenderHint.Antialiasing)
         rect = QRectF(self.width() - 22, self.height() / 2 - 6, 12, 12)
         draw_icon(painter, rect, "caret-down", self._theme.color("text" if self.isEnabled() else "dim"))

@@ -1,4 +1,4 @@
-"""Several lines to write in that are one text: Enter is done with it, and leaving them is giving it up."""
+"""Multi-line input in which Enter submits; leaving it cancels."""
 
 from PySide6.QtCore import QEvent, Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent
@@ -8,7 +8,7 @@ _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
 class EnterBox(QPlainTextEdit):
-    """Enter belongs to the box, also where it is a key of the window; with Ctrl it is one."""
+    """The field handles Enter even if it is a window shortcut; Ctrl+Enter goes to the window."""
 
     entered = Signal()
     left = Signal()
@@ -20,7 +20,7 @@ class EnterBox(QPlainTextEdit):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
 
     def means_enter(self, event: QKeyEvent) -> bool:
-        """Whether the box is done with this key."""
+        """Whether this key submits."""
         return event.key() in _ENTER and not event.modifiers() & Qt.KeyboardModifier.ControlModifier
 
     def event(self, event: QEvent) -> bool:
@@ -31,14 +31,14 @@ class EnterBox(QPlainTextEdit):
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if self.means_enter(event):
-            # A key that is held means it once.
+            # Auto-repeat does not submit again.
             if not event.isAutoRepeat():
                 self.entered.emit()
             event.accept()
             return
         super().keyPressEvent(event)
         if not self.isReadOnly():
-            # Of what it has no use for only Esc goes on.
+            # Unused keys are consumed, except Esc.
             event.setAccepted(event.key() != Qt.Key.Key_Escape)
 
     def focusOutEvent(self, event: QFocusEvent) -> None:

@@ -1,4 +1,4 @@
-"""A line to write in that keeps its Enter to itself; with Ctrl it is a key of the window."""
+"""Line edit that consumes Enter; Ctrl+Enter goes to the window."""
 
 from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QKeyEvent
@@ -8,7 +8,7 @@ _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
 class EnterField(QLineEdit):
-    """Enter belongs to the field, also where it is a key of the window. Of what it has no use for only Esc goes on."""
+    """The field handles Enter even if it is a window shortcut. Unused keys are consumed, except Esc."""
 
     def event(self, event: QEvent) -> bool:
         if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):

@@ -1,6 +1,6 @@
-"""Small cards over a picture or a map: what was clicked, and what can be done with it. Never a window of their own.
+"""Popups over a picture or map: the clicked item and its commands. Child widgets, not windows.
 
-A popup window would end driving and take the keys; these are children of what they lie on.
+A popup window would end driving and take the focus.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from caris_desktop.ui.widgets.enter_field import EnterField
 
 
 class FloatingCard(QWidget):
-    """A rounded card that opens beside a point and stays inside its parent."""
+    """Rounded popup that opens next to a point, within its parent."""
 
     closed = Signal()
 
@@ -26,7 +26,7 @@ class FloatingCard(QWidget):
         self._theme = theme
         self._room = parent
         theme.changed.connect(self.update)
-        # A click on the card is not a click on what lies below.
+        # A click on the popup must not reach the widgets below.
         self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
         self.hide()
 
@@ -50,7 +50,7 @@ class FloatingCard(QWidget):
 
 
 class ChoiceCard(FloatingCard):
-    """A line of words and a few buttons; what a button does is told when the card is opened."""
+    """Popup with a line of text and buttons, set on opening."""
 
     def __init__(self, theme: Theme, parent: QWidget, *, name: str) -> None:
         super().__init__(theme, parent)
@@ -72,8 +72,8 @@ class ChoiceCard(FloatingCard):
     def offer(
         self, where: QPointF, line: str, choices: list[tuple[str, str, str, Callable[[], None]]], *, per_row: int = 1
     ) -> None:
-        """Open with ``choices`` of (object name, text, icon, what it does); the first ``per_row`` stand out."""
-        self.hide()  # what is added to a card on show has no size before it is shown itself
+        """Open with ``choices`` of (object name, text, icon, callback); the first ``per_row`` are highlighted."""
+        self.hide()  # widgets added to a visible popup have no size until shown
         for button in self._buttons:
             button.hide()
             button.deleteLater()
@@ -106,7 +106,7 @@ class ChoiceCard(FloatingCard):
 
 
 class NameCard(FloatingCard):
-    """Asks for a name, in place."""
+    """Popup with a name field."""
 
     named = Signal(str)
 

@@ -1,4 +1,4 @@
-"""A point of the video on the floor: where it is, how far, and why the robot cannot be sent there."""
+"""Clicked floor point in the video: position, distance, and why the robot cannot be sent there."""
 
 import math
 
@@ -9,14 +9,14 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import RobotProfile
 
 FARTHEST_M = 8.0
-"""Beyond this a pixel is half a metre and more of floor."""
+"""Beyond this a pixel covers half a metre or more of floor."""
 
 RING_M = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class FloorSpot:
-    """A point of the floor in the robot frame."""
+    """Floor point in the robot frame."""
 
     x_m: float
     y_m: float
@@ -27,20 +27,20 @@ class FloorSpot:
 
 
 def model_for(robot: RobotProfile | None, frame: FrameRef, head: HeadState | None) -> CameraModel | None:
-    """Where the camera of ``frame`` looks, for a picture of its size; None where the profile does not tell."""
+    """Model of the frame's camera, scaled to the frame; None if the profile has none."""
     cameras = robot.cameras if robot is not None else ()
     model = next((camera.model for camera in cameras if camera.name == frame.camera), None)
     if model is None:
         return None
     if model.on_head and head is None:
-        return None  # a head that may be turned anywhere points nowhere
+        return None  # the direction of a head camera is unknown without the head's state
     if head is not None:
         model = model.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
     return model.scaled_to(frame.width_px, frame.height_px)
 
 
 def spot_at(model: CameraModel, u_px: float, v_px: float) -> FloorSpot | str:
-    """The floor under a pixel, or why there is none to drive to, in words."""
+    """Floor point under a pixel, or the reason why there is none to drive to."""
     point = model.floor_point(u_px, v_px)
     if point is None:
         return tr("That is not on the floor")
@@ -51,7 +51,7 @@ def spot_at(model: CameraModel, u_px: float, v_px: float) -> FloorSpot | str:
 
 
 def ring_px(model: CameraModel, spot: FloorSpot) -> list[tuple[float, float]]:
-    """A ring on the floor around a spot, in pixels; empty where a part of it is behind the camera."""
+    """Circle on the floor around a point, in px; empty if part of it is behind the camera."""
     corners = []
     for step in range(32):
         angle = 2 * math.pi * step / 32

@@ -1,4 +1,4 @@
-"""A layout that wraps its items like words in a line."""
+"""Flow layout: wraps items like words in a line."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QLayout, QLayoutItem, QSizePolicy, QWidget
 
 
 class FlowRow(QWidget):
-    """A widget laid out by a FlowLayout that is as tall as its present width needs, and no taller."""
+    """Widget with a FlowLayout, exactly as tall as its width requires."""
 
     def __init__(self, *, gap_px: int = 8) -> None:
         super().__init__()
@@ -24,13 +24,13 @@ class FlowRow(QWidget):
         widget.hide()
 
     def arrange(self, widgets: Sequence[QWidget]) -> None:
-        """Put those that are there already into this order; ``widgets`` are all of them."""
+        """Reorder existing widgets; ``widgets`` lists all of them."""
         self._flow.arrange(widgets)
 
     def set_gap(self, gap_px: int) -> None:
         self._flow.set_gap(gap_px)
 
-    # Without these Qt reserves the height for the narrowest width that is possible.
+    # Without these, Qt reserves the height of the narrowest possible width.
     def sizeHint(self) -> QSize:
         return self._flow.minimumSize()
 
@@ -42,13 +42,13 @@ class FlowRow(QWidget):
 
 
 class FlowLayout(QLayout):
-    """Items from left to right at their preferred size, on as many lines as it takes."""
+    """Items from left to right at their preferred size, wrapped into lines."""
 
     def __init__(self, parent: QWidget | None = None, *, gap_px: int = 8) -> None:
         super().__init__(parent)
         self._items: list[QLayoutItem] = []
         self._gap_px = gap_px
-        # Qt asks again and again, for the same few widths, until something of it changes.
+        # Cached: Qt queries the same few widths repeatedly.
         self._heights: dict[int, int] = {}
         self._least: QSize | None = None
         self.setContentsMargins(QMargins(0, 0, 0, 0))
@@ -59,7 +59,7 @@ class FlowLayout(QLayout):
             self.invalidate()
 
     def arrange(self, widgets: Sequence[QWidget]) -> None:
-        """Put the items into the order of ``widgets``, which are those of all items."""
+        """Reorder the items; ``widgets`` lists all of them."""
         place_of: dict[QWidget | None, int] = {widget: place for place, widget in enumerate(widgets)}
         self._items.sort(key=lambda item: place_of[item.widget()])
         self.invalidate()

@@ -1,4 +1,4 @@
-"""Pictures of sessions, robots and other computers as Qt shows them."""
+"""Safe decoding of images from sessions, robots and other computers."""
 
 from PySide6.QtGui import QImage
 
@@ -6,7 +6,7 @@ from caris_desktop.domain.pictures import PictureError, checked_size
 
 
 def image_of(content: bytes) -> QImage:
-    """A JPEG or PNG; a null image for anything else and for one too large, before Qt reads any of it."""
+    """Decode a JPEG or PNG; a null image for anything else or oversized, checked before Qt reads it."""
     try:
         checked_size(content)
     except PictureError:

@@ -1,4 +1,4 @@
-"""The picture of a camera with boxes around people, chips and words over it, painted to fit."""
+"""Camera view: frame scaled to fit, with boxes around people, labels and messages."""
 
 import math
 from functools import partial
@@ -34,10 +34,10 @@ from caris_desktop.ui.widgets.tag_places import tag_places
 
 BOXES_SOLID_S = 0.25
 BOXES_GONE_S = 0.8
-"""Between these ages, next to the picture on show, boxes fade away."""
+"""Between these ages relative to the frame, boxes fade out."""
 
 _FORESEEN_S = 0.25
-_STILL_PER_S = 0.08  # shares of the picture per second; slower than that is the tracker's own trembling
+_STILL_PER_S = 0.08  # shares of the picture per second; slower motion is tracker jitter
 _CHIP_COLORS = {
     "hint": "box_unnamed", "warning": "box_warning", "good": "box_named", "blocked": "box_warning",
     "slowing": "box_warning", "override": "box_warning",
@@ -47,15 +47,15 @@ _CHIP_ICONS = {
     "override": "shield-slash",
 }  # fmt: skip
 _CLICK_PX = 6
-_LIT_ALPHA = 60  # of white over the person whose name is typed: they stay recognisable
+_LIT_ALPHA = 60  # white over the person being named, who stays recognisable
 _DASH_PX, _DASH_ON_PX = 18, 10
-_STRIP_PX = 4320  # the height of the largest screens
+_STRIP_PX = 4320  # height of the largest screens
 
 
 def boxes_fit(people: People | None, frame: FrameRef | None) -> bool:
-    """Whether the boxes were found in about the frame that is on show.
+    """Whether the boxes belong to about the frame on display.
 
-    By time: the numbers of frames are shared by all cameras.
+    By time stamp: frame numbers are shared by all cameras.
     """
     if people is None or frame is None:
         return False
@@ -63,16 +63,16 @@ def boxes_fit(people: People | None, frame: FrameRef | None) -> bool:
 
 
 def box_strength(people: People, frame: FrameRef) -> float:
-    """How strongly boxes are drawn, 0 to 1: full while they are about what is on show, less as they fall behind."""
+    """Opacity of the boxes, 0 to 1: full while recent, decreasing with age."""
     behind_s = (frame.stamp_ns - people.stamp_ns) / 1e9
     return min(1.0, max(0.0, (BOXES_GONE_S - behind_s) / (BOXES_GONE_S - BOXES_SOLID_S)))
 
 
 def moved_since(before: People | None, people: People, frame: FrameRef) -> dict[int, float]:
-    """How far each track has probably moved, pixels to the right, from its box to the frame on show.
+    """Predicted motion of each track from its box to the frame on display, in px to the right.
 
-    People are found in a frame while newer ones are shown already: while the robot turns, boxes that stay where
-    they were found trail behind. The movement between the last two finds goes on for a quarter of a second at most.
+    Detection lags behind the video: while the robot turns, unpredicted boxes would trail. The motion between the last
+    two detections is extrapolated by 0.25 s at most.
     """
     ahead_s = min((frame.stamp_ns - people.stamp_ns) / 1e9, _FORESEEN_S)
     between_s = (people.stamp_ns - before.stamp_ns) / 1e9 if before is not None else 0.0
@@ -91,7 +91,7 @@ def moved_since(before: People | None, people: People, frame: FrameRef) -> dict[
 
 
 class FrameView(QWidget):
-    """Paints the newest frame to fit, with boxes over it. Never shows an old frame as if it were live."""
+    """Shows the newest frame, scaled to fit, with boxes. An old frame is never shown as live."""
 
     accessible_role = QAccessible.Role.Graphic
 
@@ -126,7 +126,7 @@ class FrameView(QWidget):
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setAccessibleName(tr("Picture from the robot's camera"))
-        # Everything is painted, corners included: nothing that lies below is painted first.
+        # Every pixel is painted, so Qt need not paint what lies below.
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self._painted = PaintedOnce()
         self._dash_strips: dict[tuple[str, str], QPixmap] = {}
@@ -134,7 +134,7 @@ class FrameView(QWidget):
 
     @property
     def frame(self) -> FrameRef | None:
-        """The frame on show, None when words are shown instead."""
+        """Frame on display; None while a message is shown instead."""
         return self._frame if self._freshness in ("fresh", "stale") else None
 
     def _on_theme_changed(self) -> None:
@@ -144,7 +144,7 @@ class FrameView(QWidget):
 
     def show_frame(self, image_bgr: NDArray[np.uint8], frame: FrameRef) -> None:
         height, width = image_bgr.shape[:2]
-        # The QImage borrows the array's memory, so the array lives as long as the image does.
+        # QImage shares the array's memory, so the array must outlive it.
         self._pixels = image_bgr
         self._image = QImage(image_bgr.data, width, height, 3 * width, QImage.Format.Format_BGR888)
         self._frame = frame
@@ -152,7 +152,7 @@ class FrameView(QWidget):
 
     @property
     def model(self) -> CameraModel | None:
-        """How pixels of the frame on show look at the floor, where a click may send the robot."""
+        """Camera model of the frame on display, for clicks that send the robot."""
         return self._model if self.frame is not None else None
 
     @property
@@ -165,14 +165,14 @@ class FrameView(QWidget):
             self._spot = None
 
     def show_spot(self, spot: FloorSpot | None) -> None:
-        """A ring on the floor."""
+        """Show a marker on the floor."""
         if spot != self._spot:
             self._spot = spot
             self.setCursor(Qt.CursorShape.ArrowCursor if spot is None else Qt.CursorShape.PointingHandCursor)
             self.update()
 
     def to_frame(self, point: QPointF) -> QPointF | None:
-        """Pixels of the frame under a point of the view; None beside the picture."""
+        """Frame pixel at a point of the view; None outside the picture."""
         picture, frame = self.picture_rect(), self.frame
         if frame is None or not picture.contains(point):
             return None
@@ -182,7 +182,7 @@ class FrameView(QWidget):
         )
 
     def to_view(self, u_px: float, v_px: float) -> QPointF:
-        """Where a pixel of the frame is in the view."""
+        """Point of the view for a frame pixel."""
         picture, frame = self.picture_rect(), self.frame
         if frame is None:
             return picture.center()
@@ -193,25 +193,23 @@ class FrameView(QWidget):
 
     def show_people(self, people: People) -> None:
         self._people_before, self._people = self._people, people
-        # With a running video the next frame paints them, a moment later and once instead of twice.
+        # With running video the next frame paints them, once instead of twice.
         if self._freshness != "fresh":
             self.update()
 
     def show_names(self, names: dict[str, tuple[str, bool]], suggested: frozenset[str] = frozenset()) -> None:
-        """Words for each person id, and whether they are a given name. The boxes of those who are only ``suggested`` to
-        be somebody are amber.
-        """
+        """Set labels by person id, and whether each is a given name. Boxes with a ``suggested`` identity are amber."""
         self._names, self._suggested = names, suggested
         self.update()
 
     def show_selected(self, person_id: str) -> None:
-        """Mark the box of whom the wizard means; an empty id marks nobody."""
+        """Highlight the selected person's box; empty for none."""
         if person_id != self._selected:
             self._selected = person_id
             self.update()
 
     def show_naming(self, person_id: str) -> None:
-        """Light the box of whose name is being typed; an empty id lights none."""
+        """Highlight the box of the person being named; empty for none."""
         if person_id != self._naming:
             self._naming = person_id
             self.update()
@@ -227,23 +225,23 @@ class FrameView(QWidget):
         return self._chips
 
     def show_camera(self, name: str) -> None:
-        """Whose picture it is, where there are several cameras; empty for the only one."""
+        """Set the camera's name, empty if it is the only one."""
         self._camera = name
-        # What another camera showed does not stay for a moment as this one's.
+        # A frame of another camera must not be shown as this one's.
         if self._frame is not None and name and self._frame.camera != name:
             self._image = self._pixels = self._frame = self._spot = None
             self.update()
 
     def show_state(self, told: CameraState | None) -> None:
-        """What is known of this camera, where it is one of this computer's."""
+        """Set the reported state of this computer's camera."""
         self._told = told
 
     def show_lost_reason(self, reason: str) -> None:
-        """What to add when the picture is lost."""
+        """Set the text added when the video is lost."""
         self._lost_reason = reason
 
     def show_out_of_reach(self, out_of_reach: bool) -> None:
-        """Whether waiting for a picture is waiting for the robot."""
+        """Set whether the robot is unreachable, so that no video can be expected."""
         if out_of_reach != self._out_of_reach:
             self._out_of_reach = out_of_reach
             self.update()
@@ -258,13 +256,13 @@ class FrameView(QWidget):
             self.update()
 
     def show_age(self, age_s: float | None, *, late: bool = False) -> None:
-        """``late``: pictures come, and are that old when they do."""
+        """Set the age; ``late``: frames arrive with this delay."""
         self._age_s, self._late = age_s, late
         if self._freshness != "fresh":
             self.update()
 
     def visible_boxes(self) -> list[tuple[str, bool]]:
-        """The words on each box that is drawn now, and whether that person has a name."""
+        """Labels of the visible boxes, and whether each person has a name."""
         if self._people is None or not boxes_fit(self._people, self.frame):
             return []
         return [self._words_for(box) for box in self._people.boxes]
@@ -273,7 +271,7 @@ class FrameView(QWidget):
         return self._names.get(box.person_id, (tr("Person {number}").format(number=box.track), False))
 
     def picture_rect(self) -> QRectF:
-        """Where the picture is painted: as large as fits, undistorted."""
+        """Rectangle of the scaled picture, with its aspect ratio."""
         room = QRectF(self.rect())
         if self._image is None:
             return room
@@ -310,12 +308,12 @@ class FrameView(QWidget):
             if self._freshness == "fresh":
                 self._paint_spot(painter)
         self._paint_chips(painter)
-        # The card is the panel's: small pictures may stand beside this one.
+        # The card belongs to the panel: a camera strip may be next to the view.
         card = QRectF(self._panel.rect()).translated(-QPointF(self.pos()))
         draw_card_edge(painter, self._theme, card, self._painted, active=self._panel.active)
 
     def words_without_picture(self) -> tuple[str, str]:
-        """What stands in the place of the picture: in short, and what it means."""
+        """Message in place of the picture: title and explanation."""
         if not self._panel.state.present.live:
             return tr("No picture"), tr("None was recorded at this moment.")
         if self._freshness == "lost" and self._late:
@@ -399,7 +397,7 @@ class FrameView(QWidget):
         painter.setOpacity(1.0)
 
     def _paint_thing(self, painter: QPainter, rect: QRectF, label: str) -> None:
-        """What is no person stands back: a thin grey line, and its name within."""
+        """Paint an object that is not a person: thin grey outline with the name inside."""
         edge, color = rect.toRect(), self._theme.color("video_dim")
         for bar in (
             QRect(edge.left(), edge.top(), edge.width(), 1), QRect(edge.left(), edge.bottom(), edge.width(), 1),
@@ -420,7 +418,7 @@ class FrameView(QWidget):
         self._painted.draw(painter, rect.topLeft(), size, ("thing", label), paint)
 
     def _paint_selected(self, painter: QPainter, rect: QRectF) -> None:
-        """A second line outside the first, light inside dark, so that it stands out on every picture."""
+        """Paint a second, light-on-dark outline that stands out on any picture."""
         edge = rect.toRect().adjusted(-4, -4, 4, 4)
         for role, outer in (("on_box", edge.adjusted(-1, -1, 1, 1)), ("video_text", edge)):
             color = self._theme.color(role)
@@ -433,10 +431,10 @@ class FrameView(QWidget):
                 painter.fillRect(bar, color)
 
     def _paint_box_edge(self, painter: QPainter, rect: QRectF, role: str, *, solid: bool) -> None:
-        """A line around somebody, dashed where the wizard gave no name.
+        """Paint a box, dashed for an unnamed person.
 
-        As a pen's dashes and round corners are worked out anew for each box of each frame, it is four bars, and the
-        dashes are copied from strips of them.
+        Made of four bars with cached dash patterns: a pen's dashes and round corners would be computed for each box of
+        each frame.
         """
         color = self._theme.color(role)
         edge = rect.toRect().adjusted(-1, -1, 1, 1)
@@ -470,7 +468,7 @@ class FrameView(QWidget):
         return QSizeF(math.ceil(metrics.horizontalAdvance(text)) + 14, 21)
 
     def _paint_tag(self, painter: QPainter, at: QPointF, text: str, role: str) -> None:
-        """Words on their own ground, 21 pixels high; a picture kept for as long as somebody is called so."""
+        """Paint a label, 21 px high, cached per text."""
         size = self._tag_size(text)
 
         def paint(onto: QPainter) -> None:
@@ -506,7 +504,7 @@ class FrameView(QWidget):
             self._painted.draw(painter, place.topLeft(), place.size(), ("chip", text, role), paint)
 
     def _chip_places(self) -> list[tuple[str, str, QRectF]]:
-        """Words, role and place of each chip for which there is room: in two rows at the lower edge at most."""
+        """Texts, roles and rectangles of labels that fit, in at most two rows at the lower edge."""
         metrics = QFontMetricsF(self._theme.font(tokens.BODY_PX))
         left, top = 12.0, self.height() - 46.0
         places = []

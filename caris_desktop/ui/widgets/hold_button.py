@@ -1,4 +1,4 @@
-"""A button for what must not happen by a slip: it acts only after it was held down for a while."""
+"""Long-press button for commands that must not happen by accident."""
 
 from PySide6.QtCore import QElapsedTimer, QPoint, QRectF, QTimer, Signal
 from PySide6.QtGui import QFocusEvent, QHideEvent, QMouseEvent, QPainter, QPainterPath, QPaintEvent
@@ -12,9 +12,9 @@ _STEP_MS = 30
 
 
 class HoldButton(ActionButton):
-    """``held`` after a second of being held down, by mouse or by Space; ``let_go`` when it was let go before.
+    """``held`` after a second of holding by mouse or Space; ``let_go`` on an earlier release.
 
-    While ``wants_hold`` is False it is a button like others: ``clicked`` at once.
+    While ``wants_hold`` is False it is an ordinary button that emits ``clicked``.
     """
 
     held = Signal()
@@ -35,7 +35,7 @@ class HoldButton(ActionButton):
         return self._progress.isActive()
 
     def give_up(self) -> None:
-        """As if it had been let go: what is still down does nothing."""
+        """Cancel: a button still down does nothing."""
         if self.holding:
             self._progress.stop()
             self.update()
@@ -48,7 +48,7 @@ class HoldButton(ActionButton):
     def _on_progress(self) -> None:
         if self._since.elapsed() >= HOLD_MS:
             self._progress.stop()
-            # The release that follows is no click: it would do the opposite.
+            # The following release must not count as a click, which would do the opposite.
             self._spent = True
             self.setDown(False)
             self.held.emit()

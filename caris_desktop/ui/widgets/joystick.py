@@ -1,4 +1,4 @@
-"""A stick on the screen for mouse and touch: proportional, and back in the middle the moment it is let go."""
+"""On-screen joystick for mouse and touch: proportional, self-centring."""
 
 import math
 from typing import Literal
@@ -17,12 +17,12 @@ from caris_desktop.ui.widgets.told_state import ToldState
 StickUse = Literal["base", "head"]
 
 _DEAD_ZONE = 0.08
-_RING = 0.74  # from this share of the radius outward is the ring that moves sideways
+_RING = 0.74  # the ring outside this share of the radius moves sideways
 _KNOB = 0.28
 
 
 def stick_wish(across: float, up: float, *, use: StickUse, sideways: bool) -> MotionWish:
-    """What a stick at (right, up), each -1..1, asks for; the dead zone is round and what is left is rescaled."""
+    """Command for a stick at (right, up), each -1..1; with a round dead zone, the rest is rescaled."""
     reach = math.hypot(across, up)
     if reach <= _DEAD_ZONE:
         return AT_REST
@@ -34,9 +34,9 @@ def stick_wish(across: float, up: float, *, use: StickUse, sideways: bool) -> Mo
 
 
 class Joystick(QWidget):
-    """Drag the knob. On a base that moves sideways a drag that begins in the outer ring, or with Shift, does that.
+    """Joystick. On a holonomic base, a drag from the outer ring or with Shift moves sideways.
 
-    ``moved(MotionWish)`` is emitted at each change, and AT_REST at once when it is let go, hidden or disabled.
+    ``moved(MotionWish)`` on each change, and AT_REST at once on release, hiding or disabling.
     """
 
     accessible_role = QAccessible.Role.Graphic
@@ -51,7 +51,7 @@ class Joystick(QWidget):
         self._sideways = False
         self._held = False
         self._touch: int | None = None
-        self._knob = QPointF()  # right and down, in shares of the reach
+        self._knob = QPointF()  # right and down, as shares of the reach
         self._wish = AT_REST
         self.setAttribute(Qt.WidgetAttribute.WA_AcceptTouchEvents)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
@@ -61,7 +61,7 @@ class Joystick(QWidget):
         self._told = ToldState(self, self.told)
 
     def told(self) -> str:
-        """What it asks for now, in words."""
+        """Current command as text."""
         if not self.isEnabled():
             return tr("Off")
         forward, left, turn = self._wish.base
@@ -89,7 +89,7 @@ class Joystick(QWidget):
         return self._held
 
     def set_sideways(self, possible: bool) -> None:
-        """Whether the base can move sideways."""
+        """Set whether the base is holonomic."""
         if possible != self._can_go_sideways:
             self._can_go_sideways = possible
             self.setToolTip(
@@ -100,7 +100,7 @@ class Joystick(QWidget):
             self.update()
 
     def let_go(self) -> None:
-        """Back to the middle, at once."""
+        """Return to centre at once."""
         self._held, self._touch, self._knob = False, None, QPointF()
         self._tell(AT_REST)
 
@@ -111,7 +111,7 @@ class Joystick(QWidget):
         return QSize(92, 62)
 
     def changeEvent(self, event: QEvent) -> None:
-        # A disabled widget is not told that the mouse button went up.
+        # A disabled widget receives no mouse release.
         if event.type() == QEvent.Type.EnabledChange and not self.isEnabled():
             self.let_go()
         if event.type() == QEvent.Type.EnabledChange:
@@ -123,7 +123,7 @@ class Joystick(QWidget):
         super().hideEvent(event)
 
     def leaveEvent(self, event: QEvent) -> None:
-        # While the button is down Qt keeps the pointer here; when it leaves, somebody else has taken it.
+        # Qt grabs the pointer while the button is down; a leave event means that the grab was lost.
         if self._held and self._touch is None:
             self.let_go()
         super().leaveEvent(event)
@@ -192,7 +192,7 @@ class Joystick(QWidget):
         return min(self.width(), self.height()) / 2 - 2
 
     def _reach(self) -> float:
-        """How far the knob's middle goes."""
+        """Maximum displacement of the knob's centre."""
         ring = _RING if self._can_go_sideways else 1.0
         return self._radius() * (ring - _KNOB)
 

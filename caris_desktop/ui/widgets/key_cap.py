@@ -1,4 +1,4 @@
-"""A key cap: the small keyboard key on a control that says which key does the same."""
+"""Key cap: the key of a control, painted on it."""
 
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPen
@@ -13,7 +13,7 @@ _RADIUS_PX = 4
 
 
 def key_cap_width(theme: Theme, text: str) -> float:
-    """Width in pixels of the cap for ``text``; 0 for no text."""
+    """Width in px of the key cap; 0 for no text."""
     if not text:
         return 0.0
     metrics = QFontMetricsF(theme.font(tokens.KEY_CAP_PX, tokens.WEIGHT_SEMIBOLD))
@@ -25,7 +25,7 @@ def draw_key_cap(
 ) -> float:
     """Draw the cap at ``left``, centred on ``center_y``; returns its width.
 
-    ``on`` is a colour role of the text for caps on coloured ground, which are drawn as an outline.
+    ``on``: colour role of the text for caps on a coloured background, drawn as an outline.
     """
     width = key_cap_width(theme, text)
     if not width:
@@ -53,7 +53,7 @@ def draw_key_cap(
 
 
 class KeyCap(QWidget):
-    """A cap by itself, for lines of hints."""
+    """Key cap widget for hint lines."""
 
     def __init__(self, theme: Theme, text: str = "", parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -1,4 +1,4 @@
-"""Who has the keys now: one line that is always there."""
+"""Focus indicator: what a key press does now."""
 
 from collections.abc import Sequence
 
@@ -26,12 +26,12 @@ _WORDS: dict[KeyOwner, tuple[str, str, str]] = {
 
 
 def owner_words(owner: KeyOwner) -> str:
-    """A few words for the chip; empty where the scenario does not drive."""
+    """Short label; empty if the scenario does not drive."""
     return tr(_WORDS[owner][0])
 
 
 def owner_sentence(owner: KeyOwner, caps: Sequence[str]) -> str:
-    """What to press now. ``caps`` are those of the four directions as the present keyboard has them."""
+    """Instruction on which keys to press. ``caps``: caps of the four directions in the current layout."""
     keys = " ".join(cap.removeprefix("Alt ").removeprefix("⌥ ") for cap in caps)
     match owner:
         case "driving":
@@ -45,7 +45,7 @@ def owner_sentence(owner: KeyOwner, caps: Sequence[str]) -> str:
 
 
 class KeyOwnerChip(QWidget):
-    """Follows ``hold.key_owner``."""
+    """Indicator that follows ``hold.key_owner``."""
 
     accessible_role = QAccessible.Role.StaticText
 
@@ -68,7 +68,7 @@ class KeyOwnerChip(QWidget):
         self._owner = owner
         if not self.text:
             self.hide()
-        elif self.parentWidget() is not None:  # without one it would be a window of its own
+        elif self.parentWidget() is not None:  # without a parent it would be a window
             self.show()
         self.setAccessibleName(self.text)
         self.updateGeometry()

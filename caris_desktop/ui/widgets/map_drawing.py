@@ -1,4 +1,4 @@
-"""How the map is drawn: trail, scan, goal, places, people and the robot over the grid, and what the pointer aims at."""
+"""Map painting: trail, scan, goal, places, people and robot over the grid, and the target being chosen."""
 
 import math
 from dataclasses import field
@@ -36,10 +36,10 @@ from caris_desktop.ui.widgets.map_viewport import MapViewport
 _CHIP_COLORS = {"warning": "amber", "good": "green", "bad": "red", "hint": "text"}
 _CHIP_ICONS = {"warning": "warning", "good": "check", "bad": "warning-octagon", "hint": ""}
 
-# Where a label may stand: pixels from its mark to its left edge, how much of its width left of that, pixels to its top.
+# Candidate label positions: px from mark to left edge, share of the width to subtract, px to the top.
 _BESIDE_A_FLAG = ((11.0, 0.0, -10.0), (-11.0, 1.0, -10.0), (0.0, 0.5, -31.0), (0.0, 0.5, 11.0))
 _BESIDE_A_PERSON = ((10.0, 0.0, -10.0), (-10.0, 1.0, -10.0), (10.0, 0.0, 11.0), (10.0, 0.0, -31.0), (-10.0, 1.0, 11.0))
-# A picture of a wider ring around a person is larger than what it saves is worth.
+# For a wider ring, the cached pixmap costs more memory than it saves time.
 _KEPT_RING_PX = 48
 _PeopleRects = list[tuple[QRectF, QRectF | None]]
 
@@ -48,21 +48,20 @@ Tool = Literal["look", "goal", "pose", "place"]
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """A place on the map that is being chosen, and the heading there as far as it is chosen."""
+    """Target being chosen on the map, with its heading as far as set."""
 
     at: QPointF  # metres in the map
     heading_rad: float | None
-    anchored: bool  # the place was chosen before; only the heading is still open
+    anchored: bool  # position fixed, heading still open
 
 
 @dataclass(slots=True)
 class MapShown:
-    """Everything that is on show besides the grid.
+    """Map state besides the grid.
 
-    ``people`` says where they are, what they are called, and whether that is a name that the wizard gave; ``meant`` is
-    the id of whom the wizard selected. ``chips`` are lines of (words, role) at the upper edge; a role is warning, good,
-    bad or hint. ``mark`` is the point that a card asks about. ``unconfirmed``: nobody has looked whether the robot is
-    where its pose says.
+    ``people``: position, label, and whether it is a given name; ``meant``: id of the selected person. ``chips``: lines
+    of (text, role) at the upper edge; roles: warning, good, bad, hint. ``mark``: point that a popup asks about.
+    ``unconfirmed``: the pose was not confirmed after a crash.
     """
 
     places: tuple[Place, ...] = ()
@@ -92,7 +91,7 @@ class MapShown:
 
 
 class MapDrawing:
-    """Draws ``shown`` over the grid; ``place_rects`` says afterwards where each place can be clicked."""
+    """Paints ``shown`` over the grid; ``place_rects`` then has the clickable rectangle of each place."""
 
     def __init__(self, theme: Theme, view: QWidget, viewport: MapViewport, grid: GridLayer) -> None:
         self._theme = theme
@@ -147,7 +146,7 @@ class MapDrawing:
         points_px = points_m @ matrix + (to_view.dx(), to_view.dy())
         dots = distinct_dots(points_px, self._view.width(), self._view.height())
         dot = self.painted.picture(painter, QSizeF(3, 3), ("dot", self.shown.scan_freshness), self._paint_dot)
-        # Copied dot by dot in less than a third of the time that Qt takes for points with a pen of this width.
+        # Copying dots takes less than a third of the time of drawPoints with a pen of this width.
         for x, y in dots.tolist():
             painter.drawPixmap(x - 1, y - 1, dot)
 
@@ -168,7 +167,7 @@ class MapDrawing:
             painter.setPen(QPen(color, 2.5, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             painter.drawPolyline(polygon(self.shown.path_m, self._viewport.transform()))
         elif self.shown.pose is not None:
-            # Not how it will drive, only where to: dashed, until the robot tells its path.
+            # Dashed straight line to the goal until the robot reports its path.
             pen = QPen(color, 2.5)
             pen.setDashPattern([4, 3])
             painter.setPen(pen)
@@ -183,11 +182,11 @@ class MapDrawing:
         marks = {name: self._viewport.to_view(pose.x_m, pose.y_m) for name, pose in places.items()}
         taken = [QRectF(at.x() - 9, at.y() - 9, 18, 18) for at in marks.values()]
         taken += self._robot_rect()
-        # Who is there moves, and comes before what is always there.
+        # People move, and take precedence over permanent items.
         for mark, label in people:
             taken += [mark] if label is None else [mark, label]
         goal_place = self.shown.goal.place if self.shown.goal is not None else None
-        # The goal and the place under the pointer get their words first; what finds no room keeps its flag.
+        # Goal and hovered place are labelled first; a place without room keeps its flag.
         order = sorted(marks, key=lambda name: (name != goal_place, name != self.shown.hovered))
         for name in order:
             at, width = marks[name], metrics.horizontalAdvance(name) + 12
@@ -214,7 +213,7 @@ class MapDrawing:
         draw_icon(onto, QRectF(3.5, 3.5, 13, 13), "flag", self._theme.color("green" if going else "text"))
 
     def _paint_label(self, painter: QPainter, label: QRectF, name: str, *, color: str, weight: int) -> None:
-        """A name on a ground that the map shines through; a picture kept for as long as it says the same."""
+        """Paint a name on a translucent background, cached per text."""
 
         def paint(onto: QPainter) -> None:
             whole, ground = QRectF(QPointF(0, 0), label.size()), self._theme.color("panel")
@@ -231,7 +230,7 @@ class MapDrawing:
     def _free_room(
         self, at: QPointF, width: float, taken: list[QRectF], sides: tuple[tuple[float, float, float], ...]
     ) -> QRectF | None:
-        """Room for a label on one of these sides of its mark that covers nothing, the first first."""
+        """First free label rectangle at one of these sides of a mark."""
         room = QRectF(self._view.rect()).adjusted(2, 2, -2, -2)
         for left_px, share_of_width, top_px in sides:
             label = QRectF(at.x() + left_px - share_of_width * width, at.y() + top_px, width, 20)
@@ -240,14 +239,14 @@ class MapDrawing:
         return None
 
     def _robot_rect(self) -> list[QRectF]:
-        """Where the pin stands, once it does."""
+        """Rectangle of the robot's marker, if there is a pose."""
         if self.shown.pose is None:
             return []
         robot = self._viewport.to_view(self.shown.pose.x_m, self.shown.pose.y_m)
         return [QRectF(robot.x() - 13, robot.y() - 38, 26, 44)]
 
     def _people_rects(self) -> _PeopleRects:
-        """Mark and label of each person; where people stand close together, some have no room for a label."""
+        """Marks and labels of people; in a crowd some have no room for a label."""
         if self.shown.people_freshness not in ("fresh", "stale"):
             return []
         metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
@@ -269,7 +268,7 @@ class MapDrawing:
         for (person, name, named), (_, label) in zip(self.shown.people, rects, strict=True):
             at = self._viewport.to_view(person.x_m, person.y_m)
             meant = bool(self.shown.meant) and person.person_id == self.shown.meant
-            # By the pixel: how sure somebody's place is changes a little with each look.
+            # Rounded to px: position uncertainty varies slightly with each detection.
             ring = max(9, round(person.spread_m * self._viewport.scale))
             if ring > _KEPT_RING_PX:
                 self._paint_person(at, ring, painter, named=named, meant=meant)
@@ -285,7 +284,7 @@ class MapDrawing:
         painter.restore()
 
     def _paint_person(self, at: QPointF, ring: int, onto: QPainter, *, named: bool, meant: bool) -> None:
-        """Dashed around where they may be; as in the list of people filled with a name, an outline without."""
+        """Paint a person with a dashed ring of uncertainty; filled if named, as in the People panel."""
         color = self._theme.color("green" if named else "text")
         pen = QPen(color, 1.5)
         pen.setDashPattern([3, 3])
@@ -314,7 +313,7 @@ class MapDrawing:
             painter.drawPolygon(outline)
         state, distance_m = self.shown.guard
         if not stale and state in ("slowing", "blocked") and distance_m is not None:
-            # How much room is left in front of the footprint, whichever way it drives.
+            # Remaining clearance around the footprint, in any direction of motion.
             reach_m = max((math.hypot(x, y) for x, y in self.shown.outline_m), default=0.25) + distance_m
             radius = reach_m * self._viewport.scale
             role = "red" if state == "blocked" else "amber"
@@ -382,7 +381,7 @@ class MapDrawing:
         metrics = QFontMetricsF(font)
         painter.setFont(font)
         top = 8.0
-        left_room = 48.0  # the tools are there
+        left_room = 48.0  # space of the tool buttons
         for text, role in self.shown.chips:
             self._paint_chip(painter, metrics, text, role, left_room=left_room, top=top)
             top += 28
