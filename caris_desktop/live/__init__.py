@@ -1,1 +1,1 @@
-"""The running console: threads, child processes and the bridge to Qt."""
+"""Console runtime: services, threads, child processes and the bridge to Qt."""

@@ -1,4 +1,4 @@
-"""To whom what is said now is said."""
+"""Addressee of the robot's next utterance."""
 
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
@@ -7,9 +7,9 @@ WITHIN_EARSHOT_M = 3.0
 
 
 def addressee(state: LiveState) -> str:
-    """The id of whom the wizard means, if they are here; else of the nearest within earshot, or of the only one.
+    """Id of the selected person if present; else of the nearest within earshot, or of the only one.
 
-    Empty where it is nobody, or could be several.
+    Empty if there is none, or if it is ambiguous.
     """
     here: list[PersonRow] = [row for row in state.persons.value if row.here]
     if any(row.person_id == state.selected_person.value for row in here):

@@ -1,4 +1,4 @@
-"""What is wrong now: problems with one cause are one alarm, which ends by itself. Plain values, given the time."""
+"""Alarm logic: problems with a common cause form one alarm, with automatic end. Plain values, given the time."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -17,15 +17,15 @@ FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
     "robot_sound": ("link",),
     "utterance": ("link", "voice"),
 }
-"""What is no alarm of its own while one of its causes is there."""
+"""Causes that suppress an alarm which follows from them."""
 CAUSE_OF_END: Mapping[ProblemEnd, str] = {"connected": "link", "released": "emergency_stop"}
-"""What is wrong while this is waited for, where the two have different names."""
+"""Cause while a condition is awaited, where their names differ."""
 HOLD_NS = 1_500_000_000
-"""What may follow from something else waits so long for that to show."""
+"""Delay of a problem that may follow from another cause, so that the cause can appear first."""
 AGAIN_NS = 120_000_000_000
-"""What comes back within this time is the same alarm."""
+"""A recurrence within this time is the same alarm."""
 LAPSE_NS = 60_000_000_000
-"""What is told again as long as it goes on is over when it was not for so long."""
+"""A problem that is reported repeatedly ends when it was not reported for this time."""
 _STEADY_S = {"link": 2.0}
 _LONGEST_STEADY_S = 30.0
 _FOLDED_AT_MOST = 12
@@ -34,9 +34,9 @@ _GRAVITY: Mapping[Severity, int] = {"info": 0, "warning": 1, "error": 2}
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Something that is wrong as the state has it, whoever tells of it or not, once it has lasted ``after_s``.
+    """Alarm condition derived from the state, once it has lasted ``after_s``.
 
-    ``prevails``: its words stand, whoever told of it before or after; what was told is why.
+    ``prevails``: its text replaces that of reported problems, which become the reason.
     """
 
     cause: str
@@ -50,14 +50,14 @@ class Condition:
 
 
 def cause_of(problem: Problem) -> str:
-    """The cause that it names, else what it waits for, else itself."""
+    """Cause of a problem: as named, else the awaited condition, else its text."""
     if problem.cause not in ("", ANSWER):
         return problem.cause
     return CAUSE_OF_END.get(problem.until, problem.until) or problem.what
 
 
 def cause_among(problem: Problem, alarms: Iterable[Alarm]) -> Alarm | None:
-    """The alarm that says already why this came."""
+    """Existing alarm that explains this problem."""
     causes = (*FOLLOWS_FROM.get(cause_of(problem), ()), cause_of(problem))
     standing = {alarm.cause: alarm for alarm in alarms}
     return next((standing[cause] for cause in causes if cause in standing), None)
@@ -74,20 +74,22 @@ class _Standing:
 
 
 class AlarmBook:
-    """Takes problems and what is so now, and keeps the alarms. :meth:`take_changes` gives what to put on record."""
+    """Collects problems and conditions and maintains the alarms. :meth:`take_changes` returns changes
+    for the record.
+    """
 
     def __init__(self) -> None:
         self._standing: dict[str, _Standing] = {}
         self._ended: dict[str, tuple[Alarm, int]] = {}
         self._held: list[tuple[int, Problem]] = []
-        self._pending: dict[str, tuple[int, int]] = {}  # since when a condition holds, and when it counts
+        self._pending: dict[str, tuple[int, int]] = {}  # start of the condition, and when it becomes an alarm
         self._changes: list[AlarmChanged] = []
         self._ends: frozenset[ProblemEnd] = frozenset()
         self._number = 0
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """What is wrong now, the gravest first, and of those the newest."""
+        """Current alarms, most severe first, then newest first."""
         alarms = (standing.alarm for standing in self._standing.values())
         return tuple(sorted(alarms, key=lambda alarm: (-_GRAVITY[alarm.severity], -alarm.began_ns)))
 
@@ -99,7 +101,7 @@ class AlarmBook:
         return changes
 
     def take(self, problem: Problem, now_ns: int) -> None:
-        """Somebody told of it."""
+        """Add a reported problem."""
         if problem.severity == "info":
             return
         under = cause_among(problem, self.alarms)
@@ -118,7 +120,7 @@ class AlarmBook:
             self._raise(_alarm_of(problem, now_ns), now_ns)
 
     def look(self, conditions: Sequence[Condition], ends: frozenset[ProblemEnd], now_ns: int) -> None:
-        """Take in what is so now: raise what has lasted long enough, end what is over."""
+        """Evaluate the current conditions: raise those that lasted long enough, end those that are over."""
         self._ends = ends
         self._look_at_conditions(conditions, now_ns)
         due = [problem for due_ns, problem in self._held if due_ns <= now_ns]
@@ -128,9 +130,9 @@ class AlarmBook:
             if under is not None:
                 self._fold(under.cause, problem.what, now_ns)
             elif problem.until and problem.until in ends:
-                continue  # it was over before it was an alarm
+                continue  # ended before it became an alarm
             elif "link" in FOLLOWS_FROM[cause_of(problem)] and "connected" not in ends:
-                # The robot is not there yet, or not any more: which of the two is not told yet.
+                # Unclear whether the robot is not yet or no longer connected.
                 self._held.append((now_ns + HOLD_NS, problem))
             else:
                 self._raise(_alarm_of(problem, now_ns), now_ns)
@@ -139,7 +141,7 @@ class AlarmBook:
             self._look_for_end(standing, true_now, now_ns)
 
     def dismiss(self, alarm_id: str, actor: Actor, now_ns: int) -> bool:
-        """Somebody has seen to it; False where that is told by the state alone, or it is over."""
+        """Dismiss an alarm; False if only the state can end it, or if it is over."""
         standing = next((each for each in self._standing.values() if each.alarm.alarm_id == alarm_id), None)
         if standing is None or standing.alarm.ends_by_itself:
             return False
@@ -147,17 +149,17 @@ class AlarmBook:
         return True
 
     def forget(self, causes: Collection[str], now_ns: int) -> None:
-        """What these were about is not there any more."""
+        """End the alarms of these causes, whose subject no longer exists."""
         for standing in [each for cause, each in self._standing.items() if cause in causes]:
             self._end(standing, now_ns)
 
     def tell_all(self, now_ns: int) -> None:
-        """A record begins: it has what is wrong already."""
+        """Report all alarms again at the start of a recording."""
         for standing in self._standing.values():
             self._tell("raised", standing, now_ns)
 
     def wait_s(self, now_ns: int) -> float | None:
-        """When to look again though nothing changes; None for not at all."""
+        """Time until the next evaluation in s without a change; None for never."""
         due_ns = [due for due, _ in self._held]
         due_ns += [due for _since, due in self._pending.values()]
         for standing in self._standing.values():
@@ -173,7 +175,7 @@ class AlarmBook:
             standing = self._standing.get(condition.cause)
             if standing is not None:
                 if condition.prevails and standing.alarm.what != condition.what:
-                    # Of a robot that is looked for no more nothing is kept.
+                    # Reasons about the former robot are obsolete.
                     why = "" if standing.by_condition else _why(standing.alarm)
                     standing.alarm = replace(_in_words_of(condition, standing.alarm), why=why)
                     standing.by_condition = standing.prevails = True
@@ -243,7 +245,7 @@ class AlarmBook:
         standing.alarm = replace(alarm, folded=_with_line(alarm.folded, what), asked_ns=asked_ns)
 
     def _tell_again(self, problem: Problem, now_ns: int) -> None:
-        """The same cause once more: the gravest words stand, of equal ones the newest; the others lie below."""
+        """Merge a recurrence: the most severe text wins, of equal ones the newest; others become details."""
         standing = self._standing[cause_of(problem)]
         alarm = standing.alarm
         standing.told_ns = now_ns
@@ -284,12 +286,12 @@ def _lapses(standing: _Standing) -> bool:
 
 
 def _steady_ns(alarm: Alarm) -> int:
-    """How long it has to be over before it is. What comes and goes has to stay away longer each time."""
+    """Time in ns for which it must be over before the alarm ends; longer for each recurrence."""
     least_s = _STEADY_S.get(alarm.cause, 0.0)
     again_s = 2.0 * 3.0 ** (alarm.times - 2) if alarm.times > 1 else 0.0
     return round(min(least_s + again_s, _LONGEST_STEADY_S) * 1e9)
 
 
 def _with_line(lines: tuple[str, ...], line: str) -> tuple[str, ...]:
-    """Each once, the newest last."""
+    """Unique lines, newest last."""
     return (*(each for each in lines if each != line), line)[-_FOLDED_AT_MOST:]

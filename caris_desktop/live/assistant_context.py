@@ -1,4 +1,4 @@
-"""What goes along with a question to the assistant, and how much of it there is. GUI thread."""
+"""Prompt context of a question to the language model, and its size. GUI thread."""
 
 from collections import Counter
 from collections.abc import Container, Sequence
@@ -21,7 +21,7 @@ from caris_desktop.scenario.assistant import AssistantPeople
 
 
 class AssistantContext:
-    """Gathers it from the state, and the notes from the wizard's marks."""
+    """Collects the context from the state, and the wizard's notes from marks."""
 
     def __init__(self, state: LiveState) -> None:
         self._state = state
@@ -29,19 +29,19 @@ class AssistantContext:
         self._forgotten: frozenset[str] = frozenset()
 
     def take_mark(self, mark: Marked) -> None:
-        """A mark with a note is one of the wizard's notes."""
+        """Add a mark with a note; withdrawn or empty ones are removed."""
         if mark.state == "withdrawn" or not mark.note.strip():
             self._notes.pop(mark.mark_id, None)
         else:
             self._notes[mark.mark_id] = mark
 
     def forget(self) -> None:
-        """Another participant comes: what was said and noted until now is not told of them."""
+        """Start a new participant: earlier turns and notes are excluded."""
         self._notes.clear()
         self._forgotten = frozenset(turn.utterance_id for turn in self._turns())
 
     def along(self, what: AssistantPeople, notes: str, leave_out: Container[str] = ()) -> Along:
-        """Everything but what is left out. ``what`` says what may be told of people, ``notes`` is the text of them."""
+        """Context without the parts left out. ``what``: permitted data about people; ``notes``: the notes as text."""
         if what == "history" and "history" in leave_out:
             what = "names"
         rows: Sequence[PersonRow] = self._state.persons.value
@@ -58,7 +58,7 @@ class AssistantContext:
         )
 
     def parts(self, what: AssistantPeople, notes: str) -> tuple[PartAlong, ...]:
-        """What there is, each in words."""
+        """Available parts with their size."""
         along = self.along(what, notes)
         turns, words = conversation_words(along.conversation)
         lines = context_lines(along)
@@ -85,7 +85,7 @@ class AssistantContext:
         return [turn for turn in turns if turn.utterance_id not in self._forgotten]
 
     def _things_in_view(self) -> list[str]:
-        """What the cameras see now beside people. What two of them see may be the same, so the most that one sees."""
+        """Objects detected by the cameras. Cameras may see the same object, so the maximum of their counts is used."""
         most: Counter[str] = Counter()
         for camera in self._state.cameras.value:
             stream = self._state.people_of(camera)
@@ -95,7 +95,7 @@ class AssistantContext:
 
 
 def who_is_here(person: PersonRow, what: AssistantPeople) -> str:
-    """A person as a language model is told of them."""
+    """A person as described to the language model."""
     if what == "numbers" or not person.known:
         return f"person {person.number}"
     if what == "names":

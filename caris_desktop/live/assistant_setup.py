@@ -1,4 +1,4 @@
-"""With which model and which words the assistant is asked: the scenario's, until the wizard says otherwise."""
+"""Assistant setup: model and prompts, from the scenario with the wizard's changes."""
 
 from typing import Literal
 
@@ -10,12 +10,12 @@ Kind = Literal["system_prompt", "notes", "role", "style"]
 
 
 def most_characters(kind: Kind) -> int:
-    """Of a text that the wizard changes: as many as the scenario file takes."""
+    """Maximum length of an edited text, as in the scenario file."""
     return PROMPT_CHARACTERS if kind == "system_prompt" else TEXT_CHARACTERS
 
 
 class Setup:
-    """What was chosen and changed for this session. Nothing of it is written into the scenario's file."""
+    """Choices and edits of this session; the scenario file is not changed."""
 
     def __init__(self, settings: AssistantSettings) -> None:
         self._settings = settings
@@ -24,7 +24,7 @@ class Setup:
         self.reset()
 
     def reset(self) -> None:
-        """All as the scenario has it."""
+        """Reset to the scenario."""
         self.model = self._settings.model
         self.role = self.style = ""
         self._edited.clear()
@@ -39,7 +39,7 @@ class Setup:
             self.style = name
 
     def edit(self, kind: Kind, name: str, text: str) -> None:
-        """Other words in place of those of the scenario; the scenario's own undo the change."""
+        """Replace a text of the scenario; the original text removes the edit."""
         key = (kind, name)
         if text == self._of_scenario(kind, name):
             self._edited.pop(key, None)
@@ -47,12 +47,12 @@ class Setup:
             self._edited[key] = text
 
     def text_of(self, kind: Kind, name: str = "") -> str:
-        """As it stands now; empty for a role or style that is not there."""
+        """Current text; empty for an unknown role or style."""
         return self._edited.get((kind, name), self._of_scenario(kind, name))
 
     @property
     def prompt(self) -> str:
-        """All of the system prompt as it stands now."""
+        """Current complete system prompt."""
         return system_text(
             self.text_of("system_prompt"), self.text_of("role", self.role), self.text_of("style", self.style)
         )

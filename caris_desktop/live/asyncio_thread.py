@@ -1,4 +1,4 @@
-"""The one asyncio loop of the console, in a thread of its own."""
+"""Asyncio event loop of the console, in its own thread."""
 
 import asyncio
 import threading
@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class AsyncioThread:
-    """Runs coroutines for the GUI thread; must be stopped before the program ends."""
+    """Runs coroutines for the GUI thread; stop it before the program ends."""
 
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
@@ -21,7 +21,7 @@ class AsyncioThread:
         return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
 
     def stop(self, *, timeout_s: float = 2.0) -> None:
-        """Cancel what still runs and end the thread."""
+        """Cancel running tasks and end the thread."""
         if self._loop.is_closed():
             return
         self._loop.call_soon_threadsafe(self._cancel_all)

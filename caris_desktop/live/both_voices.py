@@ -1,4 +1,4 @@
-"""The robot and this computer say the same at once: two voices, one utterance."""
+"""Dual speech output: the robot and this computer speak the same utterance."""
 
 import threading
 from collections.abc import Callable
@@ -12,9 +12,9 @@ _ENDS = ("finished", "interrupted", "failed")
 
 
 class BothVoices:
-    """A voice made of two. It has started with the first of them and ends with the last.
+    """Voice composed of two. It starts with the first and ends with the last.
 
-    ``report`` gets what follows from that for the utterance, in the thread in which a voice has told it.
+    ``report`` receives the resulting events, in the reporting voice's thread.
     """
 
     def __init__(self, voices: dict[VoiceKind, Voice], report: Callable[[UtteranceChanged], None]) -> None:
@@ -46,11 +46,11 @@ class BothVoices:
         return any(silenced)
 
     def lost(self, kind: VoiceKind, utterance: UtteranceChanged, detail: str) -> None:
-        """One of the voices will tell nothing more of it."""
+        """Handle the loss of one voice."""
         self.told(replace(utterance, voice=kind, state="failed", detail=detail))
 
     def told(self, told: UtteranceChanged) -> bool:
-        """What one of the voices tells; False where that is of no utterance of both. Any thread."""
+        """Handle an event of one voice; False if it is not about a shared utterance. Any thread."""
         with self._lock:
             if told.utterance_id != self._utterance_id:
                 return False
@@ -69,7 +69,7 @@ class BothVoices:
 
 
 def _last_word(ended: list[UtteranceChanged]) -> UtteranceChanged:
-    """What one voice has said to its end is said; what became of it with the other is in the detail."""
+    """Combined outcome: the utterance counts as spoken if one voice finished it; the detail has the other's outcome."""
     best = min(ended, key=lambda one: ("finished", "interrupted", "failed").index(one.state))
     return replace(
         best,

@@ -1,4 +1,6 @@
-"""Carries domain values from any thread to whoever wants them: before anything is conflated, or in the GUI thread."""
+"""Event bus: delivers domain values from any thread to taps, unconflated, and to followers and state
+in the GUI thread.
+"""
 
 import logging
 from collections.abc import Callable, Collection, Iterable
@@ -17,13 +19,13 @@ from caris_desktop.live.service import Follows
 from caris_desktop.live.state import LiveState
 
 _log = logging.getLogger(__name__)
-_CARRIERS = frozenset(spec.value_type for spec in CARRIER_STREAMS)  # for taps alone: no panel reads sound
+_CARRIERS = frozenset(spec.value_type for spec in CARRIER_STREAMS)  # for taps only: no panel reads audio
 Tap = Callable[[Any, bytes | None], None]
 
 
 class Bus(QObject):
-    """``publish`` from any thread. Taps get each value in that thread and at once; then it waits for the GUI thread,
-    where state values replace their predecessors and events do not, and goes to who follows it and into ``state``.
+    """Event bus; ``publish`` from any thread. Taps get each value at once in that thread. Then it is queued for the GUI
+    thread, where state values are conflated and events are not, and delivered to followers and ``state``.
     """
 
     _woken = Signal()
@@ -41,8 +43,8 @@ class Bus(QObject):
         self._pace.due.connect(self._on_woken)
 
     def tap(self, take: Tap, types: Iterable[type[Any]] | None = None) -> None:
-        """Give ``take`` every value of these types (None: of all), with its pickled form where there is one, in the
-        publishing thread. For the time before the first value is published.
+        """Register ``take`` for all values of these types (None: all types), with the pickled form if available, in the
+        publishing thread. Register before the first value is published.
         """
         if types is None:
             self._every_tap.append(take)
@@ -51,24 +53,24 @@ class Bus(QObject):
                 self._taps.setdefault(each, []).append(take)
 
     def follow(self, follows: Follows) -> None:
-        """Give events of these types to their functions, in the GUI thread and before any panel."""
+        """Register functions by event type, called in the GUI thread before any panel."""
         for each, take in follows.items():
             self._followers.setdefault(each, []).append(take)
 
     def before_work(self, call: Callable[[], None]) -> None:
-        """What cannot wait for the GUI thread to take in what has come."""
+        """Set work to be done before queued values are processed."""
         self._before_work = call
 
     def pass_at_most_every(self, *, panels_s: float, picture_s: float) -> None:
-        """How often the panels and the picture get new state at most; 0 for as often as they can take it."""
+        """Limit the update rates of panels and video; 0 for no limit."""
         self._pace.at_most_every(panels_s=panels_s, picture_s=picture_s)
 
     def hold_back(self, for_s: float) -> None:
-        """Panels and picture get nothing new in this time; events go on. GUI thread."""
+        """Pause updates of panels and video for this time; events continue. GUI thread."""
         self._pace.hold_back(for_s)
 
     def publish(self, value: Any, raw: bytes | None = None) -> None:
-        """Any thread. ``raw`` is the value pickled, where the caller has it already."""
+        """Publish a value; ``raw`` is its pickled form if available. Any thread."""
         for take in self._every_tap:
             take(value, raw)
         for take in self._taps.get(type(value), ()):
@@ -77,19 +79,19 @@ class Bus(QObject):
             self._mailbox.put(value)
 
     def publish_recorded(self, value: Any) -> None:
-        """Any thread. What its source has put on record already."""
+        """Publish a value that its source has already recorded. Any thread."""
         self._mailbox.put(value)
 
     def problem(
         self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "", cause: str = ""
     ) -> None:
-        """Tell the wizard, and the record; ``until`` and ``cause`` as in Problem."""
+        """Report a problem to wizard and record; ``until`` and ``cause`` as in Problem."""
         _log.log(logging.INFO if severity == "info" else logging.WARNING, "%s %s %s", what, meaning, advice)
         self.publish(Problem(clock.now_ns(), severity, what, meaning, advice, until, cause))
 
     def answer(self, failure: ToldFailure, until: ProblemEnd = "") -> None:
-        """Tell the wizard, and the record, that what was asked for could not be done; with ``until`` that stays wrong
-        until then. What waits for the user's word on a file is asked instead.
+        """Report that a command failed; with ``until`` the problem persists until then. An unconfirmed file leads to a
+        question instead.
         """
         if isinstance(failure, ConfirmationNeeded):
             self._state.file_question.set_anew(failure.question)
@@ -98,11 +100,11 @@ class Bus(QObject):
         self.problem(failure.severity, failure.what, failure.meaning, failure.advice, until=until, cause=cause)
 
     def end(self) -> None:
-        """What panels show comes no more; events still do."""
+        """Stop updates of panels; events continue."""
         self._pace.end()
 
     def take_in(self) -> None:
-        """Take in everything that waits, now."""
+        """Process all queued values now."""
         self._take_in(("panels", "picture"))
 
     def _take_in(self, shown_as: Collection[ShownAs]) -> None:
@@ -116,7 +118,7 @@ class Bus(QObject):
         waiting = self._mailbox.waiting
         self._take_in(self._pace.may_begin(waiting))
         if self._mailbox.waiting - waiting:
-            self._woken.emit()  # came meanwhile, without a call of its own
+            self._woken.emit()  # queued meanwhile without a wake-up
 
     def _take_events(self, events: list[Any]) -> None:
         for event in events:

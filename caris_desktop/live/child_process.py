@@ -1,7 +1,7 @@
-"""Child processes of the console: started here, watched here, ended here.
+"""Child processes of the console: start, supervision, termination.
 
-A *process body* is a plain function ``body(connection, *arguments)`` of a feature room. It runs in a spawned child,
-talks over a duplex connection in pickled frozen dataclasses and returns when the connection ends.
+A *process body* is a plain function ``body(connection, *arguments)`` of a feature package. It runs in a spawned child,
+exchanges pickled frozen dataclasses over a duplex connection, and returns when the connection ends.
 """
 
 import contextlib
@@ -28,26 +28,26 @@ _SWITCH_WITHIN_S = 0.0005
 _CONTEXT = multiprocessing.get_context("spawn")
 
 Health = Literal["running", "restarting", "failed"]
-"""Of a child that is needed. One that has failed did so too often to be started again."""
+"""State of a required child. "failed": it failed too often to be restarted."""
 
 
 @dataclass(frozen=True, slots=True)
 class RingToWrite:
-    """Stands among a body's arguments for the ring of this name; the child attaches it."""
+    """Placeholder argument for the frame ring of this name; the child attaches it."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class RingsToRead:
-    """Stands among a body's arguments for a reader over these rings, and over others once frames name them."""
+    """Placeholder argument for a reader of these rings, and of others once frames name them."""
 
     names: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessBody:
-    """What runs in a child: a module-level function and its picklable arguments."""
+    """Entry point of a child: module-level function and picklable arguments."""
 
     name: str
     target: Callable[..., None]
@@ -55,10 +55,10 @@ class ProcessBody:
 
 
 class ChildProcess:
-    """One child with a reader thread of its own in the console.
+    """Child process with a reader thread in the console.
 
-    ``on_message(value, raw)`` and ``on_exit(exit_code)`` are called in that reader thread; ``raw`` is the pickled
-    form, so that a value can be passed on to another child without pickling it again.
+    ``on_message(value, raw)`` and ``on_exit(exit_code)`` run in that thread; ``raw`` is the pickled form, for
+    forwarding without pickling again.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class ChildProcess:
         self._on_exit = on_exit
         self._closing = False
         self._send_lock = threading.Lock()
-        # While it is held the connection is not closed: its number would be given to the next file that is opened.
+        # Prevents closing the connection during use: its descriptor would be reused by the next file.
         self._close_lock = threading.Lock()
         self._connection: Connection | None = None
         self._process: multiprocessing.process.BaseProcess | None = None
@@ -84,7 +84,7 @@ class ChildProcess:
         return None if self._process is None else self._process.pid
 
     def start(self) -> None:
-        # The GUI thread must not wait 5 ms for the interpreter lock while a reader thread takes a message apart.
+        # The GUI thread must not wait 5 ms for the GIL while a reader thread unpickles.
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_WITHIN_S))
         ours, theirs = _CONTEXT.Pipe(duplex=True)
         process = _CONTEXT.Process(
@@ -99,7 +99,7 @@ class ChildProcess:
         self._reader.start()
 
     def send(self, message: Any) -> bool:
-        """Hand ``message`` over now, or not at all: False when the child is gone or does not read."""
+        """Send ``message`` without waiting; False if the child is gone or does not read."""
         return self.send_raw(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
 
     def send_raw(self, raw: bytes) -> bool:
@@ -116,7 +116,7 @@ class ChildProcess:
         return True
 
     def send_raw_waiting(self, raw: bytes) -> bool:
-        """Like :meth:`send_raw`, but waits for room. Never in the GUI thread."""
+        """Like :meth:`send_raw`, but waits for buffer space. Never in the GUI thread."""
         connection = self._connection
         if connection is None:
             return False
@@ -128,16 +128,16 @@ class ChildProcess:
         return True
 
     def ask_to_end(self) -> None:
-        """Close the connection; several children asked at once end side by side. :meth:`stop` must follow."""
+        """Close the connection, so that several children end in parallel. :meth:`stop` must follow."""
         self._closing = True
         connection = self._connection
         if connection is None:
             return
-        # Half-closing ends the child's reads while its last messages can still reach us.
+        # A half-close ends the child's reads while its last messages still arrive.
         self._shut(connection, whole=sys.platform == "win32")
 
     def _shut(self, connection: Connection, *, whole: bool) -> None:
-        """End what is being sent, and with ``whole`` close the connection once nobody sends any more."""
+        """Abort a send in progress; with ``whole`` close the connection once no send is active."""
         if sys.platform != "win32":
             with self._close_lock, contextlib.suppress(OSError), _socket_of(connection) as half:
                 half.shutdown(_SHUT_WR)
@@ -146,12 +146,12 @@ class ChildProcess:
                 connection.close()
 
     def stop(self, *, grace_s: float) -> None:
-        """End the child: close the connection, wait, then kill. Blocks up to ``grace_s`` and a little."""
+        """End the child: close the connection, wait, then kill. Blocks slightly longer than ``grace_s``."""
         self.ask_to_end()
         process = self._process
         if process is None or self._connection is None:
             return
-        # Only the reader thread reaps: two threads that wait for one process would each miss the other's news.
+        # Only the reader thread reaps: two threads waiting for one process would steal each other's status.
         if not wait([process.sentinel], grace_s):
             _log.warning("%s did not end within %.1f s: killed", self.body.name, grace_s)
             process.kill()
@@ -161,7 +161,7 @@ class ChildProcess:
         self._connection = None
 
     def kill(self) -> None:
-        """It has got stuck. Its end is told as if it had come by itself."""
+        """Kill a hung child. Its exit is reported as usual."""
         if self._process is not None:
             self._process.kill()
 
@@ -196,21 +196,21 @@ if sys.platform != "win32":
 def _writable(connection: Connection) -> bool:
     if sys.platform == "win32":
         return True
-    # Not select: it fails for descriptors of 1024 and more.
+    # Not select, which fails for descriptors from 1024 on.
     waits = select.poll()
     waits.register(connection.fileno(), select.POLLOUT)
     return any(events & select.POLLOUT for _descriptor, events in waits.poll(0))
 
 
 def _run_body(body: ProcessBody, connection: Connection) -> None:
-    """Child side. Signals to the whole group belong to the console, which ends its children in order."""
+    """Child side. Ignores signals to the process group: the console ends its children in order."""
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     title_process(body.name)
     if hasattr(os, "setsid"):
-        # Linux shares the processor among sessions first, then within each: what this child computes is not taken from
-        # the share of the window, which needs little of it and at once.
+        # Linux shares CPU time among sessions first: a session of its own keeps this child's load from taking the
+        # window's share.
         with contextlib.suppress(OSError):
             os.setsid()
     faulthandler.enable()

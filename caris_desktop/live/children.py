@@ -1,4 +1,4 @@
-"""The child processes of the services: what they say and that they ended reaches the GUI thread."""
+"""Process manager: starts child processes for services and delivers their messages in the GUI thread."""
 
 import threading
 from collections.abc import Callable
@@ -18,7 +18,7 @@ Reads = Callable[[Any, bytes], None]
 
 
 class Children(QObject):
-    """Makes children whose news are told in the GUI thread, until ``close``."""
+    """Creates children whose messages and exits are delivered in the GUI thread, until ``close``."""
 
     _told = Signal(object, object)
 
@@ -30,17 +30,16 @@ class Children(QObject):
         self._told.connect(self._tell, Qt.ConnectionType.QueuedConnection)
 
     def close(self) -> None:
-        """The program ends: that children end is no news any more."""
+        """Ignore further exits: the program is ending."""
         self._closed = True
 
     def new(
         self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Reads | None = None
     ) -> ChildProcess:
-        """A child that is not started yet.
+        """Create a child without starting it.
 
-        ``ended(child)`` and ``heard(message)`` are called in the GUI thread, ``heard`` with what is not a value of the
-        stream table: that goes onto the bus. ``reads(value, raw)`` takes everything itself instead, in the thread that
-        reads from the child.
+        ``ended(child)`` and ``heard(message)`` are called in the GUI thread; ``heard`` gets messages that are not
+        stream values, which go to the bus. ``reads(value, raw)`` receives everything instead, in the reader thread.
         """
 
         def read(value: Any, raw: bytes) -> None:
@@ -56,16 +55,16 @@ class Children(QObject):
     def start(
         self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Reads | None = None
     ) -> ChildProcess:
-        """The same, started."""
+        """Create and start a child."""
         child = self.new(body, ended=ended, heard=heard, reads=reads)
         child.start()
         return child
 
     def dismiss(self, child: ChildProcess, *, grace_s: float, then: Callable[[], None] = lambda: None) -> None:
-        """End a child that this scenario has no use for. Returns at once: it is asked to end now, and its end is waited
-        for in a thread of its own, so that neither the next scenario, nor a file, nor another end stands behind it.
+        """End a child that this scenario does not need. Returns at once; a thread waits for its exit, so that neither
+        the next scenario nor a file nor another exit is delayed.
 
-        ``then`` is called in that thread once the child has ended.
+        ``then`` is called in that thread after the exit.
         """
         child.ask_to_end()
 
@@ -78,20 +77,20 @@ class Children(QObject):
         self._ends[-1].start()
 
     def end(self) -> None:
-        """Wait for the ends of all that were dismissed. Any thread; blocks as long as the longest grace among them."""
+        """Wait for all dismissed children. Any thread; blocks up to their longest grace time."""
         for thread in self._ends:
             thread.join()
         self._ends.clear()
 
     def pass_on(self, heard: Heard, value: Any, raw: bytes) -> None:
-        """A message of a child: onto the bus, or to ``heard`` in the GUI thread. Any thread."""
+        """Deliver a child's message to the bus, or to ``heard`` in the GUI thread. Any thread."""
         if type(value) in BY_TYPE:
             self._bus.publish(told_here(value) if isinstance(value, Problem) else value, raw)
         else:
             self.tell(heard, value)
 
     def tell(self, take: Callable[[Any], None], value: Any) -> None:
-        """Call ``take(value)`` in the GUI thread, in the order of the calls. Any thread."""
+        """Call ``take(value)`` in the GUI thread, in order. Any thread."""
         self._told.emit(take, value)
 
     def _tell(self, take: Callable[[Any], None], value: Any) -> None:
@@ -100,6 +99,6 @@ class Children(QObject):
 
 
 def told_here(problem: Problem) -> Problem:
-    """What a child process tells, which speaks English, in the wizard's language; its values come beside its texts."""
+    """Localise a problem of a child process, which reports in English with separate values."""
     what, meaning, advice = (tr(told) if told else "" for told in (problem.what, problem.meaning, problem.advice))
     return replace(problem, what=what, meaning=meaning, advice=advice)

@@ -1,4 +1,4 @@
-"""Annotations of the session in replay: edited here, saved in the background; and the overview for the timeline."""
+"""Annotation session of a replay: editing, background saving, and the session overview for the timeline."""
 
 import asyncio
 import logging
@@ -27,15 +27,15 @@ _log = logging.getLogger(__name__)
 _SAVED_WITHIN_S = 5.0
 
 Tell = Callable[[str, str, str], None]
-"""What happened, what it means, what to do."""
+"""what happened, its meaning, advice"""
 
 
 class CodingDesk(QObject):
-    """``coding`` holds the AnnotationDocument of all coders, ``overview`` the SessionOverview once it was made."""
+    """Annotation session. ``coding``: AnnotationDocument of all coders; ``overview``: SessionOverview once computed."""
 
     _overview_made = Signal(object)
     _overview_missing = Signal()
-    _save_failed = Signal(object)  # as a str of Qt's it would lose what can be said in another language
+    _save_failed = Signal(object)  # a Qt str would lose the localisable parts
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class CodingDesk(QObject):
         *,
         unsaved_dir: Path | None = None,
     ) -> None:
-        """``unsaved_dir`` takes what cannot be saved in the session's own folder."""
+        """``unsaved_dir``: fallback for what cannot be saved in the session folder."""
         super().__init__(parent)
         self._session = session
         self._unsaved_dir = unsaved_dir
@@ -65,12 +65,12 @@ class CodingDesk(QObject):
         self._save_failed.connect(self._on_save_failed)
 
     def start(self) -> None:
-        """Load what was coded before, and look through the session in the background."""
+        """Load existing annotations, and compute the overview in the background."""
         document = load_documents(self._session.folder, on_damaged=self._on_damaged)
         self._history = EditHistory(document)
         self._saved = document
         self.coding.set(document)
-        # In a process of its own: a minute of Python at most, which would make the replay stutter.
+        # In a process of its own: up to a minute of Python, which would make the replay stutter.
         self._overview_maker = ChildProcess(
             ProcessBody("overview", run_overview, (self._session,)),
             on_message=lambda overview, _raw: self._overview_made.emit(overview),
@@ -84,7 +84,9 @@ class CodingDesk(QObject):
         )
 
     def close(self) -> str:
-        """Wait until everything is saved, ten seconds at most; what could not be, in a sentence, else nothing."""
+        """Wait until everything is saved, at most ten seconds; returns a message about what could not
+        be, else empty.
+        """
         if self._overview_maker is not None:
             self._overview_maker.stop(grace_s=0.0)
         self._reading.finish(lambda _words, wait_for_it: wait_for_it())
@@ -93,7 +95,7 @@ class CodingDesk(QObject):
             return ""
         wait([saving], timeout=_SAVED_WITHIN_S)
         if saving.done() and self._saved != self._history.document:
-            # What kept it from being saved may have been mended meanwhile.
+            # The cause of a failed save may be fixed meanwhile.
             wait([self._asyncio.submit(self._save(self._history.document))], timeout=_SAVED_WITHIN_S)
         document, saved = self._history.document, self._saved
         if saved == document:
@@ -139,7 +141,7 @@ class CodingDesk(QObject):
         return self._step(self._history.redo)
 
     def import_annotations(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
-        """Returns at once: a file on a slow disk, or of a long session, is read by a thread of its own."""
+        """Import in a background thread; returns at once."""
 
         skipped: list[str] = []
 
@@ -175,7 +177,7 @@ class CodingDesk(QObject):
     async def _save(self, document: AnnotationDocument) -> None:
         async with self._saving:
             if document is not self._history.document:
-                return  # a newer one is on its way here
+                return  # a newer version is queued
             for coder in sorted({*coders_of(document), *coders_of(self._saved)}):
                 if tiers_of_coder(document, coder) == tiers_of_coder(self._saved, coder):
                     continue

@@ -1,7 +1,7 @@
-"""What a scenario or a robot profile names outside of itself, and what of that the user has confirmed.
+"""Confirmation of external references in scenarios and robot profiles.
 
-A file that came from somebody else may name addresses, paths, environment variables and models. Nothing of a file is
-used before the user has seen what it names. The answer is kept in the user's own settings, by the file's checksum.
+A file from someone else may name addresses, paths, environment variables and models. Nothing in a file is used before
+the user has confirmed what it references. The answer is saved in the user's settings by the file's checksum.
 """
 
 import contextlib
@@ -51,7 +51,7 @@ KIND_TITLES: dict[ReferenceKind, str] = {
     "motion": QT_TR_NOOP("Controls that move the robot"),
     "held": QT_TR_NOOP("Controls of an unknown kind; the emergency stop holds them"),
 }
-"""In the order in which they are listed: what leaves this computer first."""
+"""In display order: data that leaves this computer first."""
 _PURPOSES = {
     "assistant.model": QT_TR_NOOP("questions to the language model"),
     "assistant.models": QT_TR_NOOP("questions to the language model"),
@@ -75,7 +75,9 @@ _PURPOSES = {
 
 @dataclass(frozen=True, slots=True)
 class FileReference:
-    """One thing that a file names. ``place`` is its key in the file, without numbers; ``digest`` that of a file."""
+    """External reference in a file. ``place``: its key path without indices; ``digest``: checksum of a
+    referenced file.
+    """
 
     kind: ReferenceKind
     text: str
@@ -84,14 +86,14 @@ class FileReference:
 
     @property
     def purpose(self) -> str:
-        """What it is for, in words; empty where nobody has described the key."""
+        """Purpose of the reference; empty if its key has no description."""
         return tr(_PURPOSES[self.place]) if self.place in _PURPOSES else ""
 
 
 @dataclass(frozen=True, slots=True)
 class FileQuestion:
-    """May this file use what it names? ``known`` was confirmed for an earlier version of the file. ``then`` is asked
-    for again after a yes.
+    """Question whether a file may use its references. ``known``: confirmed for an earlier version. ``then``: intent to
+    repeat after a yes.
     """
 
     title: str
@@ -109,7 +111,7 @@ class FileQuestion:
 
 @dataclass(frozen=True, slots=True)
 class _Confirmed:
-    """One answer that is kept: of a file's content, and where the file was."""
+    """Saved answer: checksum and path of the file."""
 
     sha256: str
     path: str
@@ -117,7 +119,7 @@ class _Confirmed:
 
 
 class ConfirmationNeeded(ToldFailure):
-    """The user has not confirmed yet what the file names, so nothing of it is used."""
+    """Raised while the references of a file are unconfirmed; nothing in the file is used."""
 
     def __init__(self, question: FileQuestion) -> None:
         super().__init__(
@@ -132,7 +134,7 @@ class ConfirmationNeeded(ToldFailure):
 
 
 def question_words(question: FileQuestion) -> str:
-    """The question as lines of text, for a command without a window."""
+    """The question as text, for commands without a window."""
     lines = [tr("“{title}” ({path}) names:").format(title=question.title, path=question.path)]
     for kind, title in KIND_TITLES.items():
         of_kind = [one for one in question.named if one.kind == kind]
@@ -143,7 +145,7 @@ def question_words(question: FileQuestion) -> str:
 
 
 def check_scenario(scenario: Scenario) -> None:
-    """Raises ConfirmationNeeded where the user has not confirmed what the scenario names. May read models."""
+    """Raise ConfirmationNeeded if the scenario's references are unconfirmed. May read models."""
     if scenario.path is None or _is_shipped(scenario.path):
         return
     question = FileQuestion(
@@ -154,9 +156,9 @@ def check_scenario(scenario: Scenario) -> None:
 
 
 def check_profile(profile: RobotProfile, name: str) -> None:
-    """Raises ConfirmationNeeded where the user has not confirmed what the robot's profile names.
+    """Raise ConfirmationNeeded if the profile's references are unconfirmed.
 
-    ``name`` is how the robot was asked for. An address is the user's own, or was confirmed with the scenario.
+    ``name``: the robot as requested. An address was entered by the user, or confirmed with the scenario.
     """
     path = profile_file(name)
     if path is None or _is_shipped(path):
@@ -164,12 +166,12 @@ def check_profile(profile: RobotProfile, name: str) -> None:
     try:
         sha256 = sha256_of(path)
     except OSError:
-        return  # it was read a moment ago; whoever uses it next is told that it is gone
+        return  # the profile was just read; its next use reports the missing file
     _check(FileQuestion(profile.title, path, sha256, profile_references(profile), frozenset(), UseRobot(name)))
 
 
 def accept(question: FileQuestion) -> None:
-    """Keep the user's yes. Raises OSError."""
+    """Save the user's confirmation. Raises OSError."""
     entries = [one for one in _entries() if one.sha256 != question.sha256]
     entries.append(_Confirmed(question.sha256, _key(question.path), question.named))
     files = [
@@ -188,9 +190,9 @@ def accept(question: FileQuestion) -> None:
 
 
 def carry(open_now: Scenario, saved: Scenario) -> None:
-    """Let what the program wrote for the user keep the yes for the scenario that was open.
+    """Transfer the confirmation of the open scenario to a version that the program wrote.
 
-    Raises ConfirmationNeeded where the file names more meanwhile, and OSError.
+    Raises ConfirmationNeeded if the file has further references, and OSError.
     """
     try:
         check_scenario(saved)
@@ -201,8 +203,8 @@ def carry(open_now: Scenario, saved: Scenario) -> None:
 
 
 def accept_written_profile(profile: RobotProfile, path: Path) -> None:
-    """The user looked for the robot at its address and had the program write its profile: only what goes beyond that
-    is asked. Raises OSError.
+    """Confirm a profile that the program wrote after discovery at the user's address; further references still need a
+    question. Raises OSError.
     """
     try:
         check_profile(profile, str(path))
@@ -213,7 +215,7 @@ def accept_written_profile(profile: RobotProfile, path: Path) -> None:
 
 
 def scenario_references(scenario: Scenario) -> tuple[FileReference, ...]:
-    """All that the scenario names, of its controls those that a stop holds."""
+    """References of the scenario, including controls affected by a stop."""
     data = data_of(Scenario, scenario)
     found = [
         reference
@@ -229,7 +231,7 @@ def scenario_references(scenario: Scenario) -> tuple[FileReference, ...]:
 
 
 def profile_references(profile: RobotProfile) -> tuple[FileReference, ...]:
-    """All that the profile names, of its controls those that a stop holds."""
+    """References of the profile, including controls affected by a stop."""
     data = data_of(RobotProfile, profile)
     found = [
         reference
@@ -254,7 +256,7 @@ def _check(question: FileQuestion) -> None:
         if entry.path == _key(question.path):
             known = confirmed
     if named <= known:
-        return  # a phrase or a place is another one: nothing was added that has to be asked
+        return  # an edit without new references needs no question
     shown = FileQuestion(
         question.title, question.path, question.sha256, question.named, frozenset(known), question.then
     )
@@ -313,12 +315,12 @@ def _of_controls(controls: Iterable[RobotControl], robot: RobotInterfaceNames) -
 
 
 def _shown(address: str) -> str:
-    """Without a password; one whose parts cannot be told apart as it is, since nothing connects to it."""
+    """Address without credentials; one that cannot be parsed stays as it is, since nothing connects to it."""
     return without_credentials(address) or address.rpartition("@")[2]
 
 
 def _lies_beside(reference: FileReference, path: Path | None) -> bool:
-    """Whether a file that a camera shows is in the scenario's own folder, also behind links."""
+    """Whether a camera's file is in the scenario's folder, also through links."""
     if path is None or reference.kind != "path" or reference.place != "cameras.source":
         return False
     file = Path(reference.text.rpartition("?")[0] or reference.text)
@@ -329,7 +331,7 @@ def _lies_beside(reference: FileReference, path: Path | None) -> bool:
 
 
 def _with_digest(reference: FileReference, path: Path | None) -> FileReference:
-    """With the checksum of a model or certificate that lies on this computer: another one is a new reference."""
+    """Add the checksum of a local model or certificate: another content is a new reference."""
     if reference.kind not in ("model", "path") or reference.place == "cameras.source":
         return reference
     if reference.kind == "model" and not reference.place.startswith(("perception.", "listening.")):
@@ -360,7 +362,7 @@ def _file() -> Path:
 
 
 def _entries() -> list[_Confirmed]:
-    """What was confirmed, the newest last; nothing where the file cannot be read: then it is asked again."""
+    """Confirmed files, newest last; empty if unreadable, which leads to new questions."""
     try:
         files = json.loads(_file().read_text(encoding="utf-8"))["files"]
         return [

@@ -1,6 +1,6 @@
-"""The running console: the ordered list of its services, the bus between them, and the gate in front of them.
+"""Console: ordered list of services, with the bus between them and the gate in front.
 
-GUI thread, except where a method says otherwise.
+GUI thread unless stated otherwise.
 """
 
 from collections.abc import Callable, Sequence
@@ -158,7 +158,8 @@ class Console(QObject):
         )  # fmt: skip
         self._gamepads = Gamepads(state, bus.publish, self)
 
-        # Recording comes first and goes last, so that nothing is missing; the robot is stopped before all others.
+        # Recording starts first and ends last, so that nothing is missing; the robot is stopped before all other
+        # services.
         self._services: tuple[Service, ...] = (
             recording, self._microphone, cameras, forgetting, self._people, self._speech, speaking, sound, listening,
             speakers, transcript, response_time, marks, alarms, going_on, protocol, preflight, self._session,
@@ -174,7 +175,7 @@ class Console(QObject):
             bus.follow(service.follows())
         self._apply(scenario)
 
-    # What panels read
+    # State for panels
 
     @property
     def state(self) -> LiveState:
@@ -190,12 +191,12 @@ class Console(QObject):
 
     @property
     def gamepads(self) -> Gamepads:
-        """The gamepad in use; the window turns what it says into driving."""
+        """The gamepad; the window converts its input to driving."""
         return self._gamepads
 
     @property
     def session_folder(self) -> Path | None:
-        """The current session's folder, or the last one's."""
+        """Folder of the current session, or of the last one."""
         return self._recording.session_folder
 
     def look_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
@@ -220,10 +221,10 @@ class Console(QObject):
     def wizard_microphone(self) -> str | None:
         return self._microphone.wizards_choice
 
-    # What is asked
+    # Intents
 
     def do(self, intent: Intent) -> str:
-        """Ask for it; gives why it was refused, in words that the wizard gets too, empty when it is under way."""
+        """Run an intent; returns the reason if it was refused, which the wizard also gets, else empty."""
         refusal = self._gate.refusal(intent)
         if refusal is None:
             try:
@@ -240,38 +241,38 @@ class Console(QObject):
         return refusal.what
 
     def use_robot(self, find: Callable[[], RobotConnection], actor: Actor = WIZARD, *, until: ProblemEnd = "") -> None:
-        """For composition alone, which says what a run begins with; the wizard asks by an intent, through the gate. As
+        """Connect a robot at start-up, from composition only; the wizard uses an intent and the gate. As
         :meth:`AnotherRobotService.use`.
         """
         self._another_robot.use(find, actor, until=until)
 
     def connect_robot(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
-        """For composition alone, as ``use_robot``. As :meth:`AnotherRobotService.connect_to`."""
+        """Connect a robot from composition only, as ``use_robot``. As :meth:`AnotherRobotService.connect_to`."""
         self._another_robot.connect_to(connection, actor)
 
-    # For what runs beside the services
+    # Access for helpers outside the services
 
     @property
     def asyncio_thread(self) -> AsyncioThread:
-        """The one thread for what waits on sockets."""
+        """Thread for all socket I/O."""
         return self._asyncio
 
     @property
     def child_pids(self) -> dict[str, int]:
-        """Process ids of the children, by body name."""
+        """Process ids of the children by name."""
         pids = {name: child.pid for service in self._services for name, child in service.processes().items()}
         return {name: pid for name, pid in pids.items() if pid is not None}
 
     def problem(
         self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "", cause: str = ""
     ) -> None:
-        """Tell the wizard, and the record; ``until`` and ``cause`` as in Problem."""
+        """Report a problem to wizard and record; ``until`` and ``cause`` as in Problem."""
         self._bus.problem(severity, what, meaning, advice, until=until, cause=cause)
 
-    # Start and end
+    # Start and shutdown
 
     def start(self) -> None:
-        """Start what the window does not need to be usable: all child processes and the perception thread."""
+        """Start all child processes and the perception thread, after the window is usable."""
         if self._shut_down:
             return
         self._gamepads.start()
@@ -279,18 +280,18 @@ class Console(QObject):
             service.start()
 
     def expect_end(self) -> None:
-        """Somebody wants the program to end: it will not offer to go on with what it records."""
+        """Register a requested quit, so that no crash recovery is offered afterwards."""
         self._going_on.expect_end()
 
     def expect_shutdown(self) -> None:
-        """As :meth:`expect_end`, where that can still be called off."""
+        """Like :meth:`expect_end`, for a quit that can still be cancelled."""
         self._going_on.expect_shutdown()
 
     def shutdown(self, during: During = lambda _what, work: work()) -> None:
-        """Zero, close the recording, end every thread and child, in that order.
+        """Stop the robot, close the recording, end all threads and children, in that order.
 
-        Blocks: a few seconds as a rule, up to a minute and a half where much is left to write. ``during`` is given
-        what takes long, with words for it, and does it before it returns; none of that touches Qt.
+        Blocks a few seconds, up to 90 s if much data must be written. ``during`` runs slow work with a message and
+        returns when it is done; that work does not use Qt.
         """
         if self._shut_down:
             return
@@ -299,7 +300,7 @@ class Console(QObject):
         self._gamepads.stop()
         for service in reversed(self._services):
             if service is self._session:
-                # The robot is stopped; what was asked of the disk still belongs to the session that ends now.
+                # The robot is stopped; pending disk work still belongs to this session.
                 self._slow_work.finish(during)
             service.stop()
         during(tr("Voice, models and people detection are being ended."), self._end_helpers)

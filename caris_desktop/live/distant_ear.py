@@ -1,4 +1,4 @@
-"""The participant's microphone where it is none of this computer: the robot's own, or that of a camera. GUI thread."""
+"""Remote microphone of the participant, on the robot or a camera. GUI thread."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,16 +23,16 @@ _OFF = MicrophoneStatus()
 
 
 def ear_of(scenario: Scenario, robot: RobotProfile | None) -> str:
-    """Which microphone hears the participant with this robot: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
+    """Microphone of the participant with this robot: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
     hears = robot is not None and robot.audio is not None and robot.audio.topic is not None
     return scenario.sound.ear_with(robot_hears=hears)
 
 
 class DistantEar(QObject):
-    """Asks for the sound, keeps ``status`` by what comes of it, and tells when nothing does."""
+    """Requests audio, maintains ``status``, and reports missing audio."""
 
     def __init__(self, status: LiveValue, bus: Bus, *, settled: Callable[[], None], parent: QObject) -> None:
-        """``settled`` is called when its sound comes, and when none will come for the time being."""
+        """``settled`` is called when audio arrives, or when none can be expected for now."""
         super().__init__(parent)
         self._status = status
         self._bus = bus
@@ -48,9 +48,9 @@ class DistantEar(QObject):
         bus.tap(self._hear, (AudioChunk,))
 
     def open(self, whose: str, ask: Callable[[bool], object], *, reachable: Callable[[], bool] = lambda: True) -> None:
-        """Listen from now on. ``whose`` microphone it is, in words; ``ask`` asks for its sound, and no longer.
+        """Start listening. ``whose``: name of the microphone; ``ask`` requests or ends its audio.
 
-        While who sends it is not ``reachable`` nobody is told that nothing comes: they know.
+        While the source is not ``reachable``, missing audio is not reported, as its cause is known.
         """
         if self._whose == whose:
             return
@@ -62,7 +62,7 @@ class DistantEar(QObject):
         ask(True)
 
     def ask_again(self) -> None:
-        """Whoever sends it has just been started anew."""
+        """Request again after a restart of the source."""
         if self._ask is not None:
             self._ask(True)
 
@@ -79,7 +79,7 @@ class DistantEar(QObject):
             self._peak = max(self._peak, int(np.abs(chunk.samples.astype(np.int32)).max(initial=0)))
 
     def look(self) -> None:
-        """What has come since the last time."""
+        """Update the status from the audio received so far."""
         now_ns = clock.now_ns()
         before: MicrophoneStatus = self._status.value
         if not self._reachable():

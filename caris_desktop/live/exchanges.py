@@ -1,4 +1,4 @@
-"""The wizard's questions to the language model: several at a time, each with a fate of its own. GUI thread."""
+"""Questions of the wizard to the language model, several at a time. GUI thread."""
 
 import secrets
 from collections.abc import Sequence
@@ -23,10 +23,10 @@ MOST_UNDER_WAY = 4
 
 
 class Exchanges(QObject):
-    """Keeps ``state.assistant``. ``publish`` receives what was done with each answer, once.
+    """Maintains ``state.assistant``. ``publish`` receives the use of each answer, once.
 
-    An answer that nobody used is dismissed when it is put away: by the wizard, by too many newer ones, or as the model
-    or the participant changes.
+    An unused answer counts as dismissed when it is removed: by the wizard, by newer ones, or with a change of model or
+    participant.
     """
 
     def __init__(
@@ -36,20 +36,18 @@ class Exchanges(QObject):
         self._state = state
         self._client = client
         self._publish = publish
-        self._rows: dict[str, ExchangeStatus] = {}  # in the order in which they were asked
+        self._rows: dict[str, ExchangeStatus] = {}  # in the order of asking
         self._none = AssistantStatus()
 
-    # The model
+    # Model
 
     def use_endpoint(self, endpoint: ModelEndpoint, *, shown_as: str, local_only: bool) -> None:
-        """From now on ask this model; ``shown_as`` is its name for the wizard. What is asked of the last one ends; what
-        it answered can still be said.
-        """
+        """Switch the model; ``shown_as``: its display name. Pending questions end; existing answers remain usable."""
         self._client.use(endpoint, shown_as=shown_as, local_only=local_only)
         self._show()
 
     def show_status(self, status: AssistantStatus) -> None:
-        """No model (yet): ``status`` says why."""
+        """Run without a model; ``status`` has the reason."""
         self._cancel_all(QT_TR_NOOP("the model is not there any more"))
         self._client.use_none(status.detail or QT_TR_NOOP("Its model is still starting: ask again in a moment."))
         self._none = status
@@ -58,7 +56,7 @@ class Exchanges(QObject):
     # Questions
 
     def check_room(self) -> None:
-        """Raises ToldFailure where no question can be asked now."""
+        """Raise ToldFailure if no question can be asked now."""
         if not self._client.ready:
             raise ToldFailure(
                 tr("The assistant cannot answer now."),
@@ -77,7 +75,7 @@ class Exchanges(QObject):
             )
 
     def prepare(self, question: str) -> str:
-        """A question whose pictures are still being read; gives its id. Raises ToldFailure."""
+        """Add a question whose pictures are being read; returns its id. Raises ToldFailure."""
         self.check_room()
         exchange_id = f"x-{secrets.token_hex(4)}"
         self._rows[exchange_id] = ExchangeStatus(exchange_id, question, "preparing", self._client.model)
@@ -88,7 +86,7 @@ class Exchanges(QObject):
         return exchange_id
 
     def ask(self, exchange_id: str, messages: Sequence[ChatMessage], *, actor: Actor = CONSOLE, **how: Any) -> None:
-        """Ask what was prepared, unless it was cancelled meanwhile; ``how`` is as in `ModelClient.ask`."""
+        """Ask a prepared question unless cancelled; ``how`` as in `ModelClient.ask`."""
         row = self._rows.get(exchange_id)
         if row is None or row.state != "preparing":
             return
@@ -108,27 +106,27 @@ class Exchanges(QObject):
             self.fail(exchange_id, joined((failure.what, failure.advice)))
 
     def fail(self, exchange_id: str, detail: str) -> None:
-        """It could not be asked; the wizard reads why beside the question."""
+        """Mark a question as failed; the reason is shown with it."""
         self._change(exchange_id, state="failed", detail=detail)
 
     def cancel(self, why: str, exchange_id: str = "") -> None:
-        """End it, or all that are under way; each is published before this returns."""
+        """End one question or all pending ones; each is published before this returns."""
         if not exchange_id:
             self._cancel_all(why)
         elif exchange_id in self._rows:
             self._end(exchange_id, why)
 
     def dismiss(self, exchange_id: str, why: str, actor: Actor = CONSOLE) -> None:
-        """Put a question and its answer away."""
+        """Remove a question with its answer."""
         if exchange_id in self._rows:
             self._end(exchange_id, why)
             self._put_away(exchange_id, actor)
             self._show()
 
     def forget(self) -> None:
-        """Put all questions and answers away, for the next participant or a pause.
+        """Remove all questions and answers for the next participant or a pause.
 
-        Everything about them is published before this returns, so that nothing of it reaches a later recording.
+        Everything about them is published before this returns, so that it does not enter a later recording.
         """
         self._cancel_all(QT_TR_NOOP("cancelled as the session began, paused or ended"))
         for exchange_id in tuple(self._rows):
@@ -136,7 +134,7 @@ class Exchanges(QObject):
         self._show()
 
     def note_use(self, text: str, utterance_id: str, exchange_id: str = "", actor: Actor = CONSOLE) -> None:
-        """The wizard has an answer said, perhaps edited; the newest where none is named."""
+        """Record that the wizard used an answer, perhaps edited; the newest if none is named."""
         row = self._rows.get(exchange_id or next(reversed(self._rows), ""))
         if row is None or row.use or not row.answer:
             return
@@ -151,7 +149,7 @@ class Exchanges(QObject):
 
     def _end(self, exchange_id: str, why: str) -> None:
         if self._rows[exchange_id].state == "preparing":
-            self._change(exchange_id, state="cancelled", detail=why)  # nobody was asked yet
+            self._change(exchange_id, state="cancelled", detail=why)  # the model was not asked yet
         else:
             self._client.cancel(exchange_id, why)
 

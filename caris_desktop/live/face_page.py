@@ -1,4 +1,4 @@
-"""Serves the robot's face as one page to phones and tablets. The page draws what it is told over one websocket."""
+"""Web page of the robot's face for phones and tablets, updated over a websocket."""
 
 import asyncio
 import hmac
@@ -22,18 +22,18 @@ from caris_desktop.domain.translation import tr
 
 _log = logging.getLogger(__name__)
 TOLD_AT_LEAST_EVERY_S = 1.0
-"""So that a page knows that the console is there."""
+"""Keep-alive interval in s."""
 _MOST_PAGES = 8
 _CLOSES_WITHIN_S = 1.0
-# Whoever has not asked by then only holds a place.
+# Time for a request, before the connection is dropped.
 _OPENS_WITHIN_S = 3.0
 
 
 class FacePage:
-    """What every page shows is the newest of ``show``: a page that is slow leaves out what came between.
+    """Serves the face page. Pages show the newest of ``show``; a slow one skips intermediate values.
 
-    All but ``show`` runs on the loop of the asyncio thread. The address has a secret part, without which nothing is
-    served. ``told`` is called there with how many pages are open.
+    Everything but ``show`` runs on the asyncio thread's loop. The address contains a secret token. ``told`` is called
+    there with the number of open pages.
     """
 
     def __init__(self, told: Callable[[int], None]) -> None:
@@ -45,7 +45,7 @@ class FacePage:
         self._pages: set[asyncio.Event] = set()
 
     async def open(self, *, network: bool) -> str:
-        """Serve it; the address that a browser is given. Raises ToldFailure."""
+        """Start the server; returns the address for a browser. Raises ToldFailure."""
         self._loop = asyncio.get_running_loop()
         host = "0.0.0.0" if network else "127.0.0.1"  # noqa: S104 - the scenario asks for it
         try:
@@ -71,7 +71,7 @@ class FacePage:
             self._server = None
 
     def show(self, shown: Drawing | bytes) -> None:
-        """A drawing, or a picture as JPEG. Any thread."""
+        """Show a drawing or JPEG data. Any thread."""
         newest = shown if isinstance(shown, bytes) else json.dumps({"drawing": shown.plain()})
         loop = self._loop
         if loop is not None and not loop.is_closed():
@@ -83,7 +83,7 @@ class FacePage:
             page.set()
 
     def _answer(self, _connection: ServerConnection, request: Request) -> Response | None:
-        """None: it is the websocket of the page."""
+        """Answer an HTTP request; None for the page's websocket."""
         token, _, rest = request.path.removeprefix("/").partition("/")
         known = hmac.compare_digest(token.encode("utf-8", "surrogateescape"), self._token.encode())
         if not known or not is_own_host(request.headers.get_all("host")):
@@ -103,7 +103,7 @@ class FacePage:
         return _response(HTTPStatus.OK, page, "text/html", {"Content-Security-Policy": policy})
 
     async def _serve(self, connection: ServerConnection) -> None:
-        """Until the page is closed. What a page says is not listened to."""
+        """Serve a page until it is closed; its messages are ignored."""
         changed = asyncio.Event()
         changed.set()
         self._pages.add(changed)
@@ -137,7 +137,7 @@ def _response(status: HTTPStatus, text: str, kind: str, more: dict[str, str] | N
 
 
 def _address_in_network() -> str:
-    """This computer's address as others of its network know it. Sends nothing."""
+    """This computer's address in its network. Sends nothing."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.1", 9))

@@ -1,4 +1,4 @@
-"""The map's own grid as a layer of the view: made some rows at a time, painted from a picture of what is in view."""
+"""Grid layer of the map view: rendered in bands of rows, painted from an image of the visible part."""
 
 import time
 
@@ -14,15 +14,15 @@ from caris_desktop.ui.widgets.map_raster import GridRaster
 from caris_desktop.ui.widgets.map_viewport import MapViewport
 
 OCCUPIED = 65
-"""Cells from this value on are obstacles, as in ROS' map_server."""
+"""Occupancy from which a cell is an obstacle, as in ROS map_server."""
 
 _SMOOTH_AREA_PX = 700_000
 
 
 class GridLayer(QObject):
-    """``newest`` is the grid that was told last, ``shown`` the one that is painted, of which ``raster`` was made."""
+    """Grid layer. ``newest``: latest grid received; ``shown``: the painted one, rendered as ``raster``."""
 
-    rendered = Signal(bool)  # whether it is the first to be shown
+    rendered = Signal(bool)  # whether it is the first one
 
     def __init__(self, theme: Theme, parent: QObject) -> None:
         super().__init__(parent)
@@ -31,7 +31,7 @@ class GridLayer(QObject):
         self.shown: OccupancyGrid | None = None
         self.raster: GridRaster | None = None
         self.slowest_band_ms = 0.0
-        self._rendering: GridRaster | None = None  # being made, or gone over
+        self._rendering: GridRaster | None = None  # being rendered or updated
         self._picture: QImage | None = None
         self._key: object = None
         self._version = 0
@@ -42,28 +42,28 @@ class GridLayer(QObject):
             self.raster = self._rendering = self.shown = self._picture = None
         elif self._rendering is None:
             self._begin(grid)
-        # Else a map is being made; the newest one is begun when that is done.
+        # Otherwise the newest grid is rendered after the current one.
 
     def color(self) -> None:
-        """The theme has other colours."""
+        """Apply a changed theme."""
         for raster in (self.raster, self._rendering):
             if raster is not None:
                 raster.color(self._theme)
         self._key = None
 
     def value_at(self, at: QPointF) -> int | None:
-        """0..100 at a point of the map, None where the map knows nothing."""
+        """Occupancy 0..100 at a map point; None if unknown."""
         return None if self.raster is None else self.raster.value_at(at.x(), at.y())
 
     def refusal_at(self, at: QPointF) -> str:
-        """Why the robot cannot be there; empty where it can."""
+        """Reason why the robot cannot be at this point; empty if it can."""
         value = self.value_at(at)
         if value is not None and value >= OCCUPIED:
             return tr("There is an obstacle: choose free ground")
         return ""
 
     def corners_in_map(self) -> list[Pose2D]:
-        """The corners of what is known; none where nothing is."""
+        """Corners of the known area; empty if nothing is known."""
         known = QRectF() if self.raster is None else self.raster.bounds_in_grid()
         if self.raster is None or known.isEmpty():
             return []
@@ -132,7 +132,7 @@ class GridLayer(QObject):
             small = size.width() * size.height() <= _SMOOTH_AREA_PX
             smooth = small and cell_m * viewport.scale < 3.0
             onto.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, smooth)
-            # Qt draws bytes with a colour table at a quarter of the speed; what is in view is few cells.
+            # Qt draws indexed images at a quarter of the speed; the visible part has few cells.
             seen = to_view.inverted()[0].mapRect(QRectF(view.rect())).toAlignedRect().adjusted(-1, -1, 1, 1)
             seen = seen.intersected(raster.images[level].rect())
             if not seen.isEmpty():

@@ -1,4 +1,4 @@
-"""What lies on the map: scan, trail, path and footprint as numbers, and the marks that are drawn for them."""
+"""Map layers: scan, trail, path and footprint as arrays, and drawing of their marks."""
 
 import math
 from collections import deque
@@ -13,7 +13,7 @@ from caris_desktop.domain.sensing import LaserScan
 
 TRAIL_STEP_M = 0.05
 TRAIL_POINTS = 4000
-"""Two hundred metres of trail; older parts are forgotten."""
+"""Maximum points of the trail: two hundred metres."""
 
 _TRAIL_JUMP_M = 1.0
 _TRAIL_SHADES = 8
@@ -21,16 +21,18 @@ _DOT_PX = 2
 
 
 def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
-    """Where the beams ended, float64 of shape (returns, 2), metres in the map; none where nobody told the laser's."""
+    """End points of the beams, float64 of shape (returns, 2), metres in the map; empty if the pose of the laser is
+    unknown.
+    """
     if scan.robot_from_laser is None:
         return np.zeros((0, 2))
     return scan.points(map_from_robot @ scan.robot_from_laser)
 
 
 def distinct_dots(points_px: NDArray[np.float64], width_px: int, height_px: int) -> NDArray[np.int64]:
-    """The points inside a view, each spot of two by two pixels once: int64 of shape (spots, 2), pixels.
+    """Points inside the view, merged to spots of two by two pixels: int64 of shape (spots, 2), px.
 
-    Most beams of a scan end on the same few pixels of a map that shows a whole building.
+    On a map of a whole building, most beams end on the same few pixels.
     """
     inside = ((points_px >= 0) & (points_px < (width_px, height_px))).all(axis=1)
     cells = points_px[inside].astype(np.int64) // _DOT_PX
@@ -40,7 +42,7 @@ def distinct_dots(points_px: NDArray[np.float64], width_px: int, height_px: int)
 
 
 class Trail:
-    """Where the robot has been, a point every five centimetres, the newest ``TRAIL_POINTS`` of them."""
+    """Driven path: a point every five centimetres, the newest ``TRAIL_POINTS``."""
 
     def __init__(self) -> None:
         self._points: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
@@ -54,7 +56,7 @@ class Trail:
             if moved_m < TRAIL_STEP_M:
                 return
             if moved_m > _TRAIL_JUMP_M and not math.isnan(self._points[-1][0]):
-                # Localization found itself elsewhere: the robot did not drive that line.
+                # A jump of the localization, which the robot did not drive.
                 self._points.append((math.nan, math.nan))
         self._points.append((pose.x_m, pose.y_m))
 
@@ -62,7 +64,7 @@ class Trail:
         self._points.clear()
 
     def pieces(self) -> list[tuple[float, NDArray[np.float64]]]:
-        """(strength 0..1, points of shape (n, 2) in metres) from the oldest part to the newest."""
+        """Pieces as (strength 0..1, points of shape (n, 2) in metres), oldest first."""
         points = np.array(self._points, np.float64).reshape(-1, 2)
         pieces: list[tuple[float, NDArray[np.float64]]] = []
         per_shade = max(2, math.ceil(len(points) / _TRAIL_SHADES))
@@ -77,7 +79,7 @@ class Trail:
 
 
 def polygon(points: NDArray[np.float64] | list[tuple[float, float]], to_view: QTransform) -> QPolygonF:
-    """Points of the map as a line in the view."""
+    """Map points as a polyline in the view."""
     m11, m12, m21, m22 = to_view.m11(), to_view.m12(), to_view.m21(), to_view.m22()
     dx, dy = to_view.dx(), to_view.dy()
     array = np.asarray(points, np.float64)
@@ -87,7 +89,7 @@ def polygon(points: NDArray[np.float64] | list[tuple[float, float]], to_view: QT
 
 
 def thinned(points: NDArray[np.float32], at_most: int = 400) -> NDArray[np.float64]:
-    """A line of many points with no more than so many; its end stays."""
+    """Line reduced to at most this many points, keeping its end."""
     step = max(1, math.ceil(len(points) / at_most))
     kept = points[::step]
     if len(points) and step > 1:
@@ -96,13 +98,13 @@ def thinned(points: NDArray[np.float32], at_most: int = 400) -> NDArray[np.float
 
 
 def outline_in_map(outline_m: tuple[tuple[float, float], ...], pose: Pose2D) -> list[tuple[float, float]]:
-    """The footprint where the robot stands."""
+    """Footprint at a pose."""
     cos, sin = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
     return [(pose.x_m + cos * x - sin * y, pose.y_m + sin * x + cos * y) for x, y in outline_m]
 
 
 def pin(tip: QPointF) -> QPainterPath:
-    """The drop of a map pin, its point at ``tip``."""
+    """Path of a map pin with its tip at ``tip``."""
     x, y = tip.x(), tip.y()
     path = QPainterPath(tip)
     path.cubicTo(x - 4, y - 9, x - 13, y - 14, x - 13, y - 24)
@@ -115,9 +117,9 @@ def pin(tip: QPointF) -> QPainterPath:
 def draw_pin(
     painter: QPainter, tip: QPointF, heading_rad: float, *, color: QColor, ground: QColor, beam_px: float, hollow: bool
 ) -> None:
-    """The robot: a pin with a nose and a beam towards ``heading_rad`` of the view (counter-clockwise from right).
+    """Draw the robot: pin, nose and beam towards ``heading_rad`` in the view (counter-clockwise from right).
 
-    ``hollow``: outlined with dashes, because it is not known where the robot is now.
+    ``hollow``: dashed outline for an unknown pose.
     """
     heading = QPointF(math.cos(heading_rad), -math.sin(heading_rad))
     side = QPointF(-heading.y(), heading.x())
@@ -137,7 +139,7 @@ def draw_pin(
     beam.setAlpha(60)
     painter.setPen(Qt.PenStyle.NoPen)
     painter.setBrush(beam)
-    # Qt counts angles counter-clockwise from the right in sixteenths of a degree.
+    # Qt angles: counter-clockwise from the right, in sixteenths of a degree.
     painter.drawPie(
         QRectF(tip.x() - beam_px, tip.y() - beam_px, 2 * beam_px, 2 * beam_px),
         round((math.degrees(heading_rad) - 27) * 16), 54 * 16,
@@ -153,7 +155,7 @@ def draw_pin(
 
 
 def draw_arrow(painter: QPainter, at: QPointF, heading_rad: float, *, color: QColor, length_px: float) -> None:
-    """An arrow from ``at`` towards ``heading_rad`` of the view, with a ring at its foot."""
+    """Draw an arrow from ``at`` towards ``heading_rad`` in the view, with a ring at its base."""
     heading = QPointF(math.cos(heading_rad), -math.sin(heading_rad))
     side = QPointF(-heading.y(), heading.x())
     end = at + heading * length_px

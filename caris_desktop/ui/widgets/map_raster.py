@@ -1,4 +1,4 @@
-"""An occupancy grid as pictures for painting: made some rows at a time, changed only where the grid changed."""
+"""Rasterised occupancy grid: mipmap images, rendered in bands and updated only where cells changed."""
 
 from collections.abc import Sequence
 
@@ -11,22 +11,22 @@ from caris_desktop.domain.sensing import OccupancyGrid
 from caris_desktop.ui.theme import Theme
 
 CELLS_AT_ONCE = 500_000
-"""Cells looked at in one go, which takes a millisecond, and a busy machine five."""
+"""Cells per band: a millisecond of work, five on a busy machine."""
 
 _SMALLEST_LEVEL = 256
 
 
 class GridRaster:
-    """A grid and its halvings, as pictures of one byte a cell.
+    """Grid with mipmap levels as images of one byte per cell.
 
-    A byte is 0 for unknown, else 1 + occupancy. A halving keeps the greatest of four cells, so that a wall of one
-    cell is still there when a whole building fits into the view; unknown gives way to whatever is known.
+    A byte is 0 for unknown, else 1 + occupancy. A level keeps the maximum of four cells, so that a one-cell wall
+    remains visible when a whole building is in view; known cells override unknown ones.
     """
 
     def __init__(self, grid: OccupancyGrid) -> None:
         self.grid = grid
         height, width = grid.cells.shape
-        # A row of a picture starts at a multiple of four bytes.
+        # QImage rows are aligned to four bytes.
         self._levels: list[NDArray[np.uint8]] = [_blank(height, width)]
         while max(self._levels[-1].shape) > _SMALLEST_LEVEL:
             rows, columns = self._levels[-1].shape
@@ -34,7 +34,7 @@ class GridRaster:
         self.images = [_picture_of(level) for level in self._levels]
         self._known_rows = np.zeros(height, bool)
         self._known_columns = np.zeros(width, bool)
-        # Whole blocks of the coarsest level, so that no halving needs rows of the next band.
+        # Multiple of the coarsest level's block, so that no level needs rows of the next band.
         block = 1 << (len(self._levels) - 1)
         self._rows_per_band = max(block, CELLS_AT_ONCE // max(1, width) // block * block)
         self._next_row = 0
@@ -46,23 +46,23 @@ class GridRaster:
         return bool(self._next_row >= len(self.grid.cells))
 
     def fits(self, grid: OccupancyGrid) -> bool:
-        """Whether ``grid`` is another state of the same map, whose changes alone need work."""
+        """Whether ``grid`` is an update of the same map, so that only changes need work."""
         mine = self.grid
         if grid.cells.shape != mine.cells.shape or grid.resolution_m != mine.resolution_m:
             return False
         return grid.origin_in_map == mine.origin_in_map
 
     def begin(self, grid: OccupancyGrid) -> None:
-        """Take another state of the same map: :meth:`render_band` goes over it once more."""
+        """Start an update of the same map, applied by :meth:`render_band`."""
         self.grid = grid
         self._next_row = 0
         self._fresh = False
         self.rows_changed = 0
 
     def render_band(self) -> None:
-        """Take over the next rows of the grid."""
+        """Render the next band of rows."""
         first = self._next_row
-        # int8 seen as uint8: -1 is 255, and one more is 0.
+        # int8 viewed as uint8: -1 is 255, and 255 + 1 wraps to 0.
         band = self.grid.cells[first : first + self._rows_per_band].view(np.uint8) + np.uint8(1)
         last = first + len(band)
         self._next_row = last
@@ -86,20 +86,20 @@ class GridRaster:
             _halve(finer[2 * first : 2 * last], coarser[first:last])
 
     def level_for(self, cell_px: float) -> int:
-        """The coarsest level whose cells are at most a pixel and a half in the view."""
+        """Coarsest level whose cells cover at most 1.5 px in the view."""
         level = 0
         while level + 1 < len(self._levels) and cell_px * 2 ** (level + 1) <= 1.5:
             level += 1
         return level
 
     def color(self, theme: Theme) -> None:
-        """Put the theme's colours on."""
+        """Set the theme's colour table."""
         table = _color_table(theme)
         for image in self.images:
             image.setColorTable(table)
 
     def value_at(self, x_m: float, y_m: float) -> int | None:
-        """Occupancy 0..100 at a point of the map; None where it is unknown or outside."""
+        """Occupancy 0..100 at a map point; None if unknown or outside."""
         grid = self.grid
         inside = grid.origin_in_map.inverse()
         cos, sin = np.cos(inside.heading_rad), np.sin(inside.heading_rad)
@@ -112,7 +112,7 @@ class GridRaster:
         return value if value >= 0 else None
 
     def bounds_in_grid(self) -> QRectF:
-        """What the map knows of, in metres from its corner along its own axes; empty for nothing."""
+        """Known area in metres from the grid's corner, along its axes; empty if nothing is known."""
         rows, columns = np.flatnonzero(self._known_rows), np.flatnonzero(self._known_columns)
         if not rows.size or not columns.size:
             return QRectF()
@@ -124,19 +124,19 @@ class GridRaster:
 
 
 def _blank(rows: int, columns: int) -> NDArray[np.uint8]:
-    """Zeros whose rows start at multiples of four bytes."""
+    """Zeros with rows aligned to four bytes."""
     return np.zeros((rows, (columns + 3) // 4 * 4), np.uint8)[:, :columns]
 
 
 def _picture_of(level: NDArray[np.uint8]) -> QImage:
     rows, columns = level.shape
-    # The whole buffer, padding included; the array lives as long as the raster that holds both.
+    # The whole buffer with padding; the raster owns both array and image.
     buffer = level.base if isinstance(level.base, np.ndarray) else level
     return QImage(buffer.data, columns, rows, level.strides[0], QImage.Format.Format_Indexed8)
 
 
 def _halve(finer: NDArray[np.uint8], coarser: NDArray[np.uint8]) -> None:
-    """The greatest of each two by two cells; the last row or column may stand alone."""
+    """Maximum of each block of two by two cells; an odd last row or column stays alone."""
     rows = len(finer) // 2
     pairs = np.maximum(finer[0 : 2 * rows : 2], finer[1 : 2 * rows : 2])
     if len(finer) % 2:
@@ -162,6 +162,6 @@ def _channels(color: QColor) -> tuple[int, int, int]:
 
 
 def _packed(channels: Sequence[int]) -> int:
-    """An opaque colour as Qt packs it, of red, green and blue."""
+    """Opaque colour in Qt's packed format."""
     red, green, blue = channels
     return 0xFF000000 | red << 16 | green << 8 | blue

@@ -1,4 +1,4 @@
-"""What the wizard says on the map: where to go, where a place is, where the robot stands, and what they are called."""
+"""Map tools: navigation goals, places and robot pose, with their popups."""
 
 import math
 
@@ -30,7 +30,7 @@ _HINTS: dict[Tool, str] = {
 
 
 def icon_button(theme: Theme, name: str, icon: str, text: str, key: str = "") -> ActionButton:
-    """A small button without words: ``text`` is its name, and its tip with the key that does the same."""
+    """Icon button without text; ``text`` is its accessible name and tooltip, with the key."""
     button = ActionButton(theme, "", icon=icon, height_px=30)
     button.setObjectName(name)
     button.setAccessibleName(text)
@@ -39,9 +39,9 @@ def icon_button(theme: Theme, name: str, icon: str, text: str, key: str = "") ->
 
 
 class MapTools(QObject):
-    """Tools over the edge of the view, and cards where it is clicked. ``by_odometry``: what is drawn is no map."""
+    """Tool buttons at the view's edge, and popups at clicked points. ``by_odometry``: there is no map."""
 
-    told = Signal(str, str, float)  # words, role, how long they are shown
+    told = Signal(str, str, float)  # text, role, display time in seconds
     changed = Signal()
 
     def __init__(self, panel: Panel, view: MapView) -> None:
@@ -71,7 +71,7 @@ class MapTools(QObject):
         self._theme.changed.connect(self.arrange)
 
     def show_what_can_be(self) -> None:
-        """The tools that this robot has a use for."""
+        """Show the tools that the robot supports."""
         if self._tools:
             self._tools["goal"].setVisible(self.may_go and self.can_navigate())
             self._tools["place"].setVisible(self.may_go)
@@ -79,7 +79,7 @@ class MapTools(QObject):
             self.arrange()
 
     def toggle_goal(self) -> bool:
-        """Take the tool that says where to go, or put it away; False where there is none."""
+        """Toggle the goal tool; False if there is none."""
         if not self.may_go or self._tools["goal"].isHidden():
             return False
         self.take("look" if self._view.shown.tool == "goal" else "goal")
@@ -103,7 +103,7 @@ class MapTools(QObject):
         return lambda checked=False: self.take(tool if checked else "look")  # type: ignore[arg-type]
 
     def arrange(self) -> None:
-        """Down the left edge, or along it where the panel is low."""
+        """Arrange the tools along the left edge, horizontally in a low panel."""
         left, top = 8, 8
         upright = self._panel.height() >= 34 * len(self._tools) + 12
         for button in self._tools.values():
@@ -160,7 +160,7 @@ class MapTools(QObject):
             self._card.offer(where, name, choices, per_row=2)
 
     def goal_speed(self) -> str:
-        """How fast a goal is driven to; said before one is chosen."""
+        """Speed limit on the way to a goal, shown before one is chosen."""
         return words.goal_speed(self._state.robot.value, self._state.drive.value, begins=True)[0]
 
     def _on_ground_clicked(self, at: QPointF, where: QPointF) -> None:
@@ -278,7 +278,7 @@ class MapTools(QObject):
 
     @property
     def may_go(self) -> bool:
-        """Never in a replay, whose table has no marks to set either."""
+        """Whether commands are possible; never in a replay, whose table has no marks either."""
         return self._drives and self._table.spec("mark") is not None
 
     def can_navigate(self) -> bool:
@@ -290,7 +290,7 @@ class MapTools(QObject):
         return robot is not None and robot.initial_pose is not None
 
     def _refuse_place(self) -> bool:
-        """A point of what odometry drew is none that the robot could be sent to."""
+        """Refuse a point in the odometry frame: the robot cannot be sent there."""
         if self.by_odometry:
             self.told.emit(tr("Goals and places need a map"), "warning", _NO_PLACE_SHOWN_S)
         return self.by_odometry

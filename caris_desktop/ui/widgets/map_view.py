@@ -1,4 +1,4 @@
-"""The map as a widget: shows what it is told, and turns the pointer into places and headings on it."""
+"""Map view: displays map state and converts mouse input to points and headings."""
 
 import math
 from collections.abc import Sequence
@@ -31,18 +31,18 @@ from caris_desktop.ui.widgets.map_layers import scan_points_in_map, thinned
 from caris_desktop.ui.widgets.map_viewport import MapViewport
 
 REPAINT_MS = 80
-"""What the robot sends is painted at most so often: a map does not need the rate of a video."""
+"""Minimum interval between repaints in ms: a map does not need video rate."""
 
 _DRAG_PX = 6
 _AIM_PX = 12
 
 
 class MapView(QWidget):
-    """The map. Metres scale to pixels; up is north, or where the robot looks.
+    """Map view; up is north, or the robot's heading.
 
-    With the tool ``look`` a drag moves the map and a click only says where it was (``ground_clicked``,
-    ``place_clicked``). With another tool a press and a drag say a place and a heading (``aimed``), once; Esc or the
-    right button give it up. Nothing here moves the robot.
+    With the tool ``look`` a drag pans the map and a click reports its point (``ground_clicked``, ``place_clicked``).
+    With another tool a press and drag set a point and heading (``aimed``), once; Esc or the right button cancels. The
+    view never moves the robot.
     """
 
     accessible_role = QAccessible.Role.Graphic
@@ -52,8 +52,8 @@ class MapView(QWidget):
     tool_changed = Signal(str)
     place_clicked = Signal(str, QPointF)
     ground_clicked = Signal(QPointF, QPointF)  # metres in the map, pixels in the view
-    aimed = Signal(str, object, bool)  # tool, Pose2D, whether the heading was chosen
-    moved = Signal()  # what lies under a point of the view is another place now
+    aimed = Signal(str, object, bool)  # tool, Pose2D, whether a heading was set
+    moved = Signal()  # pan or zoom changed
 
     def __init__(self, theme: Theme, panel: Panel, places: tuple[Place, ...] = ()) -> None:
         super().__init__(panel)
@@ -73,16 +73,16 @@ class MapView(QWidget):
         self._dragged = False
         self._soon = QTimer(self, singleShot=True, interval=REPAINT_MS)
         self._soon.timeout.connect(self.update)
-        self.left_px = 0  # covered by tools; the whole map is fitted beside them
+        self.left_px = 0  # covered by tools; fit() leaves it free
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setAccessibleName(tr("Map with the robot's position"))
-        # Everything is painted, corners included: nothing that lies below is painted first.
+        # Every pixel is painted, so Qt need not paint what lies below.
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.grid.rendered.connect(self._on_rendered)
         theme.changed.connect(self._on_theme_changed)
 
-    # ---- what is shown
+    # ---- display
 
     def show_map(self, grid: OccupancyGrid | None) -> None:
         self.grid.show(grid)
@@ -92,7 +92,7 @@ class MapView(QWidget):
     def _on_rendered(self, first: bool) -> None:
         if first or not self._fitted:
             if self.follow:
-                self._fitted = True  # who follows the robot looks from near
+                self._fitted = True  # following implies a close view
             else:
                 self.fit()
         self.update()
@@ -111,7 +111,7 @@ class MapView(QWidget):
         self._update_soon()
 
     def show_scan(self, scan: LaserScan | None) -> None:
-        # Points are placed with the pose of their own moment, so they do not swim when only the pose moves on.
+        # Scan points are placed with the pose at scan time, so that they do not swim with later poses.
         here = self.shown.pose
         self.shown.scan_points_m = None if scan is None or here is None else scan_points_in_map(scan, here)
         self._update_soon()
@@ -123,9 +123,9 @@ class MapView(QWidget):
     def show_people(
         self, people: tuple[tuple[PersonPlace, str, bool], ...], freshness: str, *, meant: str = ""
     ) -> None:
-        """Where people are, what they are called, and whether that is a name that the wizard gave.
+        """Set positions and labels of people, and whether each is a given name.
 
-        ``meant`` is the id of whom the wizard selected.
+        ``meant``: id of the selected person.
         """
         self.shown.people, self.shown.people_freshness, self.shown.meant = people, freshness, meant
         self._update_soon()
@@ -148,7 +148,7 @@ class MapView(QWidget):
         self._update_soon()
 
     def show_chips(self, chips: list[tuple[str, str]]) -> None:
-        """Lines of (words, role) at the upper edge; a role is warning, good, bad or hint."""
+        """Set lines of (text, role) at the upper edge; roles: warning, good, bad, hint."""
         if chips != self.shown.chips:
             self.shown.chips = chips
             self.update()
@@ -158,7 +158,7 @@ class MapView(QWidget):
         return self.shown.chips
 
     def show_mark(self, at: QPointF | None) -> None:
-        """A ring around the point of the map that a card asks about."""
+        """Set the marker of the point that a popup asks about."""
         if at != self.shown.mark:
             self.shown.mark = at
             self.update()
@@ -194,7 +194,7 @@ class MapView(QWidget):
         if not self._soon.isActive():
             self._soon.start()
 
-    # ---- where the view is
+    # ---- viewport
 
     def set_follow(self, follow: bool) -> None:
         if follow != self.follow:
@@ -207,7 +207,7 @@ class MapView(QWidget):
             self.update()
 
     def set_rotate(self, rotate: bool) -> None:
-        """Turn the map so that up is where the robot looks; north again without."""
+        """Rotate the map with the robot's heading up, or north up."""
         pose = self.shown.pose
         if rotate != self.shown.rotate:
             self.shown.rotate = rotate
@@ -225,7 +225,7 @@ class MapView(QWidget):
             self.moved.emit()
 
     def fit(self) -> None:
-        """Show the known part of the map, the places and the robot."""
+        """Fit the known part of the map, the places and the robot."""
         poses = [place.pose_in_map for place in self.shown.places]
         if self.shown.pose is not None:
             poses.append(self.shown.pose)
@@ -246,7 +246,7 @@ class MapView(QWidget):
         return QPolygonF([self.viewport.turned(pose.x_m, pose.y_m) for pose in poses]).boundingRect()
 
     def zoom(self, factor: float, about: QPointF | None = None) -> None:
-        """Show more or less, with the point ``about`` of the view staying where it is."""
+        """Zoom around the point ``about`` of the view."""
         point = about if about is not None and not self.follow else QPointF(self.width() / 2, self.height() / 2)
         self.viewport.zoom(factor, point)
         self._viewed_by_hand = True
@@ -254,7 +254,7 @@ class MapView(QWidget):
         self.update()
 
     def place_position(self, name: str) -> QPoint | None:
-        """Where a place is in this widget, for pointing at it."""
+        """Position of a place in the widget."""
         place = next((place for place in self.shown.places if place.name == name), None)
         return None if place is None else self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m).toPoint()
 
@@ -271,10 +271,10 @@ class MapView(QWidget):
         self._drawing.paint(painter)
         draw_card_edge(painter, self._theme, QRectF(self.rect()), self._drawing.painted, active=self._panel.active)
 
-    # ---- pointer and keys
+    # ---- mouse and keyboard
 
     def set_tool(self, tool: Tool, *, at: QPointF | None = None) -> None:
-        """Take a tool. With ``at`` the place is chosen already, and the next click says the heading."""
+        """Select a tool. With ``at`` the point is set, and the next click sets the heading."""
         changed = tool != self.shown.tool
         self.shown.tool = tool
         self.shown.aim = Aim(at, None, anchored=True) if tool != "look" and at is not None else None
@@ -285,7 +285,7 @@ class MapView(QWidget):
         self.update()
 
     def give_up(self) -> None:
-        """Esc: whatever was begun on the map is forgotten."""
+        """Esc: cancel the current operation."""
         self._press = self._pan_from = None
         if self.shown.tool != "look":
             self.set_tool("look")
@@ -395,7 +395,7 @@ class MapView(QWidget):
         if aim is None:
             return
         if self.grid.refusal_at(aim.at):
-            # The tool stays, so that another place can be chosen at once.
+            # The tool stays active for another try.
             self.shown.aim = None
             self.show_hint(self.grid.refusal_at(aim.at))
             return
@@ -404,7 +404,7 @@ class MapView(QWidget):
         self.aimed.emit(tool, Pose2D(aim.at.x(), aim.at.y(), heading_rad), aim.heading_rad is not None)
 
     def heading_towards(self, at: QPointF) -> float:
-        """Direction of travel from the robot to a point; the robot's own heading where it stands there already."""
+        """Direction from the robot to a point; the robot's heading if it is already there."""
         if self.shown.pose is None:
             return 0.0
         right, up = at.x() - self.shown.pose.x_m, at.y() - self.shown.pose.y_m

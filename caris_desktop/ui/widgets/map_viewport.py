@@ -1,4 +1,4 @@
-"""Which part of the map is in view: metres in the map to pixels of the view, and back."""
+"""Viewport of the map: conversion between metres in the map and px of the view."""
 
 import math
 
@@ -13,8 +13,8 @@ _FOLLOWING_SCALE = 45.0
 
 
 class MapViewport:
-    """``center`` is in the middle of ``view``, ``scale`` pixels are a metre; the map is drawn turned by ``turn_rad``,
-    counter-clockwise.
+    """``center`` is the map point in the middle of ``view``, ``scale`` is in px per metre; the map is rotated by
+    ``turn_rad``, counter-clockwise.
     """
 
     def __init__(self, view: QWidget) -> None:
@@ -24,7 +24,7 @@ class MapViewport:
         self.turn_rad = 0.0
 
     def transform(self) -> QTransform:
-        """From metres in the map to pixels in the view."""
+        """Transform from metres in the map to px of the view."""
         transform = QTransform()
         transform.translate(self._view.width() / 2, self._view.height() / 2)
         transform.scale(self.scale, -self.scale)
@@ -40,30 +40,30 @@ class MapViewport:
         return inverted.map(point)
 
     def turned(self, x_m: float, y_m: float) -> QPointF:
-        """A point of the map as it lies once the map is turned, still in metres."""
+        """Map point after the rotation, in metres."""
         cos, sin = math.cos(self.turn_rad), math.sin(self.turn_rad)
         return QPointF(cos * x_m - sin * y_m, sin * x_m + cos * y_m)
 
     def turn_up(self, heading_rad: float | None) -> None:
-        """Let up be this direction of the map; north without one."""
+        """Rotate this map direction up; north if None."""
         self.turn_rad = 0.0 if heading_rad is None else wrap_angle(math.pi / 2 - heading_rad)
 
     def come_near(self) -> None:
-        """Near enough to follow a robot."""
+        """Zoom in far enough to follow the robot."""
         self.scale = max(self.scale, _FOLLOWING_SCALE)
 
     def zoom(self, factor: float, about: QPointF) -> None:
-        """Show more or less, with the point ``about`` of the view staying where it is."""
+        """Zoom around the point ``about`` of the view."""
         before = self.to_map(about)
         self.scale = min(max(self.scale * factor, _MIN_SCALE), _MAX_SCALE)
         self.center += before - self.to_map(about)
 
     def drag(self, before: QPointF, now: QPointF) -> None:
-        """Move the map with a pointer that went from one point of the view to another."""
+        """Pan by a drag between two points of the view."""
         self.center += self.to_map(before) - self.to_map(now)
 
     def show(self, bounds: QRectF, *, left_px: int) -> None:
-        """Let these bounds of the turned map fill the view, beside what covers its left edge."""
+        """Fit bounds of the rotated map into the view, right of its covered left edge."""
         width, height = self._view.width(), self._view.height()
         fitting = min((width - left_px - 24) / bounds.width(), (height - 24) / bounds.height())
         self.scale = min(max(fitting, _MIN_SCALE), _MAX_SCALE)

@@ -1,4 +1,4 @@
-"""A photo that was just kept, small, for a moment in the corner of the picture."""
+"""Thumbnail of a photo just taken, shown briefly in the corner of the picture."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,14 @@ _EDGE_PX = 8
 
 
 def thumbnail_of(image_bgr: NDArray[np.uint8]) -> QImage:
-    """A small copy. ``image_bgr`` is uint8, shape (height, width, 3)."""
+    """Thumbnail of ``image_bgr``, uint8 of shape (height, width, 3)."""
     height, width = image_bgr.shape[:2]
     image = QImage(image_bgr.data, width, height, 3 * width, QImage.Format.Format_BGR888)
     return image.scaledToWidth(_PICTURE_PX, Qt.TransformationMode.FastTransformation)
 
 
 class PhotoThumbnail(QWidget):
-    """Lies over the lower right of ``over``; clicks go through it."""
+    """Thumbnail over the lower right of ``over``, transparent to the mouse."""
 
     accessible_role = QAccessible.Role.Graphic
 
@@ -46,7 +46,7 @@ class PhotoThumbnail(QWidget):
         return self._image
 
     def show_photo(self, image: QImage | None, line: str, file_name: str) -> None:
-        """``image`` None where the picture is not known any more: then only the words."""
+        """Show the thumbnail; only the text if ``image`` is None."""
         self._image, self._line = image, line
         self.setAccessibleName(f"{line}: {file_name}")
         self._place()

@@ -1,14 +1,14 @@
-"""A list of any length whose cost does not grow with it: uniform rows, measured never, painted where they are seen."""
+"""Fast table view for lists of any length: uniform rows, painted only when visible."""
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QAbstractItemView, QFrame, QHeaderView, QTableView
 
 
 class RowList(QTableView):
-    """Shows a list model in rows of one height.
+    """Displays a list model in rows of equal height.
 
-    A table and not a QListView: that asks the model once for each row whenever one is added, with uniform item sizes
-    too. A click takes no focus, so that neither typing nor driving is interrupted by it.
+    Not a QListView, which queries every row on each insertion, even with uniform item sizes. A click does not take the
+    focus, so that it interrupts neither typing nor driving.
     """
 
     def __init__(self, *, row_px: int) -> None:

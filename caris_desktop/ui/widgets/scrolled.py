@@ -1,4 +1,4 @@
-"""A part that is as large as its content wants where there is room, and scrolled where there is none."""
+"""Scroll area that takes its content's preferred size where there is room."""
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtWidgets import QFrame, QScrollArea, QWidget
@@ -7,7 +7,7 @@ _LEAST_PX = QSize(240, 120)
 
 
 class Scrolled(QScrollArea):
-    """Around ``content``: what cannot be seen is scrolled to, by Tab too, and nothing is cut off."""
+    """Scroll area around ``content``; Tab scrolls to hidden parts."""
 
     def __init__(self, content: QWidget) -> None:
         super().__init__()

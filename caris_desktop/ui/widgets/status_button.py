@@ -1,4 +1,4 @@
-"""A few words at the lower edge of the window that open a list: always in the same place, reached by Tab."""
+"""Status bar button that opens a list; reachable by Tab."""
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
@@ -12,7 +12,7 @@ _ANY_PX = 16_777_215
 
 
 class StatusButton(QAbstractButton):
-    """An icon and words in a colour. Without words it is hidden."""
+    """Icon and coloured text; hidden while the text is empty."""
 
     words_changed = Signal()
 
@@ -34,7 +34,7 @@ class StatusButton(QAbstractButton):
         return self._role
 
     def show_words(self, text: str, icon: str, role: str, *, spoken: str) -> None:
-        """``spoken`` is what a screen reader says of it."""
+        """Set the text; ``spoken``: its accessible name."""
         if not text:
             self.hide()
             self.words_changed.emit()
@@ -50,7 +50,7 @@ class StatusButton(QAbstractButton):
         self.words_changed.emit()
 
     def use_room(self, width_px: int) -> None:
-        """Be no wider than this: the words are cut short."""
+        """Limit the width; the text is elided."""
         if width_px != self._most_px:
             self._most_px = width_px
             self.updateGeometry()
@@ -58,7 +58,7 @@ class StatusButton(QAbstractButton):
 
     @property
     def full_px(self) -> int:
-        """How wide it is with its whole words."""
+        """Width in px with its whole text."""
         return round(QFontMetricsF(self._theme.font(tokens.STATUS_PX)).horizontalAdvance(self.text())) + 24
 
     def sizeHint(self) -> QSize:

@@ -1,4 +1,4 @@
-"""Where the names over a picture stand when people stand close together."""
+"""Placement of name labels over a picture without overlap."""
 
 from collections.abc import Iterator, Sequence
 
@@ -13,11 +13,11 @@ def tag_places(
     picture: QRectF,
     other_words: Sequence[QRectF] = (),
 ) -> list[QPointF | None]:
-    """The upper left corner of each box's tag of that width and height, in the order given; all in pixels.
+    """Top left corner of each box's label of that width and height, in order; all in px.
 
-    A tag stands on its box, or in its upper edge where the picture ends. Where that covers another tag or lies below
-    ``other_words`` over the picture it is lifted by a row or a few, or goes down into its box; larger boxes, which are
-    nearer people, choose first. Where all of that is taken it is None: of two names on one another none can be read.
+    A label is on top of its box, or inside its upper edge where the picture ends. If it would cover another label or
+    ``other_words``, it moves up by one or more rows, or down into its box; larger boxes, which are closer people, come
+    first. Without a free position it is None: overlapping names are illegible.
     """
     places: list[QPointF | None] = [None] * len(boxes)
     taken = list(other_words)
@@ -33,7 +33,7 @@ def tag_places(
 
 
 def _rows(box: QRectF, height: float, picture: QRectF) -> Iterator[float]:
-    """Where a tag may begin in the picture: on its box, above that, and at last within it."""
+    """Candidate positions: on the box, above it, then inside."""
     top = box.top() - height
     while top >= picture.top():
         yield top

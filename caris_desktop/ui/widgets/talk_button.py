@@ -1,4 +1,4 @@
-"""A button that is held while the wizard speaks through the robot, as its key is."""
+"""Push-to-talk button, held while the wizard speaks through the robot."""
 
 from PySide6.QtGui import QHideEvent
 
@@ -11,11 +11,11 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 TALK = "push_to_talk"
-"""The row of the table without which there is no such button."""
+"""Row of the action table that the button requires."""
 
 
 class TalkButton(ActionButton):
-    """Blue while the participant hears, amber until then."""
+    """Blue while the participant hears the wizard, amber until then."""
 
     def __init__(self, theme: Theme, actions: Actions, hold: HoldToDrive, state: LiveState) -> None:
         super().__init__(theme, tr("Talk"), icon="microphone", height_px=30, may_lose_words=True)
@@ -42,6 +42,6 @@ class TalkButton(ActionButton):
         self.set_label(tr("Talk"), look="plain" if not talks else "primary" if microphone.state == "on" else "amber")
 
     def hideEvent(self, event: QHideEvent) -> None:
-        if self.isDown():  # one that nobody holds may be hidden by the end of the window, after what knows the keys
+        if self.isDown():  # on shutdown a button that is not held may be hidden after the key handler was destroyed
             self._hold.mark_released.emit(TALK)
         super().hideEvent(event)

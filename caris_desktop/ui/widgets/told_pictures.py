@@ -1,4 +1,4 @@
-"""What the video and the map show, in sentences: a screen reader has nothing else of a painted picture."""
+"""Video and map as sentences for screen readers."""
 
 from collections.abc import Iterable
 
@@ -7,21 +7,21 @@ from caris_desktop.ui.widgets.frame_view import FrameView
 from caris_desktop.ui.widgets.map_view import MapView
 
 TOLD_EVERY_MS = 5000
-"""Long enough to hear the end of it."""
+"""Minimum interval in ms, long enough to hear a sentence to its end."""
 
 _STILL_THERE_S = 5.0
 
 
 class SeenLately:
-    """Who is in the picture for whoever is told of it: a box comes and goes with each look that finds or misses
-    somebody, and to say all of that would leave no word of anything else.
+    """People seen recently: boxes come and go with single detections, and announcing each change would drown out all
+    else.
     """
 
     def __init__(self) -> None:
         self._seen_s: dict[str, float] = {}
 
     def look(self, view: FrameView, now_s: float) -> None:
-        """As often as it is painted."""
+        """Add the visible people; call on each repaint."""
         self._seen_s.update({name: now_s for name, _named in view.visible_boxes()})
         self._seen_s = {name: at_s for name, at_s in self._seen_s.items() if now_s - at_s <= _STILL_THERE_S}
 
@@ -31,7 +31,7 @@ class SeenLately:
 
 
 def video_told(view: FrameView, names: Iterable[str]) -> str:
-    """Whose boxes are drawn and what the chips say, or the words that stand in the picture's place."""
+    """People in view and label texts, or the message in place of the picture."""
     if view.frame is None:
         return _sentences(view.words_without_picture())
     told = ", ".join(names)
@@ -40,12 +40,10 @@ def video_told(view: FrameView, names: Iterable[str]) -> str:
 
 
 def map_told(view: MapView, lidar: str = "") -> str:
-    """Where the robot is and goes, what the ``lidar`` finds, who and what is drawn, and what the chips say. Metres on
-    the map.
-    """
+    """Robot position and goal, the ``lidar`` text, people, places and label texts. Metres in the map."""
     shown, said = view.shown, list[str]()
     if shown.pose is not None:
-        # To half a metre: what changes with each step is noise to whoever listens.
+        # Rounded to half a metre: small changes are noise to a listener.
         at = {"x": round(shown.pose.x_m * 2) / 2, "y": round(shown.pose.y_m * 2) / 2}
         said.append(tr("The robot is at {x:.1f} m, {y:.1f} m").format(**at))
     else:

@@ -1,4 +1,4 @@
-"""What a self-painted list shows, told to screen readers: each row and each of its buttons, where it is painted."""
+"""Accessible regions: rows and buttons of self-painted lists, for screen readers."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,10 +11,9 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ToldSpot:
-    """One thing to press that is only painted. ``key`` stays the same as long as it is the same thing.
+    """Accessible region of a painted item. ``key`` identifies it.
 
-    ``rect`` is in the coordinates of the widget that paints it. ``name`` is what a screen reader says, ``about`` what
-    it adds when asked.
+    ``rect``: in the coordinates of the painting widget. ``name``: accessible name; ``about``: accessible description.
     """
 
     key: tuple[str, ...]
@@ -24,12 +23,11 @@ class ToldSpot:
 
 
 class ToldRows(QObject):
-    """Keeps one unseen control over each painted spot, so that the accessibility interface finds it, its place and a
-    way to press it.
+    """Keeps an invisible control over each painted item, so that the accessibility interface can find and press it.
 
-    ``painted`` is the widget that paints, ``over`` it or an ancestor of it in which the controls are put: Qt tells of
-    no children of a table but its cells. ``spots`` gives what is in view, ``press`` is called with the key of one that
-    was pressed. Mouse and focus pass them by, as painting has both already.
+    ``painted``: the painting widget; ``over``: it or an ancestor that gets the controls, because Qt exposes no children
+    of a table except its cells. ``spots`` returns the visible regions, ``press`` is called with a pressed key. Controls
+    ignore mouse and focus, which the painting widget handles.
     """
 
     def __init__(
@@ -50,13 +48,13 @@ class ToldRows(QObject):
         painted.installEventFilter(self)
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
-        # Whatever changes what can be seen is painted: rows that come, a scroll, another size.
+        # Any visible change causes a paint event: new rows, scrolling, resizing.
         if event.type() == QEvent.Type.Paint and not self._soon.isActive():
             self._soon.start()
         return False
 
     def refresh(self) -> None:
-        """Tell what is in view now."""
+        """Update the controls to the visible regions."""
         room = self._painted.rect()
         seen = [spot for spot in self._spots() if spot.rect.intersects(room)] if self._painted.isVisible() else []
         while len(self._controls) < len(seen):
@@ -78,7 +76,7 @@ class ToldRows(QObject):
 
 
 class _Control(QAbstractButton):
-    """There for the accessibility interface alone."""
+    """Control for the accessibility interface only."""
 
     def __init__(self, over: QWidget) -> None:
         super().__init__(over)
@@ -99,4 +97,4 @@ class _Control(QAbstractButton):
             self.show()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        """What it stands for has been painted."""
+        """Paint nothing: the item is painted already."""

@@ -1,4 +1,4 @@
-"""What a painted widget shows now, told to screen readers: once in a while at most, and only while one is there."""
+"""Throttled accessible description of a painted widget, updated only while a screen reader runs."""
 
 from collections.abc import Callable
 
@@ -11,11 +11,11 @@ _LOOKS = (QEvent.Type.FocusIn, QEvent.Type.Enter, QEvent.Type.Show)
 
 
 class ToldState(QObject):
-    """Keeps the accessible description of ``widget`` at what ``words`` gives, which is asked for no more than told.
+    """Sets the accessible description of ``widget`` to ``words()``, which is called only when needed.
 
-    Each change is said aloud while the widget has the focus: ``every_ms`` is longer for longer texts.
+    Changes are spoken while the widget is focused: use a longer ``every_ms`` for longer texts.
 
-    Call :meth:`changed` as often as what is shown changes: it costs nothing without a screen reader.
+    Call :meth:`changed` on every change: it is free without a screen reader.
     """
 
     def __init__(self, widget: QWidget, words: Callable[[], str], *, every_ms: int = EVERY_MS) -> None:
@@ -28,7 +28,7 @@ class ToldState(QObject):
         widget.installEventFilter(self)
 
     def changed(self) -> None:
-        """Something is shown otherwise: tell it now, or some time after the last time."""
+        """Update the description now, or once the interval has passed."""
         if not QAccessible.isActive():
             return
         if self._rest.isActive():
@@ -48,7 +48,7 @@ class ToldState(QObject):
             self._tell()
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
-        # Whoever goes there hears how it is now, and a screen reader that was started since then begins so.
+        # Update on focus, and for a screen reader started meanwhile.
         if event.type() in _LOOKS and QAccessible.isActive():
             self._tell()
         return False
