@@ -1,4 +1,4 @@
-"""What fills the gaps in what the robot is to say, as it is now: whom it speaks to, where it goes or stands."""
+"""Template values of the robot's utterances: addressee's name, place."""
 
 import math
 
@@ -9,18 +9,18 @@ from caris_desktop.people.presence import PersonRow, is_unnamed_label
 
 _GOING = ("requested", "active")
 _AT_PLACE_M = 4.0
-"""Who is further away than this stands at no place in particular."""
+"""Maximum distance at which the robot counts as being at a place."""
 
 
 def name_of(state: LiveState, person_id: str, *, naming: bool) -> str:
-    """The name that the wizard gave; empty where there is none, or the scenario names nobody."""
+    """Name given by the wizard; empty if there is none or naming is not permitted."""
     rows: tuple[PersonRow, ...] = (*state.persons.value, *state.everybody.value)
     row = next((row for row in rows if row.person_id == person_id), None)
     return row.name if naming and row is not None and not is_unnamed_label(row.name) else ""
 
 
 def words_now(state: LiveState, person_id: str, *, naming: bool) -> dict[str, Words]:
-    """What is known for the gaps of something said to this person."""
+    """Template values for an utterance to this person."""
     found = {}
     name, place = name_of(state, person_id, naming=naming), place_meant(state)
     if name:
@@ -31,14 +31,14 @@ def words_now(state: LiveState, person_id: str, *, naming: bool) -> dict[str, Wo
 
 
 def given_words(gap: str, said: str, person_id: str) -> Words:
-    """What the wizard wrote into a gap. A name stays out of the record also where it is nobody's yet."""
+    """Template value typed by the wizard. A name is kept out of the record even if it belongs to no known person."""
     if gap != NAME:
         return Words(said, said)
     return Words(said, mark_of(person_id) if person_id else f"{{{NAME}}}")
 
 
 def place_meant(state: LiveState) -> str:
-    """The place that the robot goes to, or else the nearest one; empty where neither is known."""
+    """Name of the goal's place, else of the nearest place; empty if unknown."""
     goal = state.goal.value
     if goal is not None and goal.state in _GOING and goal.place:
         return str(goal.place)

@@ -1,4 +1,4 @@
-"""Forgets a person in a whole study: what the database knows of them is what the recordings are searched for."""
+"""Erasing a person from a whole study: recordings are searched for all that the database knows about them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from caris_desktop.recording.forgetting.review import Review
     from caris_desktop.recording.forgetting.study import Forgotten
     from caris_desktop.recording.forgetting.texts import Decision
-# What does it is imported where it is done: the window stands sooner without.
+# Implementation is imported late: the window opens sooner.
 
 _log = logging.getLogger(__name__)
 _PROGRESS_STEP = 0.01
@@ -28,11 +28,11 @@ _PROGRESS_STEP = 0.01
 
 @dataclass(frozen=True, slots=True)
 class ForgettingAsked:
-    """Whom to forget, and how. ``who`` is an id or a name, and ``also_called`` are further names.
+    """Erase request. ``who`` is an id or name, ``also_called`` further names.
 
-    ``texts``: what becomes of free text that names them, unless ``review``, a list that somebody decided in, says
-    otherwise; empty to have that list written. ``unknown``: also somebody whom the database does not know, by id.
-    ``own_files`` are this user's outside of the study.
+    ``texts``: treatment of free text that names them, unless ``review``, a list of decisions, says otherwise; empty to
+    write such a list. ``unknown``: permits an id that the database does not have. ``own_files``: files of this user
+    outside the study.
     """
 
     study: Path
@@ -49,7 +49,7 @@ class ForgettingAsked:
 
 @dataclass(frozen=True, slots=True)
 class ForgettingProgress:
-    """How far it is, 0..1, and what is being done, in words."""
+    """Progress, 0..1, with a description."""
 
     fraction: float
     what: str
@@ -57,14 +57,14 @@ class ForgettingProgress:
 
 @dataclass(frozen=True, slots=True)
 class ForgettingEnded:
-    """What came of it, or why it stopped: what happened, what it means, what to do."""
+    """Outcome, or the failure: what happened, its meaning, advice."""
 
     outcome: Forgotten | None
     failure: tuple[str, str, str] | None = None
 
 
 def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bool]:
-    """Who that is, what was decided of texts, and whether the database knows them. Raises ToldFailure."""
+    """Person to erase, decisions on texts, and whether the database knows them. Raises ToldFailure."""
     from caris_desktop.people.forgetting import PersonToForget, look_up
     from caris_desktop.recording.forgetting.review import read_review
     from caris_desktop.recording.forgetting.study import under_way
@@ -77,7 +77,7 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
         return PersonToForget((review.person_id or asked.who,), review.names, ()), review, False
     unfinished = [person_id for person_id in under_way(asked.study) if look_up(asked.database, person_id) is None]
     if asked.who in unfinished or len(unfinished) == 1:
-        # Only the end of it is to be done, which needs no name.
+        # Only the rest of an interrupted run, which needs no name.
         return PersonToForget((asked.who if asked.who in unfinished else unfinished[0],), (), ()), None, False
     if asked.also_called or asked.unknown:
         return PersonToForget((asked.who,), (), ()), None, False
@@ -92,7 +92,9 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
 
 
 def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lambda _f, _w: None) -> Forgotten:
-    """Forget somebody, or go on with it. Takes as long as the study's films take to be encoded. Raises ToldFailure."""
+    """Erase a person, or resume an interrupted run. Takes as long as re-encoding the study's videos. Raises
+    ToldFailure.
+    """
     from caris_desktop.people.forgetting import erase, rewrite_texts
     from caris_desktop.recording.forgetting.own_files import OwnFiles
     from caris_desktop.recording.forgetting.study import ForgetRequest, forget_person
@@ -124,7 +126,7 @@ def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lamb
 
 
 def run_forgetting(connection: Connection, asked: ForgettingAsked) -> None:
-    """Process body: sends ForgettingProgress as it goes and ForgettingEnded at the end."""
+    """Process body: sends ForgettingProgress and finally ForgettingEnded."""
     if hasattr(os, "nice"):
         # The robot may be driven meanwhile.
         os.nice(10)

@@ -1,7 +1,7 @@
-"""Camera frames in shared memory: one writer, any number of readers in any process.
+"""Ring buffer of camera frames in shared memory: one writer, any number of readers in any process.
 
-Each slot carries a sequence number that is odd while the slot is being written (a seqlock), so a reader that
-copied while the writer came round again finds out and reports the frame as gone instead of a torn picture.
+Each slot has a sequence number that is odd during a write (a seqlock): a reader that was overtaken by the writer
+detects it and reports the frame as gone instead of torn.
 """
 
 import struct
@@ -37,8 +37,8 @@ class FrameRing:
 
     @classmethod
     def attach(cls, name: str) -> "FrameRing":
-        # Our children share the console's resource tracker, so the second registration that attaching makes is
-        # a no-op there, and the segment is removed once, also after a kill of the console.
+        # Children share the console's resource tracker: registering again on attach is a no-op, and the segment is
+        # removed once, even if the console is killed.
         return cls(shared_memory.SharedMemory(name=name), owner=False)
 
     @property
@@ -48,7 +48,7 @@ class FrameRing:
     def write(
         self, image_bgr: NDArray[np.uint8], *, stamp_ns: int, robot_stamp_ns: int | None, camera: str
     ) -> FrameRef:
-        """Raises ValueError when the image is larger than a slot or not uint8 BGR."""
+        """Write a frame. Raises ValueError if the image exceeds a slot or is not uint8 BGR."""
         if image_bgr.dtype != np.uint8 or image_bgr.ndim != 3 or image_bgr.shape[2] != 3:
             raise ValueError(f"expected a uint8 BGR image, got {image_bgr.dtype} {image_bgr.shape}")
         if image_bgr.nbytes > self._slot_bytes - _SLOT_HEADER_BYTES:
@@ -87,7 +87,9 @@ class FrameRing:
         return np.ndarray((height_px, width_px, 3), np.uint8, self._buffer, offset)
 
     def _sequence_after_all(self) -> int:
-        """A writer that was begun again goes on counting: what refers to an older frame must not find a newer one."""
+        """Next sequence number. A restarted writer continues the count, so that a reference to an older frame never
+        finds a newer one.
+        """
         return max((self._slot_sequence(slot) + 1) // 2 for slot in range(SLOT_COUNT)) + 1
 
     def _slot_sequence(self, slot: int) -> int:
@@ -98,10 +100,9 @@ class FrameRing:
 
 
 class FrameRings:
-    """Reads from whichever ring a :class:`FrameRef` names.
+    """Reads from the ring that a :class:`FrameRef` names.
 
-    With ``attach`` one that is not known yet is attached when it is first named: a scenario may bring other cameras
-    while the readers run.
+    With ``attach``, an unknown ring is attached on first use: a scenario may add cameras while readers run.
     """
 
     def __init__(self, rings: Iterable[FrameRing], *, attach: bool = False) -> None:
@@ -109,7 +110,7 @@ class FrameRings:
         self._attach = attach
 
     def add(self, ring: FrameRing) -> None:
-        """It is closed with the others."""
+        """Add a ring; it is closed with the others."""
         self._rings[ring.name] = ring
 
     def read(self, ref: FrameRef) -> NDArray[np.uint8] | None:

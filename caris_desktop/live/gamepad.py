@@ -1,4 +1,4 @@
-"""Gamepads: a thread of their own that reads them through SDL, and what the GUI thread makes of it."""
+"""Gamepads: reader thread over SDL, and mapping to commands in the GUI thread."""
 
 import importlib
 import logging
@@ -32,14 +32,14 @@ from caris_desktop.live.status import GamepadStatus
 _log = logging.getLogger(__name__)
 
 STALE_NS = 150_000_000
-"""A stick position older than this moves nothing any more."""
+"""Age from which a stick position no longer moves anything."""
 
 _HEARTBEAT_NS = 40_000_000
 _CHECK_MS = 50
 _WAIT_MS = 100
 _LOOK_FOR_DEVICES_S = 0.25
 _TRIGGER_RESTS_BELOW = -0.9
-# SDL has no window here: without these it would open one, hear nothing in the background, or take Ctrl+C for itself.
+# SDL without a window: otherwise it would open one, receive nothing in the background, or handle Ctrl+C.
 _ENVIRONMENT = {
     "SDL_VIDEODRIVER": "dummy",
     "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": "1",
@@ -50,7 +50,7 @@ _ENVIRONMENT = {
 
 @dataclass(frozen=True, slots=True)
 class GamepadDevice:
-    """A gamepad that is plugged in; ``controller`` is SDL's own mapping of it, empty where SDL does not know it."""
+    """Connected gamepad; ``controller`` is SDL's mapping for it, empty if unknown."""
 
     device: str
     name: str
@@ -62,7 +62,7 @@ class GamepadDevice:
 
 @dataclass(frozen=True, slots=True)
 class GamepadSample:
-    """What the gamepad said at ``stamp_ns`` of the session clock."""
+    """Input state at ``stamp_ns`` of the session clock."""
 
     stamp_ns: int
     raw: RawInputs
@@ -70,7 +70,7 @@ class GamepadSample:
 
 @dataclass(frozen=True, slots=True)
 class _Plugged:
-    device: GamepadDevice | None  # None: it was unplugged
+    device: GamepadDevice | None  # None: unplugged
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,27 +79,22 @@ class _Failed:
 
 
 class Gamepads(QObject):
-    """The gamepad in use. GUI thread; ``start()`` and ``stop()`` are the console's.
+    """Gamepad in use. GUI thread; the console calls ``start()`` and ``stop()``.
 
-    The first gamepad that is there is used; the next one when it is unplugged. Buttons are never lost, of stick
-    positions only the newest counts. What is reported by signals has gone through the device's mapping; the keeper of
-    the settings reads the mappings with ``use_mappings_text`` and writes them on ``mappings_changed``.
+    The first connected gamepad is used, the next one after it is unplugged. No button event is lost; of stick positions
+    only the newest counts. Signals carry input mapped by the device's mapping; the owner of the settings loads mappings
+    with ``use_mappings_text`` and saves them on ``mappings_changed``.
 
-    Parameters
-    ----------
-    state
-        ``state.gamepad`` is kept here.
-    publish
-        Takes a GamepadChanged to the record and the panels.
+    ``state.gamepad`` is maintained; ``publish`` receives GamepadChanged for record and panels.
     """
 
     moved = Signal(object)  # MotionWish, on each change
-    lost = Signal(str)  # why nothing is held any more
+    lost = Signal(str)  # reason why input was released
     pressed = Signal(str)  # button action
-    released = Signal(str)  # the same
-    sampled = Signal(object)  # GamepadSample, for whoever shows the device itself
+    released = Signal(str)  # button action
+    sampled = Signal(object)  # GamepadSample, for display of the device
     mapping_changed = Signal()
-    mappings_changed = Signal(str)  # the text to be kept
+    mappings_changed = Signal(str)  # text to save
     _woken = Signal()
 
     def __init__(
@@ -125,7 +120,7 @@ class Gamepads(QObject):
         self._watch.timeout.connect(self._check_age)
 
     def start(self) -> None:
-        """Start listening; returns at once."""
+        """Start the reader thread; returns at once."""
         if self._reader is None:
             self._reader = _Reader(self._inbox)
             self._reader.start()
@@ -137,52 +132,52 @@ class Gamepads(QObject):
         if reader is not None and not reader.stop(timeout_s=0.5):
             _log.error("the gamepad thread did not end")
 
-    # What is plugged in
+    # Device
 
     @property
     def device(self) -> GamepadDevice | None:
-        """The gamepad in use."""
+        """Gamepad in use."""
         return self._device
 
     @property
     def sample(self) -> GamepadSample:
-        """The newest position of everything on it."""
+        """Newest input state."""
         return self._newest
 
     @property
     def wish(self) -> MotionWish:
-        """What the sticks ask for now."""
+        """Command of the sticks."""
         return self._wish
 
-    # What its parts mean
+    # Mapping
 
     @property
     def mapping(self) -> GamepadMapping:
         return self._mapping
 
     def set_mapping(self, mapping: GamepadMapping) -> None:
-        """Use and keep another mapping for the gamepad in use."""
+        """Set and save a mapping for the gamepad in use."""
         if self._device is None or mapping == self._mapping:
             return
         self._mapping = mapping
         self._mappings[self._device.device] = mapping
-        # A button that is down now was pressed under its old meaning.
+        # A button still down was pressed under its old binding.
         self._keep_down(pressed_actions(mapping, self._newest.raw))
         self._lose(QT_TR_NOOP("The gamepad was set up differently"))
         self.mapping_changed.emit()
         self.mappings_changed.emit(mappings_text(self._mappings))
 
     def set_learning(self, *, learning: bool) -> None:
-        """While a binding is being learned only the stop buttons do what they are set to."""
+        """While a binding is being set, only stop buttons act."""
         self._learning = learning
 
     def reset_mapping(self) -> None:
-        """Go back to the mapping that the device comes with."""
+        """Restore the device's default mapping."""
         if self._device is not None:
             self.set_mapping(_default_for(self._device))
 
     def use_mappings_text(self, text: str) -> None:
-        """Take the kept mappings. A text that cannot be used is logged, and the devices' own mappings stand."""
+        """Load saved mappings. Invalid text is logged, and default mappings apply."""
         try:
             self._mappings = mappings_from_text(text)
         except MappingError as error:
@@ -192,12 +187,12 @@ class Gamepads(QObject):
             self._mapping = self._mappings.get(self._device.device, self._mapping)
             self.mapping_changed.emit()
 
-    # What the thread says
+    # Input from the reader thread
 
     def _take(self) -> None:
         messages, newest = self._inbox.drain()
         now_ns = clock.now_ns()
-        # While nothing was taken the stick may have been anywhere: after a stall it has to be let go first.
+        # The stick may have moved anywhere during a stall: it must return to centre first.
         if self._wish.moving and now_ns - self._taken_ns > STALE_NS:
             self._lose(QT_TR_NOOP("The program stalled"))
         self._taken_ns = now_ns
@@ -215,7 +210,7 @@ class Gamepads(QObject):
         down = pressed_actions(self._mapping, sample.raw)
         new = down - self._down
         self._keep_down(down)
-        # The stops go first, whatever else was pressed with them.
+        # Stops come first, whatever else was pressed.
         for action in sorted(new, key=lambda name: (name not in ("emergency_stop", "stop"), name)):
             if not self._learning or action in ("stop", "emergency_stop"):
                 self.pressed.emit(action)
@@ -246,7 +241,7 @@ class Gamepads(QObject):
             self._lose(QT_TR_NOOP("The gamepad stopped answering"))
 
     def _lose(self, reason: str) -> None:
-        """Nothing is held any more; the sticks move something again once they have been at rest."""
+        """Release all input; sticks work again after they were centred."""
         self._watch.stop()
         self._blocked = stick_wish(self._mapping, self._newest.raw).moving
         if self._wish.moving:
@@ -283,7 +278,7 @@ def _default_for(device: GamepadDevice) -> GamepadMapping:
 
 
 class _Inbox:
-    """From the gamepad thread to the GUI thread: button changes and news in order, of stick positions the newest."""
+    """Queue from reader to GUI thread: button and device events in order, only the newest stick position."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
@@ -296,7 +291,7 @@ class _Inbox:
             was_empty = not self._messages and self._newest is None
             self._messages.append(message)
             if isinstance(message, _Plugged):
-                self._newest = None  # it belonged to another device
+                self._newest = None  # from another device
         if was_empty:
             self._wake()
 
@@ -316,7 +311,7 @@ class _Inbox:
 
 
 class _Reader:
-    """The thread. Waits inside SDL, which looks at the devices every millisecond without the interpreter lock."""
+    """Reader thread. Waits in SDL, which polls the devices every millisecond without the GIL."""
 
     def __init__(self, inbox: _Inbox) -> None:
         self._inbox = inbox
@@ -346,7 +341,7 @@ class _Reader:
             pygame.display.init()
             pygame.joystick.init()
             self._controller.init()
-        except Exception as error:  # the console works without gamepads, whatever is wrong with SDL here
+        except Exception as error:  # the console works without gamepads, whatever fails in SDL
             _log.exception("gamepads cannot be used")
             self._inbox.put(_Failed(filled(QT_TR_NOOP("Gamepads cannot be used: {error}"), error=error)))
             return
@@ -366,7 +361,7 @@ class _Reader:
         self._open_first()
         while not self._ending.is_set():
             if self._joystick is None:
-                # SDL finds new devices only while it is asked.
+                # SDL detects new devices only when polled.
                 self._ending.wait(_LOOK_FOR_DEVICES_S)
                 events = self._pygame.event.get()
             else:
@@ -393,8 +388,8 @@ class _Reader:
             event.type in (pygame.JOYBUTTONDOWN, pygame.JOYBUTTONUP, pygame.JOYHATMOTION)
             and event.instance_id == self._instance
         ):
-            # Two changes of a button may lie in one batch: each is passed on by itself. It is the newest position too:
-            # what a button holds ends at once when it goes up.
+            # A batch may hold two changes of a button: each is passed on. The sample is also the newest position, so
+            # that releasing a button takes effect at once.
             sample = GamepadSample(clock.now_ns(), self._after(event))
             self._inbox.put(sample)
             self._inbox.put_newest(sample)
@@ -423,7 +418,7 @@ class _Reader:
             return
 
     def _after(self, event: Any) -> RawInputs:
-        """The inputs as one button or hat event left them."""
+        """Input state after one button or hat event."""
         raw, pygame = self._last.raw, self._pygame
         buttons, hats = list(raw.buttons), list(raw.hats)
         if event.type == pygame.JOYHATMOTION:
@@ -440,7 +435,7 @@ class _Reader:
         axes = []
         for index in range(joystick.get_numaxes()):
             value = float(joystick.get_axis(index))
-            # SDL says 0 for an axis that it has not heard of; a trigger would be half pressed.
+            # SDL reports 0 for an axis without an event so far; a trigger would appear half pressed.
             axes.append(None if value == 0.0 and index not in self._rest else value)
         return RawInputs(
             tuple(axes),
@@ -455,7 +450,7 @@ class _Reader:
             self._inbox.put_newest(self._last)
 
     def _deflected(self) -> bool:
-        # Whether something may be asking for motion, so that the console wants to hear of it again and again.
+        # Whether some input may command motion, so that the console needs repeated samples.
         raw = self._last.raw
         return any(raw.buttons) or any(
             value is not None and abs(value - self._rest.get(index, 0.0)) > 0.05 for index, value in enumerate(raw.axes)

@@ -1,8 +1,8 @@
-"""What a gamepad's sticks and buttons mean: bindings, dead zones, curve, and how they are kept. Plain functions.
+"""Gamepad mapping: bindings, dead zone, response curve, serialisation. Plain functions.
 
-A binding is written as SDL writes it: ``a0`` is an axis, ``a0~`` the same the other way round, ``+a2`` and ``-a2`` its
-halves, ``b3`` a button, ``h0.1`` a direction of a hat (1 up, 2 right, 4 down, 8 left). ``b9|b10`` are two of them: for
-an axis the first pushes it to +1 and the second to -1, for a button either of them presses it.
+Bindings use SDL's notation: ``a0`` is an axis, ``a0~`` the inverted axis, ``+a2`` and ``-a2`` its halves, ``b3`` a
+button, ``h0.1`` a hat direction (1 up, 2 right, 4 down, 8 left). ``b9|b10`` combines two: for an axis the first means
++1 and the second -1, for a button either one.
 """
 
 import itertools
@@ -35,7 +35,7 @@ _PRESSED_AT = 0.5
 _MOVED_BY = 0.6
 _TRIGGER_RESTS_BELOW = -0.9
 
-# In terms of SDL's own names for the parts of a game controller. Push to talk has a button once it is given one.
+# By SDL's names of controller parts. Push-to-talk has no default button.
 _ON_A_CONTROLLER: dict[str, tuple[str, ...]] = {
     "forward": ("lefty~",), "turn": ("leftx~",), "left": ("leftshoulder", "rightshoulder"),
     "pan": ("rightx~",), "tilt": ("righty",), "boost": ("righttrigger",), "slow": ("lefttrigger",),
@@ -51,12 +51,14 @@ _ON_ANY_DEVICE: dict[str, str] = {
 
 
 class MappingError(ValueError):
-    """Stored mappings that cannot be used; the text says why."""
+    """Invalid saved mappings, with the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class RawInputs:
-    """Everything a device says: axes -1..1 (None: not heard of yet), buttons, hats as bits (1 up, 2 right, 4, 8)."""
+    """Raw input of a device: axes -1..1 (None: not reported yet), buttons, hats as bits (1 up, 2 right, 4 down, 8
+    left).
+    """
 
     axes: tuple[float | None, ...] = ()
     buttons: tuple[bool, ...] = ()
@@ -65,7 +67,7 @@ class RawInputs:
 
 @dataclass(frozen=True, slots=True)
 class GamepadMapping:
-    """Bindings of one device by action; ``speed`` is the share of the speed setting without any trigger."""
+    """Bindings of a device by action; ``speed``: share of the speed setting without triggers."""
 
     axes: Mapping[AxisAction, str] = field(default_factory=dict)
     buttons: Mapping[ButtonAction, str] = field(default_factory=dict)
@@ -75,15 +77,15 @@ class GamepadMapping:
     slow_speed: float = 0.25
 
     def bound(self, action: str) -> str:
-        """The binding of an action; empty where it has none."""
+        """Binding of an action; empty if none."""
         return next((binding for name, binding in self.bindings() if name == action), "")
 
     def bindings(self) -> list[tuple[AxisAction | ButtonAction, str]]:
-        """Every action that has a binding."""
+        """All actions with a binding."""
         return [*self.axes.items(), *self.buttons.items()]
 
     def with_binding(self, action: AxisAction | ButtonAction, binding: str) -> "GamepadMapping":
-        """The same with one binding changed; empty takes it away. Whatever else had these inputs loses them."""
+        """Copy with one binding changed; empty removes it. Other actions lose these inputs."""
         taken = set(binding.split("|")) if binding else set()
 
         def freed(bindings: Mapping[Any, str]) -> dict[Any, str]:
@@ -105,10 +107,10 @@ class GamepadMapping:
 def default_mapping(
     controller: Mapping[str, str] | None, *, axis_count: int, button_count: int, hat_count: int
 ) -> GamepadMapping:
-    """The mapping of a device that has none yet.
+    """Default mapping of a device.
 
-    ``controller`` is SDL's own mapping of it (``{"leftx": "a0", "b": "b1", ...}``); without one, a guess that most
-    devices bear out. What the device does not have is left out.
+    ``controller``: SDL's mapping (``{"leftx": "a0", "b": "b1", ...}``); without one, a layout common to most devices.
+    Missing parts are left out.
     """
     if controller:
         bindings = {
@@ -131,7 +133,7 @@ def default_mapping(
 
 
 def stick_wish(mapping: GamepadMapping, raw: RawInputs) -> MotionWish:
-    """What ``raw`` asks for after dead zone, curve and triggers."""
+    """Command from ``raw`` after dead zone, response curve and triggers."""
     actions: tuple[AxisAction, ...] = ("forward", "left", "turn", "pan", "tilt")
     values = {action: axis_value(mapping.bound(action), raw) for action in actions}
     for first, second in _STICKS:
@@ -148,7 +150,7 @@ def stick_wish(mapping: GamepadMapping, raw: RawInputs) -> MotionWish:
 
 
 def speed_share(mapping: GamepadMapping, raw: RawInputs) -> float:
-    """How much of the speed setting a full stick asks for: the right trigger raises it to 1, the left one lowers it."""
+    """Share of the speed setting at full deflection: the right trigger raises it to 1, the left one lowers it."""
     boost = trigger_value(mapping.bound("boost"), raw)
     slow = trigger_value(mapping.bound("slow"), raw)
     faster = mapping.speed + (1.0 - mapping.speed) * boost
@@ -156,7 +158,7 @@ def speed_share(mapping: GamepadMapping, raw: RawInputs) -> float:
 
 
 def pressed_actions(mapping: GamepadMapping, raw: RawInputs) -> frozenset[ButtonAction]:
-    """The button actions whose buttons are down."""
+    """Button actions whose buttons are down."""
     return frozenset(
         action
         for action, binding in mapping.buttons.items()
@@ -165,7 +167,7 @@ def pressed_actions(mapping: GamepadMapping, raw: RawInputs) -> frozenset[Button
 
 
 def shaped(x: float, y: float, dead_zone: float, curve: float) -> tuple[float, float]:
-    """One stick after its round dead zone, rescaled so that motion begins at 0, and an exponent for fine control."""
+    """Stick after a round dead zone, rescaled to start at 0, with an exponent for fine control."""
     reach = math.hypot(x, y)
     if reach <= dead_zone:
         return 0.0, 0.0
@@ -175,7 +177,7 @@ def shaped(x: float, y: float, dead_zone: float, curve: float) -> tuple[float, f
 
 
 def axis_value(binding: str, raw: RawInputs) -> float:
-    """-1..1 of an axis, or of two inputs that push it one way and the other; 0 where nothing is bound."""
+    """Value -1..1 of an axis, or of two opposed inputs; 0 without a binding."""
     if not binding:
         return 0.0
     parts = binding.split("|")
@@ -184,7 +186,7 @@ def axis_value(binding: str, raw: RawInputs) -> float:
 
 
 def trigger_value(binding: str, raw: RawInputs) -> float:
-    """0..1 of a trigger, which rests at -1 where it is a whole axis."""
+    """Value 0..1 of a trigger; a full-axis trigger rests at -1."""
     if not binding:
         return 0.0
     match = _PART.fullmatch(binding)
@@ -199,9 +201,9 @@ def trigger_value(binding: str, raw: RawInputs) -> float:
 
 
 def moved_input(before: RawInputs, now: RawInputs, *, buttons: bool) -> str:
-    """The binding of the one input that the wizard has just pressed (``buttons``) or pushed; empty while there is none.
+    """Binding of the input that the user has just pressed (``buttons``) or pushed; empty if none.
 
-    A pushed axis is given so that the way it was pushed is positive. What is None in ``before`` does not count yet.
+    An axis is returned with the pushed direction positive. Values of None in ``before`` are ignored.
     """
     if buttons:
         for index, down in enumerate(now.buttons):
@@ -219,7 +221,7 @@ def moved_input(before: RawInputs, now: RawInputs, *, buttons: bool) -> str:
             continue
         moved = value - rest
         if rest < _TRIGGER_RESTS_BELOW:
-            # A trigger rests at its end, and its whole way counts.
+            # A trigger rests at its end, and its full range counts.
             if moved > _MOVED_BY:
                 return f"a{index}"
         elif abs(moved) > _MOVED_BY:
@@ -228,7 +230,7 @@ def moved_input(before: RawInputs, now: RawInputs, *, buttons: bool) -> str:
 
 
 def with_rests(rests: RawInputs, now: RawInputs) -> RawInputs:
-    """Where each axis rests, from the first that was heard of it: at its end (a trigger), else in the middle."""
+    """Rest position of each axis from its first value: at its end (a trigger), else the centre."""
     axes = list(rests.axes) + [None] * (len(now.axes) - len(rests.axes))
     for index, value in enumerate(now.axes):
         if axes[index] is None and value is not None:
@@ -237,7 +239,7 @@ def with_rests(rests: RawInputs, now: RawInputs) -> RawInputs:
 
 
 def let_go_since(before: RawInputs, now: RawInputs, rests: RawInputs) -> RawInputs:
-    """``before`` for :func:`moved_input`: what was held when the learning began counts once it has been let go."""
+    """``before`` for :func:`moved_input`: inputs held at the start count once released."""
     axes = tuple(
         rest if _held_nowhere(known, value, rest) else known
         for known, value, rest in itertools.zip_longest(before.axes, now.axes, rests.axes)
@@ -266,7 +268,7 @@ _NUMBERED_HAT_WORDS = {
 
 
 def binding_words(binding: str, names: Mapping[str, str] | None = None) -> str:
-    """What a wizard reads: ``Button 2``, ``Stick axis 1``; ``names`` gives the device's own names of its parts."""
+    """Binding as text: ``Button 2``, ``Stick axis 1``; ``names``: the device's own names."""
     if not binding:
         return tr("none")
     first, *others = (_part_words(part, names or {}) for part in binding.split("|"))
@@ -274,7 +276,7 @@ def binding_words(binding: str, names: Mapping[str, str] | None = None) -> str:
 
 
 def part_names(controller: Mapping[str, str] | None) -> dict[str, str]:
-    """The words for each input of a device that SDL knows."""
+    """Names of a device's inputs, for devices that SDL knows."""
     words = {
         "a": "A",
         "b": "B",
@@ -302,7 +304,7 @@ def part_names(controller: Mapping[str, str] | None) -> dict[str, str]:
 
 
 def mappings_text(mappings: Mapping[str, GamepadMapping]) -> str:
-    """All mappings by device id as the JSON text that is kept in the settings."""
+    """JSON text of all mappings by device id, for the settings."""
     devices = {
         device: {
             "axes": dict(mapping.axes), "buttons": dict(mapping.buttons), "dead_zone": mapping.dead_zone,
@@ -314,13 +316,7 @@ def mappings_text(mappings: Mapping[str, GamepadMapping]) -> str:
 
 
 def mappings_from_text(text: str) -> dict[str, GamepadMapping]:
-    """The reverse of :func:`mappings_text`.
-
-    Raises
-    ------
-    MappingError
-        If it is not such a text, or one of a newer version.
-    """
+    """Inverse of :func:`mappings_text`. Raises MappingError for invalid text or a newer version."""
     if not text:
         return {}
     try:
@@ -369,7 +365,7 @@ def _mapping_from_data(entry: Any) -> GamepadMapping:
 
 
 def is_binding(text: object) -> bool:
-    """Whether ``text`` is one or two bindings as the module's head describes them."""
+    """Whether ``text`` is one or two bindings in the notation of this module."""
     return (
         isinstance(text, str)
         and 1 <= len(text.split("|")) <= 2
@@ -429,5 +425,5 @@ def _is_there(part: str, axis_count: int, button_count: int, hat_count: int) -> 
 
 
 def _rounded(value: float) -> float:
-    # A stick that trembles in its last bits must not become a command each time.
+    # Jitter in the last bits must not cause commands.
     return round(value, 2) + 0.0

@@ -1,4 +1,4 @@
-"""Python's cyclic garbage collector, kept in the GUI thread."""
+"""Garbage collection of reference cycles in the GUI thread only."""
 
 import gc
 
@@ -8,10 +8,10 @@ _EVERY_MS = 250
 
 
 class GarbageCollector(QObject):
-    """Collects garbage in the GUI thread only, as often as Python itself would.
+    """Runs Python's cyclic garbage collector in the GUI thread, as often as Python would.
 
-    Left to itself Python collects in whichever thread allocates next. A widget or timer that is part of a cycle would
-    be destroyed there, and Qt crashes at the next event of an object that another thread has destroyed.
+    By default Python collects in whichever thread allocates next. Qt objects in a cycle would be destroyed there, and
+    Qt crashes at their next event.
     """
 
     def __init__(self, parent: QObject) -> None:
@@ -23,13 +23,13 @@ class GarbageCollector(QObject):
         self._timer.start(_EVERY_MS)
 
     def stop(self) -> None:
-        """Leave collecting to whoever did it before."""
+        """Restore automatic collection."""
         self._timer.stop()
         if self._was_enabled:
             gc.enable()
 
     def _collect(self) -> None:
-        # The oldest generation that is due takes the younger ones along.
+        # Collecting a generation includes the younger ones.
         for generation in (2, 1, 0):
             if gc.get_count()[generation] > gc.get_threshold()[generation]:
                 gc.collect(generation)

@@ -1,4 +1,4 @@
-"""Decides on every intent, before anything is done about it. A refusal is a sentence."""
+"""Gate: decides whether an intent may run. A refusal is a sentence."""
 
 import math
 from collections.abc import Callable
@@ -47,7 +47,7 @@ _UNCONFIRMED: dict[AsBefore, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why not, what that means, and what to do; ``until`` as in Problem. ``quiet``: nobody needs to be told."""
+    """Reason, meaning and advice; ``until`` as in Problem. ``quiet``: no notification."""
 
     what: str
     meaning: str
@@ -58,7 +58,7 @@ class Refusal:
 
 
 class Gate:
-    """Permission, bounds, emergency stop, who drives, link, replay. GUI thread."""
+    """Checks permission, bounds, emergency stop, current driver, link and replay. GUI thread."""
 
     def __init__(self, state: LiveState, permissions: Callable[[], Permissions], *, replay: bool = False) -> None:
         self._state = state
@@ -66,19 +66,19 @@ class Gate:
         self._replay = replay
 
     def refusal(self, intent: Intent) -> Refusal | None:
-        """Why this may not be done now; None where it may."""
+        """Reason why the intent may not run now; None if it may."""
         spec = INTENTS[type(intent)]
         if self._replay:
             return None if spec.in_replay else _replayed(intent)
         if intent.actor == MODEL:
-            # What it suggests and proposes is asked for by the wizard's key, or by the console after its countdown.
+            # Model suggestions and proposals run by the wizard's key, or by the console after its countdown.
             return Refusal(
                 tr("{act} is not possible: a language model asks for nothing by itself.").format(act=tr(spec.words)),
                 tr("Nothing was done."), tr("Do it yourself if it is wanted."),
             )  # fmt: skip
         unfit = _unfit(intent, spec)
         if unfit is not None:
-            # Nobody types such values: a program that asks has made a mistake.
+            # No user enters such values: a calling program is faulty.
             what = tr("{act} is not possible: {field} cannot be {value}.")
             what = what.format(act=tr(spec.words), field=unfit[0], value=f"{unfit[1]:g}")
             return Refusal(what, tr("Nothing was done."), tr("Ask for another value."))
@@ -118,7 +118,7 @@ class Gate:
             )
         driver = self._state.drive.value.driver
         if moves == "base" and driver and intent.actor not in (driver, WIZARD):
-            # Who sits at this computer answers for the robot, and takes it over from anybody.
+            # The wizard at this computer is responsible for the robot and overrides other drivers.
             who = in_words(driver)
             return Refusal(
                 tr("{act} is not possible: {who} is driving by hand.").format(act=words, who=tr(who)),
@@ -138,7 +138,7 @@ class Gate:
         return None
 
     def _of_control(self, intent: Intent, spec: IntentSpec) -> tuple[str, intents.Moves | None, bool]:
-        """Words for it, what of the robot may move, and whether the emergency stop holds it; of a control its own."""
+        """Name, moved part of the robot, and whether the emergency stop blocks it; for a control its own."""
         if not isinstance(intent, intents.UseControl):
             return tr(spec.words), spec.moves, spec.moves is not None
         control = self._control(intent)
@@ -156,7 +156,7 @@ class Gate:
 
 
 def _unfit(intent: Intent, spec: IntentSpec) -> tuple[str, float] | None:
-    """The first argument that is out of bounds, with its value."""
+    """First argument that is out of bounds, with its value."""
     for name, (least, greatest) in spec.bounds.items():
         value = getattr(intent, name)
         if not math.isfinite(value) or not least <= value <= greatest:
@@ -164,7 +164,7 @@ def _unfit(intent: Intent, spec: IntentSpec) -> tuple[str, float] | None:
     return None
 
 
-# They follow from another one, which was refused.
+# They follow from another intent, which was refused.
 _QUIET_IN_REPLAY = (intents.KeepLayout, intents.StretchMark, intents.EndMark)
 
 

@@ -1,4 +1,4 @@
-"""What is heard and played, on its way to the recogniser: nobody waits for it, and it never comes late."""
+"""Feed of heard and played audio to the speech recogniser: never blocks, and never delivers late."""
 
 import threading
 from collections import deque
@@ -11,12 +11,12 @@ from caris_desktop.live.child_process import ChildProcess
 
 STREAM = "transcription"
 _PIECES_AT_MOST = 20
-"""Two seconds of sound: words that come later than that are of no use to anybody."""
+"""Two seconds of audio: later words would be useless."""
 
 
 class ListeningFeed:
-    """Any thread puts, one thread writes. Where the recogniser does not keep up, sound is left out and a ``Gap`` tells
-    how much; all else waits.
+    """Queue with one writer thread. If the recogniser is too slow, audio is dropped and counted in a ``Gap``; other
+    messages wait.
     """
 
     def __init__(self, recogniser: ChildProcess, tell: Callable[[Gap], None]) -> None:
@@ -30,7 +30,7 @@ class ListeningFeed:
         self._thread.start()
 
     def put(self, raw: bytes, *, sound: bool = False) -> None:
-        """A pickled message; ``sound`` may be left out."""
+        """Queue a pickled message; ``sound`` may be dropped. Any thread."""
         with self._changed:
             if sound and self._pieces >= _PIECES_AT_MOST:
                 self._left_out += 1
@@ -40,7 +40,7 @@ class ListeningFeed:
             self._changed.notify()
 
     def end(self) -> None:
-        """Write nothing more. The recogniser has been asked to end before, so that nothing is waited for."""
+        """Stop writing. The recogniser was told to end before, so that nothing blocks."""
         with self._changed:
             self._ended = True
             self._changed.notify()

@@ -1,8 +1,8 @@
-"""The live robots of this user on this computer, and their stop from the window of a replay, which is another program.
+"""Stop of live robots from a replay, which is another program: discovery of this user's consoles on this computer.
 
-Each running console listens at a local socket in one folder that only this user can enter. A replay looks there and can
-ask for a stop and an emergency stop, nothing else; one that is started a second time asks for its window. Each is
-confirmed. GUI thread only, but for :func:`show_window`.
+Each console listens on a local socket in a folder that only this user can enter. A replay can request a stop and an
+emergency stop, nothing else; a second start of a console requests its window. Each request is confirmed. GUI thread,
+except :func:`show_window`.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 _LOOK_EVERY_MS = 500
 CONFIRMED_WITHIN_MS = 2000
 _LONGEST_LINE_BYTES = 4096
-# A socket's address has 104 bytes on some systems; Qt adds ten to it for a moment.
+# Socket addresses are limited to 104 bytes on some systems; Qt appends ten temporarily.
 _LONGEST_PATH_BYTES = 90
 _REACHED = ("connected", "trouble")
 
@@ -39,7 +39,7 @@ Order = Literal["stop", "emergency_stop"]
 
 
 def _meeting_place(folder: Path) -> Path:
-    """The folder of the sockets, which only its owner can enter. Raises OSError."""
+    """Folder of the sockets, which only its owner can enter. Raises OSError."""
     if len(os.fsencode(folder)) > _LONGEST_PATH_BYTES - 10:
         short = hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]
         folder = Path(tempfile.gettempdir()) / f"caris-desktop-{short}"
@@ -53,12 +53,12 @@ def _meeting_place(folder: Path) -> Path:
 
 
 def _own_place(folder: Path) -> Path | None:
-    """Where this console listens; None where it cannot. Waits on files."""
+    """Socket path of this console; None if unavailable. Reads files."""
     try:
         folder = _meeting_place(folder)
         for left in folder.iterdir():
             if left.name.isdecimal() and not _runs(left.name):
-                left.unlink(missing_ok=True)  # of a console that was killed
+                left.unlink(missing_ok=True)  # left by a killed console
         own = folder / str(os.getpid())
         own.unlink(missing_ok=True)
     except OSError:
@@ -68,13 +68,13 @@ def _own_place(folder: Path) -> Path | None:
 
 
 def _runs(pid: str) -> bool:
-    import psutil  # the first window does without
+    import psutil  # imported late: the first window does not need it
 
     return bool(psutil.pid_exists(int(pid)))
 
 
 def _found_consoles(folder: Path) -> list[Path]:
-    """Where consoles listen that run. Waits on files."""
+    """Socket paths of running consoles. Reads files."""
     try:
         found = [path for path in _meeting_place(folder).iterdir() if path.name.isdecimal()]
     except OSError:
@@ -84,7 +84,7 @@ def _found_consoles(folder: Path) -> list[Path]:
 
 
 def show_window(folder: Path, pid: int) -> bool:
-    """Ask the console of this process to show its window; whether it has. One that begins or ends does not. Blocks."""
+    """Ask the console of this process to show its window; whether it did. False while it starts or ends. Blocks."""
     try:
         with closing(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)) as console:
             console.settimeout(CONFIRMED_WITHIN_MS / 1e3)
@@ -98,9 +98,9 @@ def show_window(folder: Path, pid: int) -> bool:
 
 
 class LiveRobotHost(QObject):
-    """Lets replays stop the robot of this console, and tells them of it."""
+    """Server side: lets replays stop this console's robot, and sends them its state."""
 
-    window_asked = Signal()  # by a console that is started a second time
+    window_asked = Signal()  # by a second start of the console
 
     def __init__(self, console: WizardConsole, folder: Path, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -116,7 +116,7 @@ class LiveRobotHost(QObject):
         console.state.drive.changed.connect(self._on_changed)
 
     def start(self) -> None:
-        """A console that cannot listen runs all the same; replays then say that they found none."""
+        """Start listening. On failure the console works without; replays then find none."""
         self._console.read_aside(lambda: _own_place(self._folder), self._listen)
 
     def _listen(self, own: Path | None) -> None:
@@ -173,7 +173,9 @@ class LiveRobotHost(QObject):
 
 
 class LiveRobots(QObject):
-    """For a replay: ``status`` holds a LiveRobotsStatus of every console that runs; their robots can be stopped."""
+    """Client side in a replay: ``status`` holds a LiveRobotsStatus of all running consoles; their robots can be
+    stopped.
+    """
 
     def __init__(
         self, folder: Path, problem: Callable[[Severity, str, str, str], None], parent: QObject | None = None
@@ -205,15 +207,15 @@ class LiveRobots(QObject):
             console.close()
 
     def stop(self, nobody: Callable[[], None] = lambda: None) -> None:
-        """``nobody`` is called where no console runs."""
+        """Stop all robots; ``nobody`` is called if no console runs."""
         self._ask("stop", nobody)
 
     def emergency_stop(self, nobody: Callable[[], None] = lambda: None) -> None:
-        """As ``stop``."""
+        """Emergency stop; like ``stop``."""
         self._ask("emergency_stop", nobody)
 
     def _ask(self, order: Order, nobody: Callable[[], None]) -> None:
-        """Those that are known are asked at once, one that has just been started when it is found."""
+        """Send to known consoles at once, and to new ones when found."""
         asked = set(self._consoles)
         self._send(order, asked)
 
@@ -233,7 +235,7 @@ class LiveRobots(QObject):
 
     def _on_look(self) -> None:
         if self._looking:
-            return  # a disk that does not answer is asked once
+            return  # an unresponsive disk is queried once
         self._looking = True
 
         def found(paths: list[Path]) -> None:
@@ -251,7 +253,7 @@ class LiveRobots(QObject):
         console = QLocalSocket(self)
         console.connectToServer(str(path))
         if console.state() != QLocalSocket.LocalSocketState.ConnectedState:
-            console.deleteLater()  # it has just ended, or is only beginning
+            console.deleteLater()  # just ended, or still starting
             return
         self._consoles[path.name] = _Lines(console, self._on_message, self._on_gone)
 
@@ -304,7 +306,7 @@ class LiveRobots(QObject):
 
 
 class _Lines:
-    """JSON objects, one a line, over a local socket, which belongs to a QObject."""
+    """JSON objects, one per line, over a local socket owned by a QObject."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""One microphone of this computer: its process, which input it is, and whether it is listened to. GUI thread."""
+"""Local microphone: its process, selected input and state. GUI thread."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,15 +25,15 @@ from caris_desktop.live.service import Restarts
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus
 
-# The sound library may get stuck, with its process, which says every second that it has not.
+# The audio library may hang its process, which therefore sends a sign of life each second.
 _STUCK_AFTER_MS, _STARTS_WITHIN_MS = 6000, 30_000
-# Whatever worked for so long may fail as often as at the beginning.
+# After working this long, the restart limit starts anew.
 _WELL_AFTER_MS = 60_000
 
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneChoice:
-    """``chosen`` gives what was chosen last time (None: no microphone, empty: the system's), ``keep`` remembers it."""
+    """``chosen`` returns the saved selection (None: no microphone, empty: the system's), ``keep`` saves it."""
 
     body: ProcessBody
     chosen: Callable[[], str | None]
@@ -41,9 +41,7 @@ class MicrophoneChoice:
 
 
 class LocalMicrophone(QObject):
-    """Keeps ``status``, a MicrophoneStatus, and publishes what is wrong. Its sound comes over the bus while it
-    ``sends``.
-    """
+    """Maintains ``status``, a MicrophoneStatus, and reports problems. Its audio goes to the bus while it ``sends``."""
 
     def __init__(
         self,
@@ -56,7 +54,7 @@ class LocalMicrophone(QObject):
         settled: Callable[[], None],
         parent: QObject,
     ) -> None:
-        """``settled`` is called when its sound comes, and when none will come for the time being."""
+        """``settled`` is called when audio arrives, or when none can be expected for now."""
         super().__init__(parent)
         self._status = status
         self._off = MicrophoneStatus(role=status.value.role)
@@ -82,7 +80,7 @@ class LocalMicrophone(QObject):
 
     @property
     def chosen(self) -> str | None:
-        """None for no microphone, also where the computer has none at all."""
+        """Selected microphone; None for none, also if the computer has none."""
         return None if self._looked and not self.names else self._chosen
 
     @property
@@ -90,7 +88,7 @@ class LocalMicrophone(QObject):
         return self._choice.body.name
 
     def get_ready(self) -> None:
-        """Find out which inputs there are."""
+        """List the available inputs."""
         if self.child is None and not self.restarts.exhausted:
             self._begun = False
             self.child = self._children.start(
@@ -105,7 +103,7 @@ class LocalMicrophone(QObject):
                 self.open()
 
     def open(self) -> None:
-        """Listen from now on, if a microphone is chosen."""
+        """Start listening, if a microphone is selected."""
         status: MicrophoneStatus = self._status.value
         if self._open and self._listens_to == self._chosen and status.state in ("starting", "on"):
             return
@@ -130,7 +128,7 @@ class LocalMicrophone(QObject):
             self._tell_closed()
 
     def dismiss(self) -> None:
-        """This scenario hears nothing with it: the process ends."""
+        """End the process: this scenario does not use it."""
         self.close()
         child, self.child = self.child, None
         if child is not None:
@@ -161,7 +159,7 @@ class LocalMicrophone(QObject):
             self._children.pass_on(self.on_message, value, raw)
 
     def on_message(self, message: Any) -> None:
-        """What the process said."""
+        """Handle a message of the process."""
         self._begun = True
         if self._stuck.isActive():
             self._stuck.start(_STUCK_AFTER_MS)
@@ -190,7 +188,7 @@ class LocalMicrophone(QObject):
         self.restarts = Restarts()
 
     def _on_ended(self, child: ChildProcess) -> None:
-        """It is started again if it is needed."""
+        """Restart the process if it is needed."""
         if child is not self.child:
             return
         self.child = None
@@ -200,7 +198,7 @@ class LocalMicrophone(QObject):
         self._open = False
         self.restarts.after_end(self._tell_ended, self.open)
         if self.restarts.exhausted:
-            self.open()  # shows that it failed
+            self.open()  # shows the failure
 
     def _tell_ended(self, advice: str) -> None:
         own = self._source == WIZARD_MICROPHONE

@@ -1,4 +1,4 @@
-"""Where the details go: one log file that the console and its children share."""
+"""Log file shared by the console and its child processes."""
 
 import logging
 import os
@@ -14,20 +14,20 @@ _MAX_BYTES = 5_000_000
 
 
 def log_file() -> Path:
-    """Where the details of every run of this user go."""
+    """Log file of this user."""
     return Path(platformdirs.user_log_dir("caris-desktop", appauthor=False)) / "console.log"
 
 
 def configure_logging(path: Path, *, verbose: bool = False, terminal: bool = True) -> None:
-    """Log to ``path`` (the previous run's file is kept as ``.1`` once it is large) and warnings to stderr.
+    """Log to ``path`` (rotated to ``.1`` when large), and warnings to stderr.
 
-    Without ``terminal`` stderr is left to what a command says for people. A log that cannot be written must not keep
-    the console from starting: stderr then gets everything.
+    Without ``terminal``, stderr is reserved for a command's output. A log that cannot be written must not prevent the
+    start: stderr then gets everything.
     """
     stderr = logging.StreamHandler(sys.stderr)
     stderr.setLevel(logging.INFO if verbose else logging.WARNING)
     handlers: list[logging.Handler] = [stderr] if terminal else []
-    # A log whose disk is full is no reason to fill the terminal.
+    # A full disk must not flood the terminal.
     logging.raiseExceptions = terminal
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -51,7 +51,7 @@ def configure_logging(path: Path, *, verbose: bool = False, terminal: bool = Tru
 
 
 def configure_child_logging(name: str) -> None:
-    """The same file, from a child process; short lines appended are atomic enough."""
+    """Log to the same file from a child process; appends of short lines are sufficiently atomic."""
     path = os.environ.get(_ENVIRONMENT_KEY)
     handlers: list[logging.Handler] = [logging.FileHandler(path, encoding="utf-8")] if path else []
     stderr = logging.StreamHandler(sys.stderr)

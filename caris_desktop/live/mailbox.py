@@ -1,4 +1,4 @@
-"""One-slot mailboxes and a lossless event queue between any thread and the GUI thread."""
+"""Mailboxes between any thread and the GUI thread: one slot per state value, and a lossless event queue."""
 
 import threading
 from collections import deque
@@ -9,11 +9,11 @@ from caris_desktop.domain.streams import BY_TYPE, Delivery, ShownAs, StreamSpec,
 
 
 class Mailbox:
-    """Takes values from any thread; the GUI thread drains it.
+    """Receives values from any thread; the GUI thread drains it.
 
-    State values overwrite their predecessor (that is the back-pressure), events queue up; an event that voids streams
-    takes what waits of them along, for it would come after the event. ``wake`` is called in the
-    putting thread, once for all that comes until the GUI thread drains, so a busy one is not woken once per value.
+    State values replace their predecessor (back-pressure), events are queued; an event that voids streams removes their
+    waiting values, which would otherwise follow it. ``wake`` is called in the sending thread, once until the next
+    drain, so that a busy GUI thread is not woken per value.
     """
 
     def __init__(self, wake: Callable[[], None]) -> None:
@@ -25,7 +25,7 @@ class Mailbox:
         self._woken = False
 
     def put(self, value: Any) -> None:
-        """Raises KeyError for a type that is not in the stream table."""
+        """Add a value. Raises KeyError for a type outside the stream table."""
         spec = BY_TYPE[type(value)]
         with self._lock:
             wakes = not self._woken
@@ -34,7 +34,7 @@ class Mailbox:
                     self._latest = {key: held for key, held in self._latest.items() if held[0].name != name}
                 self._events.append(value)
             else:
-                # What goes on waiting after a drain is taken in without another call.
+                # Values that remain after a drain need no further wake-up.
                 wakes = wakes and spec.shown_as not in self._waiting
                 self._waiting |= {spec.shown_as}
                 self._latest[spec.key_of(value)] = spec, value
@@ -44,13 +44,11 @@ class Mailbox:
 
     @property
     def waiting(self) -> frozenset[ShownAs]:
-        """Of what there are values of state streams."""
+        """Kinds of state values waiting."""
         return self._waiting
 
     def drain(self, shown_as: Collection[ShownAs] = ("panels", "picture")) -> tuple[list[Any], list[Any]]:
-        """All events in order, and the newest value of each state stream that is shown as one of these; the others go
-        on waiting.
-        """
+        """Return all events in order, and the newest value of each state stream of these kinds; others keep waiting."""
         with self._lock:
             events = list(self._events)
             self._events.clear()

@@ -1,6 +1,6 @@
-"""The one way to a language model: each exchange is streamed, told while it grows, and published once. GUI thread.
+"""Client of language models: streams each exchange, reports progress, and publishes it once. GUI thread.
 
-The streams run on the asyncio thread and report through signals.
+Streams run on the asyncio thread and report through signals.
 """
 
 import asyncio
@@ -31,15 +31,15 @@ from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.service import PANELS_FIRST_MS
 
 _log = logging.getLogger(__name__)
-_SEEDS = 2**31  # what every server takes
+_SEEDS = 2**31  # accepted by all servers
 Purpose = Literal["question", "replies", "actions"]
-# Nobody waits half a minute for a suggestion: the conversation has moved on by then.
+# A suggestion after half a minute would be useless: the conversation has moved on.
 _TIMEOUTS: dict[Purpose, ChatTimeouts] = {
     "question": ChatTimeouts(),
     "replies": ChatTimeouts(first_token_s=15.0, between_tokens_s=10.0),
     "actions": ChatTimeouts(first_token_s=15.0, between_tokens_s=10.0),
 }
-# How often the words so far are told: a person reads no faster, a suggestion begins to be shown.
+# Intervals of partial text: reading speed for answers, first words for suggestions.
 _TELL_EVERY_NS: dict[Purpose, int] = {"question": 30_000_000, "replies": 10_000_000, "actions": 30_000_000}
 _CUT_WORDS: dict[Cut, str] = {
     "": "",
@@ -50,7 +50,7 @@ StreamChat = Callable[..., AsyncIterator[str]]
 
 
 class AskVersion(Protocol):
-    """As :func:`model_version`."""
+    """Protocol of :func:`model_version`."""
 
     def __call__(self, endpoint: ModelEndpoint, /, *, local_only: bool) -> Awaitable[str]: ...
 
@@ -79,7 +79,7 @@ class _Asked:
 
 @dataclass(slots=True)
 class _Heard:
-    """What came of a question so far. Written on the asyncio thread, read from both."""
+    """Response so far. Written on the asyncio thread, read from both."""
 
     pieces: list[str] = field(default_factory=list)
     first_token_ns: int | None = None
@@ -99,27 +99,27 @@ class _Running:
 
 
 class Asking:
-    """One exchange under way."""
+    """An exchange in progress."""
 
     def __init__(self, client: "ModelClient", exchange_id: str) -> None:
         self.exchange_id = exchange_id
         self._client = client
 
     def cancel(self, why: str = QT_TR_NOOP("cancelled by the wizard")) -> None:
-        """End it; ``on_end`` is called and the exchange published before this returns. Nothing where it has ended."""
+        """Cancel; ``on_end`` is called and the exchange published before this returns. No effect after the end."""
         self._client.cancel(self.exchange_id, why)
 
 
 class ModelClient(QObject):
-    """Asks the model that is in use, several questions at a time. ``publish`` receives each exchange once.
+    """Asks the current model, several questions at a time. ``publish`` receives each exchange once.
 
-    ``ask_version`` is asked for the version of a model while its first question may be under way already.
+    ``ask_version`` determines the model's version, possibly while its first question is running.
     """
 
     answering_changed = Signal()
-    """``answering`` is another one now."""
+    """``answering`` changed."""
     model_changed = Signal()
-    """Another model is in use."""
+    """The model changed."""
     _grew = Signal(str, str)
     _waits = Signal(str, object)
     _ended = Signal(object)
@@ -154,32 +154,32 @@ class ModelClient(QObject):
 
     @property
     def ready(self) -> bool:
-        """Whether there is a model to ask."""
+        """Whether there is a model."""
         return self._endpoint is not None
 
     @property
     def model(self) -> str:
-        """The name of the model in use, for the wizard and the record; empty while there is none."""
+        """Name of the current model, for wizard and record; empty if none."""
         return self._shown_as if self._endpoint is not None else ""
 
     @property
     def answering(self) -> bool:
-        """Whether anything is under way."""
+        """Whether an exchange is in progress."""
         return bool(self._running)
 
     @property
     def embedded(self) -> bool:
-        """Whether it is the small one of this program."""
+        """Whether the model is the embedded one."""
         return self._endpoint is not None and self._endpoint.provider == "embedded"
 
     @property
     def answers_here(self) -> bool:
-        """Whether this computer does the work of answering."""
+        """Whether this computer runs the model."""
         return self._endpoint is not None and not self._endpoint.leaves_computer
 
     def use(self, endpoint: ModelEndpoint, *, shown_as: str, local_only: bool) -> None:
-        """From now on ask this model, and with ``local_only`` only where it is on this computer. What is asked of the
-        one before is cancelled; where it is the same, everything goes on.
+        """Switch the model; with ``local_only`` only if it runs on this computer. Exchanges with the former model are
+        cancelled; with the same model they continue.
         """
         if (endpoint, shown_as, local_only) == (self._endpoint, self._shown_as, self._local_only):
             return
@@ -189,15 +189,15 @@ class ModelClient(QObject):
         self.model_changed.emit()
 
     def warm_up(self, messages: Sequence[ChatMessage], purpose: Purpose) -> None:
-        """Have the model of this program read what the next question of that ``purpose`` will begin with, so that it
-        need not wait for it. Nothing of it is told or recorded; other models are left alone.
+        """Have the embedded model preload the prompt of the next question of that ``purpose``, to answer it faster. Not
+        reported or recorded; other models are unaffected.
         """
         if self._endpoint is not None and self.embedded and messages:
             self._submit(self._read(self._endpoint, tuple(messages), self._slot(purpose)))
 
     def warm_up_soon(self, messages: Callable[[], Sequence[ChatMessage]], purpose: Purpose) -> None:
-        """The same in a moment, with the ``messages`` that there are then: who gets another scenario or model waits for
-        the window first. What is asked before that reads for itself.
+        """Preload after a short delay, with the ``messages`` of that time, so that a change of scenario or model is not
+        slowed. A question before that reads its own prompt.
         """
         self._to_read[purpose] = messages
         self._soon.start()
@@ -218,7 +218,7 @@ class ModelClient(QObject):
             _log.info("the language model was not warmed up: %s", error.what)
 
     def _slot(self, purpose: Purpose) -> int | None:
-        """Which memory of the embedded server answers: the one that has read most of it, and is free."""
+        """Slot of the embedded server: a free one with the longest matching prompt."""
         if not self.embedded:
             return None
         if purpose != "question":
@@ -227,7 +227,7 @@ class ModelClient(QObject):
         return min((slot for slot in range(SLOTS) if slot != REPLIES_SLOT), key=taken.count)
 
     def use_none(self, why: str) -> None:
-        """There is no model (yet): ``why`` goes into what those who ask are told."""
+        """Run without a model; ``why`` is part of the refusals."""
         self.cancel_all(QT_TR_NOOP("the model is not there any more"))
         self._endpoint, self._why_none = None, why
 
@@ -250,13 +250,13 @@ class ModelClient(QObject):
         actor: Actor = CONSOLE,
         exchange_id: str = "",
     ) -> Asking:
-        """Begin an exchange. Raises ToldFailure while there is no model.
+        """Start an exchange. Raises ToldFailure without a model.
 
-        ``on_text`` gets all of the answer so far, again and again; ``on_wait`` why a busy server is asked once more, in
-        words; ``on_end`` the exchange as it was published, once, whether it was answered, cancelled or failed. All are
-        called in the GUI thread. ``schema`` is a JSON schema that the answer has to follow. ``jpegs`` go with the last
-        message, ``photo`` names them for the record. ``recorded`` is what the record has instead of ``messages``, where
-        these tell more than it may hold. ``exchange_id`` is a new one unless given.
+        ``on_text`` receives the answer so far, repeatedly; ``on_wait`` the reason of a retry with a busy server;
+        ``on_end`` the published exchange, once, whether answered, cancelled or failed. All are called in the GUI
+        thread. ``schema``: JSON schema of the answer. ``jpegs`` are attached to the last message, ``photo`` names them
+        in the record. ``recorded`` replaces ``messages`` in the record if these hold more than permitted.
+        ``exchange_id`` is generated unless given.
         """
         if self._endpoint is None:
             raise ToldFailure(
@@ -295,22 +295,22 @@ class ModelClient(QObject):
         return Asking(self, asked.exchange_id)
 
     def cancel(self, exchange_id: str, why: str) -> None:
-        """End an exchange; its ``on_end`` is called before this returns. Nothing where it has ended."""
+        """Cancel an exchange; its ``on_end`` is called before this returns. No effect after the end."""
         running = self._running.get(exchange_id)
         if running is not None:
             running.future.cancel()
-            # It may have ended just now, with the news of it still on its way.
+            # It may just have ended, with the signal still pending.
             self._conclude(
                 running.heard.exchange
                 or _exchange(running.asked, running.heard, "cancelled", why, self._version(running))
             )
 
     def cancel_all(self, why: str) -> None:
-        """End all that is under way."""
+        """Cancel all exchanges."""
         for exchange_id in tuple(self._running):
             self.cancel(exchange_id, why)
 
-    # The version
+    # Version
 
     def _version(self, running: "_Running") -> str:
         return self._versions.get(running.asked.endpoint, "")
@@ -321,7 +321,7 @@ class ModelClient(QObject):
     def _submit(self, work: Coroutine[Any, Any, None]) -> "Future[None] | None":
         try:
             return self._asyncio.submit(work)
-        except RuntimeError:  # the loop has ended: the console closes
+        except RuntimeError:  # the loop has ended: the console is closing
             work.close()
             return None
 
@@ -330,7 +330,7 @@ class ModelClient(QObject):
         if version:
             self._versions[endpoint] = version
 
-    # The stream
+    # Stream
 
     async def _exchange(self, asked: _Asked, heard: _Heard) -> None:
         told_ns = 0

@@ -1,4 +1,4 @@
-"""Which language models the servers on this computer offer, found out in the background. GUI thread."""
+"""Language models offered by servers on this computer, listed in the background. GUI thread."""
 
 import os
 from collections.abc import Callable, Coroutine
@@ -17,22 +17,22 @@ ListModels = Callable[[], Coroutine[Any, Any, tuple[str, ...]]]
 
 
 async def local_models() -> tuple[str, ...]:
-    """As a scenario names them: those of Ollama and of an OpenAI-compatible server, where these are on this computer.
+    """Models of local Ollama and OpenAI-compatible servers, named as in a scenario.
 
-    Nobody else is asked. Each has five seconds.
+    No other server is queried. Each has five seconds.
     """
     found: list[str] = []
     for provider, url in (("ollama", ollama_url), ("openai", openai_url)):
         try:
             endpoint = ModelEndpoint("ollama" if provider == "ollama" else "openai", url(os.environ), "")
         except LanguageModelError:
-            continue  # whoever chooses such a model is told
+            continue  # reported when such a model is chosen
         found += [f"{provider}:{name}" for name in await models_here(endpoint)]
     return tuple(found)
 
 
 class ModelLists(QObject):
-    """``found`` when there are others than before; looks again every minute."""
+    """Refreshes the list every minute; ``found`` reports changes."""
 
     found = Signal()
     _listed = Signal(object)

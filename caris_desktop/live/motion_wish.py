@@ -1,4 +1,4 @@
-"""What is asked of base and head now, and how several sources of it become one. Plain functions."""
+"""Teleoperation command for base and head, and merging of several sources. Plain functions."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -8,7 +8,9 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class MotionWish:
-    """Each -1..1: forward, left and counter-clockwise positive for the base, pan left and tilt down for the head."""
+    """Components of -1..1: forward, left and counter-clockwise positive for the base, pan left and tilt down for the
+    head.
+    """
 
     forward: float = 0.0
     left: float = 0.0
@@ -31,7 +33,7 @@ class MotionWish:
         return self.pan, self.tilt
 
     def limited_to(self, *, sideways: bool, head: bool) -> "MotionWish":
-        """Without what the robot does not have."""
+        """Without motions that the robot lacks."""
         wish = self if sideways else replace(self, left=0.0)
         return wish if head else replace(wish, pan=0.0, tilt=0.0)
 
@@ -40,7 +42,7 @@ AT_REST = MotionWish()
 
 
 def merged(wishes: Iterable[MotionWish]) -> MotionWish:
-    """Everything that is asked for at the same time: it adds up to at most full, and opposite wishes cancel."""
+    """Sum of commands, clamped to full speed; opposite ones cancel."""
     forward = left = turn = pan = tilt = 0.0
     for wish in wishes:
         forward, left, turn = forward + wish.forward, left + wish.left, turn + wish.turn

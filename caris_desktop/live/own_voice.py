@@ -1,4 +1,4 @@
-"""The wizard speaks through the robot, live: from the press of a key to its release. GUI thread but for the sound."""
+"""Push-to-talk: the wizard's live voice through the robot. GUI thread except for audio."""
 
 import secrets
 from collections.abc import Callable
@@ -25,20 +25,20 @@ from caris_desktop.live.playback import Playback
 from caris_desktop.live.state import LiveState
 
 OWN_VOICE_WORDS = "(the wizard’s own voice)"
-"""In the record in place of words, which nobody has written down."""
+"""Text in the record in place of a transcript."""
 Outlet = Literal["robot", "computer"]
 
-# Of the last word: the microphone gives its sound in pieces.
+# For the last word: the microphone delivers audio in chunks.
 _TAIL_MS = 200
 _HEARD_OUT_WITHIN_MS = 2500
-# From here to the robot's loudspeaker; nobody tells.
+# Estimated delay to the robot's loudspeaker, which is not reported.
 _ROBOT_DELAY_NS = 150_000_000
-# What the wizard says is heard whole, also what came before the loudspeaker was open.
+# Speech is played in full, including what came before the loudspeaker was open.
 _MOST_LATE_S = 1.5
 
 
 class OwnVoice(QObject):
-    """One utterance at a time. ``over(detail)`` is called when it has ended; ``detail`` says what went wrong."""
+    """One utterance at a time. ``over(detail)`` is called at its end; ``detail`` describes a failure."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class OwnVoice(QObject):
         return self._utterance is not None
 
     def begin(self, outlets: frozenset[Outlet], robot_rate_hz: int, actor: Actor) -> None:
-        """What the wizard's microphone hears from now on comes out there; what was before has ended."""
+        """Route the wizard's microphone to these outputs; ends a former utterance."""
         if self._utterance is not None:
             self._finish(clock.now_ns())
         utterance = UtteranceChanged(
@@ -98,18 +98,18 @@ class OwnVoice(QObject):
         self._sends_as = utterance.utterance_id
 
     def end(self) -> None:
-        """The key is released: what was said until now is still heard."""
+        """Key released: play what was said so far, then end."""
         if self._utterance is not None and not self._tail.isActive():
             self._tail.start()
 
     def stop(self) -> None:
-        """The program ends."""
+        """Shut down."""
         if self._utterance is not None:
             self._finish(clock.now_ns())
         self.playback.ask_to_end()
 
     def fail(self, detail: str) -> None:
-        """It cannot be heard any more."""
+        """End the utterance with a failure."""
         if self._utterance is not None:
             self._finish(clock.now_ns(), detail)
 

@@ -1,4 +1,4 @@
-"""How often the panels get new state: less often while the machine lets the GUI thread wait."""
+"""UI throttle: limits the update rate of panels while the GUI thread is slow."""
 
 import math
 import time
@@ -9,22 +9,22 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from caris_desktop.domain.streams import ShownAs
 
 UNHURRIED_S = 0.03
-"""What a pass (taking state in and painting it) may take before it counts as slow."""
+"""Duration of a pass (process state, repaint) from which it counts as slow."""
 
 MOST_REST_S = 0.2
 
 
 def rest_after(took_s: float) -> float:
-    """How long to leave the GUI thread alone after a pass: twice as long as a slow one took.
+    """Rest of the GUI thread after a pass: twice the duration of a slow one.
 
-    A thread that always has something to do waits behind all others on a full machine, its timers with it. One that
-    rests is let in at once when a key or the renewal of the lease needs it. What pays is the rate of the picture.
+    A thread that is always busy queues behind all others on a loaded machine, together with its timers. A rested one
+    runs at once when a key or the lease renewal needs it. The cost is a lower video rate.
     """
     return 0.0 if took_s <= UNHURRIED_S else min(2.0 * took_s, MOST_REST_S)
 
 
 class PassPace(QObject):
-    """``due`` when something that waits may be passed on."""
+    """Emits ``due`` when waiting values may be passed on."""
 
     due = Signal()
 
@@ -36,7 +36,7 @@ class PassPace(QObject):
         self._waiting = False
         self._free = True
         self._ended = False
-        # Fires once everything that a pass has caused is painted: events come before timers without a delay.
+        # Fires after all repaints of a pass: posted events precede zero timers.
         self._painted = QTimer(self, singleShot=True, interval=0)
         self._painted.timeout.connect(self._on_painted)
         self._rest = QTimer(self, singleShot=True)
@@ -45,16 +45,16 @@ class PassPace(QObject):
         self._held.timeout.connect(self._on_held)
 
     def at_most_every(self, *, panels_s: float, picture_s: float) -> None:
-        """No more passes of each than this, whatever they cost; 0 for as many as they allow themselves."""
+        """Minimum intervals between passes, whatever their duration; 0 for none."""
         self._every_s = {"panels": panels_s, "picture": picture_s}
 
     def hold_back(self, for_s: float) -> None:
-        """No pass begins in this time: something else is to be seen first."""
+        """Start no pass for this time."""
         from_s = time.monotonic() + for_s
         self._passed_s = {what: from_s - every_s for what, every_s in self._every_s.items()}
 
     def may_begin(self, waiting: Collection[ShownAs] = ("panels", "picture")) -> frozenset[ShownAs]:
-        """What of this is passed on now; for the rest ``due`` follows."""
+        """Kinds of values to pass on now; ``due`` follows for the rest."""
         if not waiting or self._ended:
             return frozenset()
         if not self._free:
@@ -73,7 +73,7 @@ class PassPace(QObject):
         return passed
 
     def end(self) -> None:
-        """No pass may begin from now on."""
+        """Allow no more passes."""
         self._ended = True
         for timer in (self._painted, self._rest, self._held):
             timer.stop()

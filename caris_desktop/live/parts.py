@@ -1,4 +1,4 @@
-"""What a run is put together from: the concrete adapters that ``app`` chooses."""
+"""Adapters of a run, as chosen by ``app``."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,8 +22,8 @@ from caris_desktop.scenario.model import Scenario
 
 @dataclass(frozen=True, slots=True)
 class RobotParts:
-    """``choices`` and ``connect_to`` wait on files in a thread of their own; ``connect_to`` raises ToldFailure.
-    ``simulated`` is as in AnotherRobotService.
+    """``choices`` and ``connect_to`` read files in a background thread; ``connect_to`` raises ToldFailure.
+    ``simulated`` as in AnotherRobotService.
     """
 
     choices: Callable[[], Sequence[RobotChoice]]
@@ -33,7 +33,7 @@ class RobotParts:
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """The concrete adapters of a run, chosen in ``app``, as each service wants them."""
+    """Adapters of a run, chosen in ``app``, per service."""
 
     recorder: ProcessBody
     speech: ProcessBody

@@ -1,7 +1,6 @@
-"""The perception worker: feeds the cameras' newest frames to the inference child, and turns its tracks into people.
+"""Perception worker: sends the newest camera frames to the inference process, and turns its tracks into people.
 
-It lives in a QThread. A native crash of the detector ends only the child: the worker says so, starts another and
-goes on.
+Runs in a QThread. A native crash of the detector ends only its process: the worker reports it and restarts the process.
 """
 
 import logging
@@ -55,11 +54,11 @@ _EVERYBODY_TOLD_EVERY_NS = 1_000_000_000
 
 
 class PerceptionWorker(QObject):
-    """Everything but ``run``, which is the thread's whole life, may be called from any thread."""
+    """Perception worker. All methods but ``run``, the thread's main function, are thread-safe."""
 
     status_changed = Signal(object)  # PerceptionStatus
-    persons_changed = Signal(object)  # tuple[PersonRow, ...]: who is here
-    everybody_changed = Signal(object)  # tuple[PersonRow, ...]: who was here, too, and who is known
+    persons_changed = Signal(object)  # tuple[PersonRow, ...]: people present
+    everybody_changed = Signal(object)  # tuple[PersonRow, ...]: including former and known people
     history_found = Signal(object)  # PersonHistory
 
     def __init__(
@@ -93,83 +92,83 @@ class PerceptionWorker(QObject):
 
     @property
     def name(self) -> str:
-        """Of the inference process."""
+        """Name of the inference process."""
         return self._body.name
 
     @property
     def child(self) -> ChildProcess | None:
-        """The inference process, None where it does not run."""
+        """Inference process, None if not running."""
         return self._child
 
     def use_body(self, body: ProcessBody) -> None:
-        """Another detector, or another place for it, from now on: inference starts anew."""
+        """Restart inference with another detector or on another machine."""
         self._inputs.put(_UseBody(body))
 
     def offer(self, ref: FrameRef) -> None:
-        """A new frame; one of its camera that was not taken yet is overwritten."""
+        """Offer a new frame, which replaces an unused one of its camera."""
         with self._turns_lock:
             look_is_due = self._turns.offer(ref, now_ns=clock.now_ns())
         if look_is_due:
             self._inputs.put(_FRAME_WAITS)
 
     def show_camera(self, name: str) -> None:
-        """The camera that the wizard sees: the others get fewer looks."""
+        """Set the camera on display: others get a lower detection rate."""
         with self._turns_lock:
             self._turns.show(name)
 
     def look_to_cover(self, to_cover: bool) -> None:
-        """Whether people have to be covered in what every camera records, on show or not."""
+        """Set whether people must be blurred in the recordings of all cameras."""
         self._to_cover = to_cover
         with self._turns_lock:
             self._turns.others_every_ns = TO_COVER_EVERY_NS if to_cover else OTHERS_EVERY_NS
 
     def look_at_most_every(self, seconds: float) -> None:
-        """Leave the processor to others for a while after each look."""
+        """Set a minimum interval between detections, to leave the processor to others."""
         self._look_every_ns = round(seconds * 1e9)
 
     def forget_cameras(self) -> None:
-        """Another robot has others: nobody whom they saw is here any more."""
+        """Reset for another robot: its cameras differ, and nobody is present."""
         with self._turns_lock:
             self._turns.forget()
         self._inputs.put(_FORGET)
 
     def offer_evidence(self, value: LaserScan | RobotPose | HeadState | Odometry | DepthGrid) -> None:
-        """What tells where the people of a picture stand, and which way its camera looked."""
+        """Add sensor data for people's positions and for camera motion."""
         if isinstance(value, HeadState | Odometry):
             self._turning.take(value)
         if not isinstance(value, Odometry):
             self._locator.take(value)
 
     def use_cameras(self, models: dict[str, CameraModel]) -> None:
-        """Where the robot's cameras look, by name; people before others get no place in the map."""
+        """Set the models of the robot's cameras by name; people in other cameras get no map position."""
         self._cameras = models
 
     def use_lens(self, lens: CameraLens) -> None:
-        """What a camera itself tells of its lens counts more than the profile."""
+        """Set a camera's reported lens model, which overrides the profile."""
         self._cameras = {**self._cameras, lens.camera: lens.model}
 
     def ask(self, intent: PeopleIntent) -> None:
-        """A decision about people."""
+        """Run a decision about people."""
         self._inputs.put(_Asked(intent))
 
     def look_up(self, person_id: str, text: str) -> None:
-        """``history_found`` brings what there was with this person."""
+        """Request a person's history; ``history_found`` delivers it."""
         self._inputs.put(_LookUp(person_id, text))
 
     def recognise(self, settings: RecognitionSettings, *, may_decide: bool) -> None:
-        """Whom the scenario lets the console recognise, and whether it lets the wizard name them."""
+        """Set whom the console may recognise, and whether the wizard may name people."""
         self._inputs.put(_Recognise(settings, may_decide))
 
     def ask_consents_again(self, again: bool) -> None:
-        """Whether what people agreed to before counts only once they have said so again."""
+        """Set whether earlier consents need confirmation."""
         self._inputs.put(_AskConsents(again))
 
     def practise(self, on: bool) -> None:
-        """Who is seen and named in practice is kept apart from the study, and gone with the practice."""
+        """Switch practice mode: people seen and named there are kept apart from the study and discarded afterwards."""
         self._inputs.put(_Practise(on))
 
     def note(self, event: HistoryEvent) -> None:
-        """What belongs into the history of the people here."""
+        """Add an event to the history of the people present."""
         self._inputs.put(event)
 
     def stop(self) -> None:
@@ -259,7 +258,7 @@ class PerceptionWorker(QObject):
                 self._set_status(replace(self._status, state="failed", detail=item.problem.what))
             elif isinstance(item, People):
                 busy = False
-                if self._status.state == "failed":  # the other machine is back
+                if self._status.state == "failed":  # the remote machine is back
                     self._set_status(replace(self._status, state="ready", detail=""))
                 self._look_rates.note(item.camera, now_ns=clock.now_ns())
                 if asked is not None and (asked.camera, asked.sequence) == (item.camera, item.frame_sequence):
@@ -297,7 +296,7 @@ class PerceptionWorker(QObject):
         presence.close()
 
     def _look(self, frame: FrameRef) -> Look:
-        """A camera that the robot does not carry does not turn with it."""
+        """Detection request; a camera that the robot does not carry does not rotate with it."""
         camera = self._cameras.get(frame.camera)
         if camera is None:
             return Look(frame, faces=self._faces, to_cover=self._to_cover)
@@ -346,7 +345,7 @@ class PerceptionWorker(QObject):
             self.status_changed.emit(status)
 
     def _tell_pace(self, inference_ms: float) -> None:
-        """Once a second: nobody reads a figure that changes with each picture."""
+        """Update rates once a second: more frequent changes are illegible."""
         now_ns = clock.now_ns()
         if now_ns - self._pace_told_ns >= _PACE_TOLD_EVERY_NS:
             self._pace_told_ns = now_ns
@@ -355,7 +354,7 @@ class PerceptionWorker(QObject):
 
     def _show_persons(self, presence: Presence) -> None:
         rows = presence.persons()
-        # When somebody who is here was seen last is "now", and news with every picture to nobody.
+        # For people present, the time of the last detection would change with every frame.
         shown = tuple(replace(row, last_seen_ns=0) if row.here else row for row in rows)
         if shown != self._shown_persons:
             self._shown_persons = shown

@@ -1,4 +1,4 @@
-"""A process that plays sound as it comes: started when it is first needed, and anew when it got stuck. GUI thread."""
+"""Playback process for streamed audio: started on demand, restarted when hung. GUI thread."""
 
 from collections.abc import Callable
 from typing import Any
@@ -25,7 +25,7 @@ _STUCK_AFTER_MS = 5000
 
 
 class Playback(QObject):
-    """Plays one stream at a time, each with an id of its own."""
+    """Plays one stream at a time, identified by an id."""
 
     def __init__(
         self,
@@ -36,8 +36,8 @@ class Playback(QObject):
         ended: Callable[[str, int | None, str], None],
         parent: QObject,
     ) -> None:
-        """``played`` gets what is heard, in another thread. ``ended(stream_id, heard_out_ns, detail)``: nothing is
-        heard of it any more; ``heard_out_ns`` is None where that is a failure, which ``detail`` explains.
+        """``played`` receives what is audible, in another thread. ``ended(stream_id, heard_out_ns, detail)``: the
+        stream has ended; ``heard_out_ns`` is None for a failure, explained by ``detail``.
         """
         super().__init__(parent)
         self._body = body
@@ -55,14 +55,14 @@ class Playback(QObject):
         return self._body.name
 
     def get_ready(self) -> None:
-        """Start the process, so that what is played is heard at once."""
+        """Start the process in advance, so that playback begins at once."""
         if self.child is None and not self.restarts.exhausted:
             self.child = self._children.start(
                 self._body, ended=self._on_ended, heard=self.on_message, reads=self._read
             )  # fmt: skip
 
     def dismiss(self) -> None:
-        """This scenario plays nothing with it: the process ends."""
+        """End the process: this scenario does not use it."""
         child, self.child = self.child, None
         if child is not None:
             self._stuck.stop()
@@ -77,7 +77,7 @@ class Playback(QObject):
             self.child.send(BeginPlaying(stream_id, volume, most_s))
 
     def play(self, chunk: AudioChunk) -> None:
-        """The next of it, now or not at all. Any thread."""
+        """Play the next chunk, or drop it. Any thread."""
         child = self.child
         if child is not None:
             child.send(PlayThis(chunk.sample_rate_hz, chunk.samples))
@@ -87,7 +87,7 @@ class Playback(QObject):
             self.child.send(SetVolume(volume))
 
     def end(self, *, at_once: bool = False) -> None:
-        """No more comes; ``ended`` follows when the last of it was heard."""
+        """End the stream; ``ended`` follows once everything was played."""
         if self._stream_id and self.child is not None:
             self._stuck.start()
             self.child.send(EndPlaying(at_once))
@@ -108,7 +108,7 @@ class Playback(QObject):
             self._children.pass_on(self.on_message, value, raw)
 
     def on_message(self, message: Any) -> None:
-        """What the process said."""
+        """Handle a message of the process."""
         match message:
             case PlayedOut(stream_id, stamp_ns) if stream_id == self._stream_id:
                 self._stream_id = ""
@@ -133,5 +133,5 @@ class Playback(QObject):
         if child is not self.child:
             return
         self.child = None
-        self.restarts.another()  # begun again with what is played next; told by whose sound it was
+        self.restarts.another()  # restarted at the next playback; reported by the owner of the stream
         self._give_up(tr("the sound system got stuck"))

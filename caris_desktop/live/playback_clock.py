@@ -1,4 +1,4 @@
-"""The clock of a replay: which moment of the recorded session is on show."""
+"""Replay clock: current position in the recorded session."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,7 @@ LEAST_RATE, MOST_RATE = 0.1, 16.0
 
 
 class PlaybackClock:
-    """Runs from ``start_ns`` to ``end_ns`` of the session's clock, at ``rate`` times the speed of ours, or stands."""
+    """Clock from ``start_ns`` to ``end_ns`` of the session, running at ``rate`` times real time, or paused."""
 
     def __init__(self, start_ns: int, end_ns: int, *, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.start_ns = start_ns

@@ -1,4 +1,4 @@
-"""The ten steps of the guided exercise, and when each of them has really happened. On injected time, without Qt."""
+"""Steps of the guided practice, and detection of their completion. With injected time, without Qt."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -22,13 +22,13 @@ from caris_desktop.domain.value_class import dataclass
 _DRIVEN_M, _DRIVEN_AGAIN_M = 1.0, 0.3
 _MOST_POINTS, _FEWEST_POINTS = 10.0, 5.0
 _SLOW = 3.0
-"""So many times the usual time is slow: whoever takes longer has the fewest points."""
+"""Factor of the usual time at which a step gets the fewest points."""
 
 
 @dataclass(frozen=True, slots=True)
 class PracticeStep:
-    """``how`` says what to do, ``{key}`` is the key of ``action_id``, a row of the table of keys.
-    ``usual_s`` is how long somebody takes who has done it before.
+    """``how``: instruction, with ``{key}`` for the key of ``action_id`` in the action table. ``usual_s``: duration with
+    experience.
     """
 
     id: str
@@ -98,7 +98,7 @@ STEPS = (
 
 @dataclass(frozen=True, slots=True)
 class EndedStep:
-    """``took_s`` runs from the end of the step before."""
+    """``took_s``: from the end of the previous step."""
 
     step: PracticeStep
     done: bool
@@ -113,7 +113,7 @@ class EndedStep:
 
 
 class Practice:
-    """One run of the exercise. Fed with what happens, it says what has come about."""
+    """One run of the practice; detects completed steps from events."""
 
     def __init__(self, now_s: float) -> None:
         self.began_s = now_s
@@ -139,7 +139,7 @@ class Practice:
 
     @property
     def now(self) -> PracticeStep | None:
-        """The step that is to be done; None after the last."""
+        """Current step; None after the last."""
         return STEPS[len(self.ended)] if len(self.ended) < len(STEPS) else None
 
     @property
@@ -152,14 +152,14 @@ class Practice:
 
     @property
     def score(self) -> int:
-        """Of 100: ten for a step in its usual time, five for one that took three times that, none for a skipped one."""
+        """Score of 100: ten for a step in its usual time, five at three times that, none if skipped."""
         return round(sum(step.points for step in self.ended))
 
     def minutes(self, now_s: float) -> float:
         return (now_s - self.began_s) / 60.0
 
     def take(self, value: Any, now_s: float) -> EndedStep | None:
-        """Something happened, or the robot moved; gives the step that came about by it."""
+        """Process an event or robot motion; returns the step that it completed."""
         if isinstance(value, CommandSent):
             self._moving = value.twist.moving
             self._moved = self._moved or self._moving
@@ -187,8 +187,8 @@ class Practice:
         return ended
 
     def _drove(self, odometry: Odometry) -> None:
-        """Only what somebody drove counts, not where a goal or a hand took the robot. On a busy computer it is told
-        less often than what is sent to the robot: the last of the way when the key has gone up already.
+        """Count manually driven distance only, not navigation or pushing. Odometry may arrive less often than commands:
+        the last part arrives after the key was released.
         """
         pose = odometry.pose_in_odom
         before, self._at = self._at, (pose.x_m, pose.y_m)

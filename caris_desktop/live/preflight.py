@@ -1,7 +1,6 @@
-"""What is checked before a recording, from how everything stands: plain functions, a check each.
+"""Preflight checks before a recording: one plain function per check.
 
-A check that the scenario has no need of is not there. What a detail tells changes only when somebody could see the
-difference, since each change is recorded.
+Checks that a scenario does not need are absent. Details change only visibly, since each change is recorded.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -36,21 +35,21 @@ _CONNECTS_WITHIN_S = 10.0
 _CLOCK_KNOWN_WITHIN_S = 30.0
 _CLOCK_UNCERTAIN_MS = 50.0
 _CLOCK_AHEAD_MS = 1000.0
-# A simulation's clock begins at zero: that it is another time says nothing.
+# A simulation clock starts at zero; its offset is meaningless.
 _TIME_OF_ITS_OWN_MS = 1e9
 _BATTERY_EMPTY, _BATTERY_LOW = 0.15, 0.3
-# An hour of video, where nothing is known of what this study's sessions take.
+# Size of an hour of video, if this study has no recordings yet.
 _USUAL_HOUR_BYTES = 2e9
 
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """How everything stands, as far as checks ask.
+    """Facts used by the checks.
 
-    ``link_for_s`` is how long the link has been as it is. ``cameras`` are the cameras with how fresh their pictures
-    are; ``robot_heard``, ``scan`` and ``pose`` are how fresh that is, ``robot_silent_s`` for how long the robot has
-    sent nothing. ``robot_ahead_ms`` is what its clock is ahead of this computer's, None where that is not known.
-    ``microphone_chosen`` is False where the wizard has chosen none. ``loud``: something was heard at it.
+    ``link_for_s``: time since the link's last change. ``cameras``: freshness by camera; ``robot_heard``, ``scan`` and
+    ``pose``: their freshness; ``robot_silent_s``: time since the robot's last message. ``robot_ahead_ms``: offset of
+    the robot's clock from this computer's, None if unknown. ``microphone_chosen`` is False if the wizard selected none.
+    ``loud``: it has received sound.
     """
 
     scenario: Scenario
@@ -85,21 +84,21 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """A check by hand was looked after."""
+    """Completion of a manual check."""
 
     at_ns: int
     actor: Actor
 
 
 def automatic_checks(facts: Facts) -> tuple[PreflightCheck, ...]:
-    """Those that the scenario has need of, in the order in which one looks after them."""
+    """Checks that the scenario needs, in working order."""
     return tuple(check for look in _LOOKS if (check := look(facts)) is not None)
 
 
 def ticked_checks(
     scenario: Scenario, ticks: Mapping[str, Tick], why_open: str = "", taken_back: Collection[str] = ()
 ) -> tuple[PreflightCheck, ...]:
-    """The scenario's own. ``why_open`` says why those that were ``taken_back`` are open again."""
+    """The scenario's manual checks. ``why_open``: reason why those in ``taken_back`` are open again."""
     return tuple(
         _ticked(manual, ticks.get(of), why_open if of in taken_back else "")
         for manual in manual_checks(scenario.preflight)
@@ -128,11 +127,11 @@ def _waits_for_robot(check: Callable[[PreflightState, str], PreflightCheck]) -> 
 
 
 def no_answer_advice(robot: RobotProfile | None) -> str:
-    """What to do about a robot that does not answer."""
+    """Advice for a robot that does not answer."""
     if robot is not None and robot.name == SIMULATED:
         return QT_TR_NOOP("Start one: “Try it with the simulated robot” under Set up, in the Window menu.")
     if robot is not None and is_loopback(robot.address):
-        # Every shipped profile begins with it: whoever chooses one by its robot's name has given no address yet.
+        # Shipped profiles default to this computer's address: the user has not entered the robot's yet.
         return QT_TR_NOOP(
             "Its address is that of this computer. Give the robot’s own: Window menu, Robot, “Connect another robot…”, "
             "which offers this profile too. Where rosbridge runs here, start it; it is tried again by itself."
@@ -181,7 +180,7 @@ def _robot(facts: Facts) -> PreflightCheck:
 
 
 def _practice(facts: Facts) -> PreflightCheck | None:
-    """A simulated robot is named, so that nobody takes practice for data."""
+    """Report a simulated robot, so that practice is not mistaken for data."""
     if facts.robot is None or facts.robot.name != SIMULATED:
         return None
     return PreflightCheck(
@@ -214,7 +213,7 @@ def _video(facts: Facts) -> PreflightCheck | None:
         return None
     check = partial(PreflightCheck, "video", QT_TR_NOOP("Pictures come"))
     if not facts.cameras and facts.robot is not None and not facts.robot.cameras and not permissions.video_recording:
-        return None  # it has no camera, and nobody needs one
+        return None  # no camera, and none needed
     late = [name for name, freshness in facts.cameras.items() if freshness == "stale"]
     missing = [name for name, freshness in facts.cameras.items() if freshness in ("none", "lost")]
     of_robot = {camera.name for camera in facts.robot.cameras} if facts.robot is not None else set()
@@ -470,7 +469,7 @@ def _people(facts: Facts) -> PreflightCheck | None:
 
 
 def _consent(facts: Facts) -> PreflightCheck | None:
-    """Where the scenario leaves only those who agreed unpixelated."""
+    """Only if the scenario leaves consenting people unblurred."""
     scenario = facts.scenario
     if not (scenario.covers_people and scenario.blur.who == "without_consent"):
         return None

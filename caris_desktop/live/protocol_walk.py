@@ -1,4 +1,4 @@
-"""The wizard's way through a protocol: a small machine without clock or Qt. Each move gives the event that tells it."""
+"""Protocol run: state machine of the wizard's progress, without clock or Qt. Each move returns its event."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,7 +11,7 @@ from caris_desktop.scenario.protocol import ProtocolStep, step_after, step_named
 
 
 class ProtocolWalk:
-    """Moves raise ToldFailure where there is nowhere to go."""
+    """Protocol run. Moves raise ToldFailure if impossible."""
 
     def __init__(self, steps: Sequence[ProtocolStep] = ()) -> None:
         self.steps = tuple(steps)
@@ -20,7 +20,7 @@ class ProtocolWalk:
         self._ended = False
         self._since_ns = 0
         self._paused_ns: int | None = None
-        # The steps on the way back, the last one last, and for how long each was under way when it was left.
+        # Former steps, latest last, and the time spent in each.
         self._way: list[str] = []
         self._spent_ns: dict[str, int] = {}
         self._ticked: dict[str, tuple[str, ...]] = {}
@@ -61,7 +61,7 @@ class ProtocolWalk:
         return self._on(step, now_ns, "next", actor)
 
     def start(self, now_ns: int, actor: Actor) -> StepEntered:
-        """The first step, with nothing behind it."""
+        """Start at the first step, clearing the path back."""
         if not self.steps:
             raise _no_protocol()
         if self._ended:
@@ -116,7 +116,7 @@ class ProtocolWalk:
         return self._enter(step_id, now_ns, "chosen", actor)
 
     def tick(self, item: str, on: bool, now_ns: int, actor: Actor) -> StepTicked | None:
-        """None where it is so already."""
+        """Set a checklist item; None if unchanged."""
         step, ticked = self._present(), self._ticked.get(self._at, ())
         if item not in step.tick:
             raise ToldFailure(
@@ -128,10 +128,10 @@ class ProtocolWalk:
         self._ticked[self._at] = tuple(each for each in step.tick if (on if each == item else each in ticked))
         return StepTicked(now_ns, self._at, item, on, actor)
 
-    # What happens to it
+    # Lifecycle
 
     def pause(self, paused: bool, now_ns: int) -> None:
-        """While it is paused no step takes time."""
+        """Pause: no step accumulates time."""
         if paused and self._paused_ns is None:
             self._paused_ns = now_ns
         elif not paused and self._paused_ns is not None:
@@ -139,8 +139,8 @@ class ProtocolWalk:
             self._paused_ns = None
 
     def follow(self, steps: Sequence[ProtocolStep]) -> None:
-        """The protocol was edited: the wizard stays in the step of the same id, or of the same place where only names
-        are others, and what is ticked off stays so.
+        """Adopt an edited protocol: the current step stays, by id, or by position if only ids changed; ticked items are
+        kept.
         """
         before, self.steps = self._ids, tuple(steps)
         self._ids = [step.step_id for step in self.steps]
@@ -170,7 +170,7 @@ class ProtocolWalk:
         planned = (PlannedStep(step.step_id, step.title, step.expected_s, step.tick) for step in self.steps)
         return ProtocolOpened(now_ns, tuple(planned))
 
-    # Inside
+    # Internals
 
     @property
     def _step(self) -> ProtocolStep | None:
@@ -196,7 +196,7 @@ class ProtocolWalk:
         return ProtocolEnded(now_ns, left, how == "skipped", actor)
 
     def _leave(self, now_ns: int) -> str:
-        """Takes down how long the present step was under way; gives its id."""
+        """Record the time spent in the current step; returns its id."""
         left = self._at
         if left:
             self._way.append(left)

@@ -1,4 +1,4 @@
-"""Everything that happens, on its way to the recorder process: a queue bounded in bytes, before any conflation."""
+"""Feed of all events and values to the recorder process: queue bounded in bytes, before any conflation."""
 
 import logging
 import pickle
@@ -17,23 +17,23 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.child_process import ChildProcess
 
 _log = logging.getLogger(__name__)
-# Before a pickle, which begins with another byte: eight bytes of the session clock follow.
+# Prefix of a timestamp before a pickle, which begins with another byte: eight bytes of the session clock follow.
 ARRIVED = b"T"
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
 VERDICTS_WITHIN_S = 6.0
-"""The longest wait, at the end of a session, for the words of turns that were heard before it: a pass of the recogniser
-on a busy machine takes 2 to 4 s."""
+"""Maximum wait at the end of a session for transcripts of earlier turns: a pass of the recogniser on a busy machine
+takes 2 to 4 s.
+"""
 
 
 class RecorderFeed:
-    """Any thread puts, one thread writes to the recorder's pipe, each message with the moment of its arrival.
+    """Queue from any thread to one writer thread, with arrival times.
 
-    When the recorder falls behind by ``max_bytes``, state values and frames are dropped and counted; events are
-    queued all the same. The count follows as a ``Gap`` event as soon as there is room.
+    If the recorder falls behind by ``max_bytes``, state values and frames are dropped and counted; events are still
+    queued. The count follows in a ``Gap`` event once there is room.
 
-    A turn that a microphone heard is told when it begins, and only later whose voice it was and what was said. At the
-    end of a recording, and in a pause, those of turns that began before still get through; the end waits for them, for
-    at most ``verdicts_within_s``.
+    A heard turn is announced at its start, with speaker and transcript later. At the end of a recording, and in a
+    pause, these still pass for earlier turns; the end waits for them up to ``verdicts_within_s``.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class RecorderFeed:
         self._thread.start()
 
     def put(self, value: Any, raw: bytes | None = None) -> None:
-        """``raw`` is ``value`` pickled, where the caller has it already."""
+        """Queue a value; ``raw`` is its pickled form if available."""
         spec = BY_TYPE[type(value)]
         if isinstance(value, UtteranceChanged) and value.origin == "heard":
             self._put_heard(value, raw)
@@ -103,23 +103,23 @@ class RecorderFeed:
                     self._send_stop()
 
     def start(self, message: Any, *events: Any) -> None:
-        """Begin: ``message`` first, then the latched values as they stand, then everything that is put."""
+        """Begin a recording: ``message`` first, then the latched values, then everything queued."""
         with self._changed:
             self.hold(*events)
             self.begin(message)
 
     @property
     def records(self) -> bool:
-        """Whether what is put is for a recording, or left out of one in a pause."""
+        """Whether a recording is running, possibly paused."""
         return self._recording
 
     @property
     def holds(self) -> bool:
-        """Whether what is put waits for ``begin``."""
+        """Whether values are held until ``begin``."""
         return self._held is not None
 
     def hold(self, *events: Any) -> None:
-        """A recording is to begin: from now on what is put is kept for it, behind what stands and ``events``."""
+        """Hold values for a recording about to begin, after the latched values and ``events``."""
         with self._changed:
             self._send_stop()
             self._open_turns.clear()
@@ -128,14 +128,14 @@ class RecorderFeed:
             self._append_all(*events)
 
     def begin(self, message: Any) -> None:
-        """``message`` first, as of the moment of ``hold``, then all that was kept."""
+        """Send ``message`` with the time of ``hold``, then all held values."""
         with self._changed:
             held, self._held = self._held or [], None
             self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL), arrived_ns=self._held_ns)
             self._queue.extend(held)
 
     def drop(self) -> None:
-        """The recording does not begin after all."""
+        """Discard held values: the recording does not begin."""
         with self._changed:
             self._recording = False
             self._open_turns.clear()
@@ -143,7 +143,7 @@ class RecorderFeed:
             self._held = None
 
     def pause(self, message: Any, *events: Any, paused: bool) -> None:
-        """Hold back everything from now on, or go on: with ``message``, what stands, and ``events``."""
+        """Pause or resume; resuming sends ``message``, the latched values and ``events``."""
         with self._changed:
             if not self._recording or self._paused == paused:
                 return
@@ -157,14 +157,14 @@ class RecorderFeed:
                 self._append_all(*events)
 
     def forget_streams(self, names: Iterable[str]) -> None:
-        """What stood on these streams stands no longer: the link or the robot that told it is gone."""
+        """Drop latched values of these streams, whose link or robot is gone."""
         with self._changed:
             gone = {f"/{name}" for name in names}
             self._latched = {key: raw for key, raw in self._latched.items() if f"/{key.split('/')[1]}" not in gone}
 
     def stop(self, message: Any) -> None:
-        """End: whatever was put before is still written, and what is still to come of turns that were heard; then
-        ``message``, as of now.
+        """End the recording: queued values and pending transcripts are still written; then ``message``, with the
+        current time.
         """
         with self._changed:
             if self._recording and not self._paused:
@@ -174,7 +174,7 @@ class RecorderFeed:
             self._stop, self._stop_by_s = message, time.monotonic() + self._verdicts_within_s
             self._stop_ns = clock.now_ns()
             if self._open_turns:
-                self._changed.notify()  # the thread waits no longer than that
+                self._changed.notify()  # limits the thread's wait
             else:
                 self._send_stop()
 
@@ -185,15 +185,15 @@ class RecorderFeed:
             self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL), arrived_ns=self._stop_ns)
 
     def end(self) -> None:
-        """The recorder has ended the session: what comes from now on is not for it."""
+        """The recorder has ended the session: record nothing more."""
         with self._changed:
             self._recording = False
             self._stop = None
             self._open_turns.clear()
 
     def use_recorder(self, recorder: ChildProcess) -> None:
-        """Another recorder in place of one that is gone. The session went with that one; what waited is dropped, but
-        for what is held for a session of which that one had not heard.
+        """Switch to a new recorder process. The session of the former one is lost; queued values are dropped, except
+        those held for a session that it had not started.
         """
         with self._changed:
             self._recorder = recorder
@@ -202,14 +202,14 @@ class RecorderFeed:
             self._forget()
 
     def request(self, message: Any) -> None:
-        """A request to the recorder itself, such as a photo. It does not wait for a recording that is to begin."""
+        """Send a request to the recorder, such as a photo, ahead of a recording about to begin."""
         with self._changed:
             held, self._held = self._held, None
             self._append(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
             self._held = held
 
     def close(self, *, timeout_s: float = 30.0) -> None:
-        """Write out what is queued, which may have piled up before a slow disk, and end the thread."""
+        """Write the queue, which may be long with a slow disk, and end the thread."""
         with self._changed:
             self._send_stop()
             self._ended = True

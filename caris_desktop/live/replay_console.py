@@ -1,7 +1,7 @@
-"""A recorded session in the place of the running console: the same window shows it, and nothing can be driven. A stop
-goes to the robot of the console that runs beside it.
+"""Replay console: shows a recorded session in the same window; nothing can be driven. A stop goes to the robot of a
+console that runs at the same time.
 
-GUI thread, except where a method says otherwise.
+GUI thread unless stated otherwise.
 """
 
 import bisect
@@ -43,17 +43,17 @@ from caris_desktop.scenario.model import LayoutNode, Scenario
 
 _log = logging.getLogger(__name__)
 _REFUSE_EVERY_NS = 8_000_000_000
-# From a moment itself, "the next one" is another one.
+# Tolerance so that "next" leaves the current event.
 _SAME_MOMENT_NS = 20_000_000
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayParts:
-    """What is chosen in ``app``. ``read_scenario``, ``read_layout`` and ``read_robot`` raise ValueError for what this
-    version cannot read; ``start_scenario`` stands in until the record names one. ``name_of`` gives names of people.
-    ``unsaved_dir`` takes annotations that cannot be saved in the session. ``live_consoles`` is where those that run are
-    found, whose robots are stopped from here too.
+    """Adapters of a replay, chosen in ``app``. ``read_scenario``, ``read_layout`` and ``read_robot`` raise ValueError
+    for unsupported records; ``start_scenario`` is the default until the record names one. ``name_of`` returns names of
+    people. ``unsaved_dir``: fallback for annotations that cannot be saved in the session. ``live_consoles``: folder of
+    running consoles, whose robots can be stopped from here.
     """
 
     start_scenario: Scenario
@@ -70,7 +70,7 @@ class ReplayParts:
 
 
 class ReplayConsole(QObject):
-    """Implements WizardConsole, refusing, and ReplayControls."""
+    """Implements WizardConsole, refusing intents, and ReplayControls."""
 
     thumbnail_made = Signal(str, object, object)
     noticed = Signal(object)
@@ -79,11 +79,11 @@ class ReplayConsole(QObject):
         super().__init__(parent)
         self._parts = parts
         self._session = session
-        # Of a bag of another program nobody knows the places: those of the scenario that stands in are elsewhere.
+        # A bag of another program has unknown places; those of the default scenario would be wrong.
         foreign = isinstance(session.header.get("source"), dict)
         self._stand_in = replace(parts.start_scenario, places=()) if foreign else parts.start_scenario
         self._scenario = self._stand_in
-        # As its file has it, without what the wizard arranged.
+        # Scenario as in its file, without the wizard's layout.
         self._opened = self._stand_in
         self._layout: LayoutNode | None = None
         self.unsaved = ""
@@ -118,7 +118,7 @@ class ReplayConsole(QObject):
         self._state.cameras.set(parts.cameras)
 
     def with_names(self, text: str) -> str:
-        """ReplayControls: with names, where the scenario has any."""
+        """ReplayControls: text with names, if the scenario permits them."""
         naming = self._scenario.permissions.naming_people
 
         def name_of(person_id: str) -> str:
@@ -126,7 +126,7 @@ class ReplayConsole(QObject):
 
         return person_marks.with_names(text, name_of)
 
-    # Start and end
+    # Start and shutdown
 
     def start(self) -> None:
         self._player.start()
@@ -152,7 +152,9 @@ class ReplayConsole(QObject):
             )
 
     def shutdown(self) -> None:
-        """Save annotations and end the threads; blocks some seconds at most. ``unsaved`` says what was not saved."""
+        """Save annotations and end the threads; blocks some seconds at most. ``unsaved`` reports what could not be
+        saved.
+        """
         self.unsaved = self._coding.close() or self.unsaved
         if self._live is not None:
             self._live.shutdown()
@@ -164,7 +166,7 @@ class ReplayConsole(QObject):
         self._asyncio.stop()
         self._state.close()
 
-    # What the window reads
+    # State for the window
 
     @property
     def state(self) -> LiveState:
@@ -200,7 +202,7 @@ class ReplayConsole(QObject):
 
     @property
     def settled(self) -> bool:
-        """Whether what is on show is that of the position."""
+        """Whether the display matches the position."""
         return self._player.settled
 
     # ReplayControls
@@ -229,7 +231,7 @@ class ReplayConsole(QObject):
         if direction > 0:
             index = bisect.bisect_right(moments, position_ns + _SAME_MOMENT_NS)
         else:
-            # Behind a moment that has just begun lies the one before it.
+            # Going back right after an event goes to the one before it.
             index = bisect.bisect_left(moments, position_ns - (500_000_000 if self._clock.playing else 0)) - 1
         if not 0 <= index < len(moments):
             return False
@@ -254,7 +256,7 @@ class ReplayConsole(QObject):
     def _on_thumbnail(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8]) -> None:  # thumbnail thread
         self.thumbnail_made.emit(camera, at_ns, image_bgr)
 
-    # What the record says of scenario, robot and panels
+    # Recorded scenario, robot and layout
 
     def _on_standing_changed(self, event: Any) -> None:
         self._hold(event)
@@ -288,7 +290,7 @@ class ReplayConsole(QObject):
             self._scenario = shown
             self._state.scenario.set(shown)
 
-    # What is asked: what was done is done
+    # Intents: refused, because the session is over
 
     def do(self, intent: Intent) -> str:
         refusal = self._gate.refusal(intent)
@@ -316,7 +318,7 @@ class ReplayConsole(QObject):
         self.noticed.emit(Problem(self._clock.position_ns(), severity, what, meaning, advice))
 
     def _stop(self) -> None:
-        """The live robot, if there is one. Esc also closes what is open, so that it is not answered without."""
+        """Stop the live robot, if any. Esc also closes popups, so it is not refused without one."""
         if self._live is not None:
             self._live.stop()
 
@@ -361,5 +363,5 @@ class ReplayConsole(QObject):
 
 
 def _same_but_for_places(one: Scenario, other: Scenario) -> bool:
-    """A place that is saved makes another file, and leaves the panels as they were arranged."""
+    """Whether only places differ: saving a place rewrites the file but leaves the panels."""
     return replace(one, places=other.places, path=other.path, sha256=other.sha256) == other
