@@ -7,7 +7,7 @@ pressing keys and clicking widgets.
 import json
 import logging
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QPoint, Qt, QTimer, Signal
@@ -42,6 +42,7 @@ SAYS = {
 }
 """What the participant says in the shipped scenarios."""
 SAYS_ELSEWHERE = ("Hello. What are you doing here?", "That sounds interesting.", "Thank you, goodbye.")
+TRIAL = {"participant": "P07", "condition": "B", "wizard": "W1"}
 _SUGGESTED_WITHIN_S = 20.0
 _KEYS = {"forward": Qt.Key.Key_W, "left": Qt.Key.Key_A, "right": Qt.Key.Key_D}
 
@@ -75,8 +76,9 @@ class Rehearsal(QObject):
         *,
         seconds: float,
         participant: RehearsedParticipant | None = None,
+        trial: Mapping[str, str] = TRIAL,
     ) -> None:
-        """Without a ``participant`` nobody speaks before the robot."""
+        """Without a ``participant`` nobody speaks before the robot. ``trial`` is typed into the start dialog."""
         super().__init__(window)
         self._window = window
         self._console = console
@@ -84,6 +86,7 @@ class Rehearsal(QObject):
         self._out = out
         self._seconds = seconds
         self._participant = participant
+        self._trial = trial
         self._heard: list[UtteranceChanged] = []
         self._state.event_happened.connect(self._on_event)
         self._held: set[Qt.Key] = set()
@@ -155,10 +158,10 @@ class Rehearsal(QObject):
     def _start_recording(self) -> Script:
         self._click("record_button")
         yield Until("the start dialog is open", lambda: self._find("start_dialog") is not None)
-        for name, text in (("start_participant", "P07"), ("start_condition", "B"), ("start_wizard", "W1")):
-            field = self._find(name)
+        for entry, text in self._trial.items():
+            field = self._find(f"start_{entry}")
             if isinstance(field, QLineEdit):
-                self._click(name)
+                self._click(field.objectName())
                 field.selectAll()
                 yield from self._type(field, text)
         self._screenshot("start-dialog")

@@ -15,6 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where everything is put")
     parser.add_argument("--seconds", metavar="N", type=float, default=0.0, help="play at least this long")
     parser.add_argument("--seed", metavar="N", type=int, default=7, help="seed of the simulated robot")
+    parser.add_argument("--participant", metavar="CODE", default="P07", help="the participant (default: %(default)s)")
+    parser.add_argument("--condition", metavar="NAME", default="B", help="the condition (default: %(default)s)")
     parser.add_argument(
         "--camera",
         metavar="SOURCE",
@@ -79,7 +81,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     participant = RehearsedParticipant(console_run.console.asyncio_thread, robot_address)
     rehearsal = Rehearsal(
-        console_run.window, console_run.console, out, seconds=arguments.seconds, participant=participant
+        console_run.window,
+        console_run.console,
+        out,
+        seconds=arguments.seconds,
+        participant=participant,
+        trial={"participant": arguments.participant, "condition": arguments.condition, "wizard": "W1"},
     )
     failures: list[str] = []
 
