@@ -1,15 +1,16 @@
-"""``python -m caris_desktop.app.reference`` writes what follows from the declarations of files.
+"""Generator of derived files: ``python -m caris_desktop.app.reference``.
 
-Those are their JSON Schemas and the tables of the guide, those of keys from the table of actions, and the texts of the
-scenario's form for translators, and those that a replay finds again in the record. A test tells when they are to be
-written anew.
+It writes the JSON Schemas, the guide's tables of keys of files, shortcuts, commands and data, the translators' texts of
+the scenario form, and the texts that a replay translates. A test fails when one of them is out of date.
 """
 
 from pathlib import Path
 
+from caris_desktop.app import commands_page
 from caris_desktop.conversation.face import reference as face
 from caris_desktop.domain import reference as domain
 from caris_desktop.recording.annotation import coding_file
+from caris_desktop.recording.exporters import tables_page
 from caris_desktop.robot import reference as robot
 from caris_desktop.scenario import reference as scenario
 from caris_desktop.ui.scenario_editor import reference as scenario_editor
@@ -18,7 +19,7 @@ from caris_desktop.ui.shortcuts import reference as shortcuts
 
 def reference_files() -> dict[Path, str]:
     """What each file that follows from a declaration says."""
-    rooms = (domain, scenario, robot, coding_file, face, shortcuts, scenario_editor)
+    rooms = (domain, scenario, robot, coding_file, face, shortcuts, scenario_editor, commands_page, tables_page)
     return {path: text for room in rooms for path, text in room.reference_files().items()}
 
 
