@@ -1,4 +1,4 @@
-"""Every example of the README and the guide is one: its files can be read, its commands are understood."""
+"""Examples of README, documentation and guides: their files can be read, and their commands are understood."""
 
 import argparse
 import re
@@ -18,10 +18,16 @@ from caris_desktop.robot.profile import parse_profile
 from caris_desktop.scenario.file import parse_scenario
 
 GUIDE = resources_dir() / "guide"
-README = Path(__file__).parents[2] / "README.md"
-PAGES = {page.name: page.read_text("utf-8") for page in (README, *sorted(GUIDE.glob("*.md")))}
-KINDS = ("yaml", "sh", "text")
-"""What a block can be marked as; the last for what is no example but a list of what there is."""
+REPOSITORY = Path(__file__).parents[2]
+_FILES = (*REPOSITORY.glob("*.md"), *(REPOSITORY / "docs").glob("*.md"), *(REPOSITORY / "examples").glob("*.md"))
+PAGES = {
+    page.relative_to(page.parents[1] if page.parent.name == "examples" else page.parent).as_posix(): page.read_text(
+        "utf-8"
+    )
+    for page in (*sorted(page for page in _FILES if not page.is_symlink()), *sorted(GUIDE.glob("*.md")))
+}
+KINDS = ("yaml", "sh", "text", "python", "r")
+"""What a block can be marked as: text is for lists. tests/test_documentation.py runs those in Python."""
 
 SMALLEST = {
     "version": "version: 1",
@@ -130,6 +136,8 @@ def refusal_of(words: str, *, needs_all: bool) -> str:
     except NotUnderstoodError as refused:
         if needs_all or "required" not in str(refused):
             return str(refused)
+    except SystemExit as ended:  # --version and --help end the program
+        return str(ended.code or "")
     return ""
 
 

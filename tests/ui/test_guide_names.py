@@ -1,4 +1,4 @@
-"""What README and guide print bold within a sentence is the name of something in the window, and still called so."""
+"""Names of the window that README, documentation and guides print in bold within a sentence: the window has them."""
 
 import ast
 import re
@@ -13,10 +13,13 @@ from caris_desktop.scenario.file import load_scenario
 from caris_desktop.ui.action_rows import ACTIONS
 
 PACKAGE = Path(__file__).parents[2] / "caris_desktop"
-README = PACKAGE.parent / "README.md"
-PAGES = (README, *sorted((resources_dir() / "guide").glob("*.md")))
+REPOSITORY = PACKAGE.parent
+PAGES = (
+    *sorted(REPOSITORY.glob("*.md")),
+    *sorted(page for page in (REPOSITORY / "docs").glob("*.md") if not page.is_symlink()),
+    *sorted((resources_dir() / "guide").glob("*.md")),
+)
 EMPHASISED = {
-    "README.md": {"Alt with the same keys while you type"},
     "sessions.md": {"Identities"},  # beside what stands at the start of that line
 }
 """Bold within a sentence, and no name."""
